@@ -1,0 +1,19 @@
+#ifndef V2V3D_BASE_STOP_H
+#define V2V3D_BASE_STOP_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Stop on request: SIGUSR1 and SIGUSR2 set a flag that loops poll; v2v_stop_request sets it too.
+ * All
+ *  @kind Local: ranks must agree on the flag before they act on it. */
+void v2v_stop_install(void);
+void v2v_stop_request(void);
+int v2v_stop_requested(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,32 @@
+#ifndef V2V3D_BASE_TEXT_H
+#define V2V3D_BASE_TEXT_H
+#include "v2v3d/base/status.h"
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Strict numbers: the whole text, in range, finite, '.' as decimal point whatever the locale.
+ *  `what` names the thing in the message ("--iterations"). `code` is the status of a failure.
+ *  @kind Local. @return V2V_OK | code */
+enum v2v_status v2v_text_to_i64(int64_t *value, const char *text, int64_t least, int64_t most,
+                                const char *what, enum v2v_status code) V2V_MUST_CHECK;
+enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, double most,
+                                const char *what, enum v2v_status code) V2V_MUST_CHECK;
+
+/** The candidate with the smallest edit distance to `word` (NULL when all are far: more than half
+ * of the word's length). @kind Local. */
+const char *v2v_text_nearest(const char *word, const char *const *candidates, int64_t count);
+
+/** printf into a caller's buffer, failing instead of cutting. @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT when it does not fit (a path that is too long) */
+enum v2v_status v2v_text_format(char *text, size_t bytes, const char *format, ...)
+    __attribute__((format(printf, 3, 4))) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,145 @@
+/** The settings of a run, from a strict YAML file.
+ *
+ *  Purpose: one table of keys (type, default, range, meaning) from which files are read, `--set` is
+ *  applied, the resolved configuration is written and `v2v3d init` prints its commented template.
+ *  Invariants: after a successful load every value is in its range; unknown, duplicate and
+ *  out-of-range keys are errors that name file, line and the nearest known key.
+ *
+ *  Example (compiled by tests/unit/conf):
+ *
+ *      struct v2v_config config;
+ *      v2v_config_defaults(&config);
+ *      V2V_TRY(v2v_config_load(&config, "configs/tiny.yaml"));
+ *      V2V_TRY(v2v_config_set(&config, "train.steps=20"));
+ *      printf("%lld steps\n", (long long)config.train.steps);
+ *  done:
+ *      return rc;
+ */
+#ifndef V2V3D_CONF_CONFIG_H
+#define V2V3D_CONF_CONFIG_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+#include <stdio.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** A number, or the word "auto" (decide from the data), or the word "none" (leave as it is). */
+enum v2v_number_mode { V2V_NUMBER_AUTO, V2V_NUMBER_NONE, V2V_NUMBER_GIVEN };
+struct v2v_number {
+    int mode; /**< enum v2v_number_mode */
+    double value;
+};
+
+enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
+enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
+enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
+enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
+enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16 };
+enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH };
+
+/** Where a recording's frames lie in a stack of pages. */
+struct v2v_input_settings {
+    int64_t views;      /**< 0: as many as the PSF set has */
+    int64_t first_view; /**< page of the first frame's first view */
+    int64_t stride;     /**< pages from frame to frame; 0: `views` */
+    struct v2v_number
+        offset; /**< subtracted from the counts; auto: 32767 when the maximum is above */
+    struct v2v_number gain; /**< multiplied on; auto: the recording's mean becomes 0.2 */
+};
+
+/** The needle-beam two-photon model of `psf simulate`. */
+struct v2v_optics_settings {
+    int64_t rings; /**< rings of tilted views about the central one */
+    int64_t views_per_ring;
+    double numerical_aperture; /**< of the objective: bounds the tilt */
+    double needle_aperture;    /**< of one sub-aperture */
+    double refractive_index;
+    double wavelength_um; /**< excitation, in vacuum */
+    double pixel_size_um;
+    double slice_spacing_um;
+    int64_t slices;
+    int64_t size; /**< pixels of a PSF's side */
+};
+
+struct v2v_loss_settings {
+    int profile; /**< enum v2v_loss_profile: what the weights below mean and their auto values */
+    struct v2v_number mse, fft, dc, pos, tv;
+};
+
+struct v2v_train_settings {
+    int64_t steps;
+    int64_t batch;         /**< crops of one step over all ranks */
+    int64_t crop;          /**< pixels of a side, a multiple of 32; 0: the whole frame */
+    int64_t halo;          /**< ring of a crop that the views' loss leaves out, pixels */
+    int flips;             /**< bool: flips that map the view set onto itself */
+    double flip_tolerance; /**< relative L2 distance of a flipped PSF to its partner */
+    double learning_rate;
+    double decay;    /**< learning rate factor .. */
+    double decay_at; /**< .. from this fraction of the steps on */
+    double beta1, beta2, epsilon;
+    int64_t seed;
+    double checkpoint_every_s;
+    int64_t log_every;
+};
+
+struct v2v_recon_settings {
+    int precision;          /**< enum v2v_precision */
+    struct v2v_number skip; /**< tolerance of DESIGN.md 7; none: nothing is skipped */
+};
+
+/** The scene and the noise of `v2v3d demo`. */
+struct v2v_demo_settings {
+    int64_t size; /**< pixels of a side */
+    int64_t frames;
+    double noise; /**< gaussian:S */
+    int64_t seed;
+    int64_t rld_iterations;
+};
+
+struct v2v_config {
+    struct {
+        int64_t branches; /**< 0: chosen from the rank count */
+        int64_t threads;  /**< 0: cores / ranks on this host */
+        double watchdog_s;
+    } parallel;
+    struct v2v_input_settings input;
+    struct {
+        int normalize; /**< enum v2v_normalize */
+        int reduce;    /**< enum v2v_reduce: how training and residuals project */
+    } psf;
+    struct v2v_optics_settings optics;
+    struct {
+        int64_t width;       /**< the paper's n = 128 */
+        int64_t features;    /**< per view, 4 */
+        int backend;         /**< enum v2v_backend */
+        double volume_scale; /**< volume = this * the network's output */
+    } model;
+    struct v2v_loss_settings loss;
+    struct v2v_train_settings train;
+    struct v2v_recon_settings recon;
+    struct v2v_demo_settings demo;
+};
+
+/** @kind Local. */
+void v2v_config_defaults(struct v2v_config *config);
+
+/** Apply a YAML file. @kind Local (read on rank 0 and broadcast the struct, or on every rank).
+ *  @return V2V_OK | V2V_E_CONFIG (names file, line, key, nearest key or range; also when the file
+ *          can't be read, is larger than 1 MiB or holds NUL bytes) | V2V_E_MEMORY */
+enum v2v_status v2v_config_load(struct v2v_config *config, const char *path) V2V_MUST_CHECK;
+
+/** Apply one "section.key=value". @kind Local. @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment) V2V_MUST_CHECK;
+
+/** Write the resolved configuration as YAML that v2v_config_load takes back to the same bits; with
+ *  `comments` each key's meaning, default and range beside it. @kind Local. */
+void v2v_config_print(const struct v2v_config *config, FILE *stream, int comments);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

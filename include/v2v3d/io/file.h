@@ -1,0 +1,65 @@
+/** Files: TIFF, HDF5 and PNG in and out, never half-written.
+ *
+ *  Purpose: the only room that speaks libtiff, HDF5, libpng and JSON.
+ *  Invariants: input is hostile: every size is checked before memory is taken, every message names
+ *  file, page or dataset, and reason; output is written under a temporary name beside its place and
+ *  renamed when complete on all ranks; an existing output is refused without force.
+ *
+ *  Example (compiled by tests/unit/io):
+ *
+ *      struct v2v_recording *recording = NULL;
+ *      struct v2v_input_settings settings = {.views = 13};
+ *      V2V_TRY(v2v_recording_open(&recording, "rec.tif", &settings, comm));
+ *      const struct v2v_recording_info *info = v2v_recording_info(recording);
+ *      V2V_TRY(V2V_ALLOC(views, "views", info->views * info->height * info->width));
+ *      V2V_TRY(v2v_recording_read(recording, views, 0));
+ *  done:
+ *      v2v_recording_close(&recording);
+ */
+#ifndef V2V3D_IO_FILE_H
+#define V2V3D_IO_FILE_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define V2V_PATH_BYTES 4096
+
+/** Is it there, and what is it? @kind Local. */
+int v2v_file_exists(const char *path);
+int v2v_file_is_folder(const char *path);
+
+/** Fail with V2V_E_INPUT unless `path` is a readable regular file (not a folder, FIFO or device).
+ *  @kind Local. */
+enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
+
+/** Fail with V2V_E_USAGE when `path` exists and `force` is 0, or is one of the `count` inputs (same
+ *  inode), and with V2V_E_IO when its folder is missing or not writable. @kind Local. */
+enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
+                                      int64_t count) V2V_MUST_CHECK;
+
+/** The name under which an output is written until it is complete: path + ".tmp".
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (too long) */
+enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
+
+/** fsync the temporary file, rename it to `path`, fsync the folder. @kind Local (call on one rank).
+ *  @return V2V_OK | V2V_E_IO; the temporary file is removed on failure */
+enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUST_CHECK;
+
+/** Create a folder (and its parents); an existing one is fine. @kind Local. */
+enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;
+
+/** Write text crash-safely (temporary, fsync, rename). @kind Local. */
+enum v2v_status v2v_file_write_text(const char *path, const char *text) V2V_MUST_CHECK;
+
+/** CRC-32C of bytes, continuing from `crc` (0 to start). @kind Local. */
+uint32_t v2v_file_crc32c(uint32_t crc, const void *data, int64_t bytes);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,34 @@
+#ifndef V2V3D_IO_JSON_H
+#define V2V3D_IO_JSON_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+#include <stdio.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** One member of a flat JSON object: text when `text` is not NULL, else `values` (an array when
+ *  count >= 0), else the number (an integer when it is one; NaN and Inf become null). */
+struct v2v_json_item {
+    const char *name;
+    const char *text;
+    double number;
+    const double *values;
+    int64_t count;
+};
+
+/** Print one object on one line, flushed. @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY */
+enum v2v_status v2v_json_print(FILE *stream, const struct v2v_json_item *items,
+                               int64_t count) V2V_MUST_CHECK;
+
+/** Cut a JSON-lines file after the last object whose "step" is <= `step`: what came after the
+ *  checkpoint from which a run resumes. A missing file is fine. @kind Local. */
+enum v2v_status v2v_json_lines_cut(const char *path, int64_t step) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

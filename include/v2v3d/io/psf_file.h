@@ -1,0 +1,37 @@
+#ifndef V2V3D_IO_PSF_FILE_H
+#define V2V3D_IO_PSF_FILE_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** PSFs as stored: [v,z,y,x]. */
+struct v2v_psf_file {
+    int64_t views, slices, height, width;
+    double pixel_size_um, slice_spacing_um; /**< 0: not stated */
+    float *data;                            /**< owned */
+};
+
+/** Read a PSF set: folder of psf_1.tif .. psf_V.tif (all of one shape, none missing in the row), or
+ *  HDF5 `/psf` [v,z,y,x]. Rank 0 reads, all get it.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (unreadable, shapes differ, NaN, negative,
+ *  an all-zero view) | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
+                                  const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Write HDF5. @kind Local (one rank). */
+enum v2v_status v2v_psf_file_write(const struct v2v_psf_file *file,
+                                   const char *path) V2V_MUST_CHECK;
+
+/** @kind Local. */
+void v2v_psf_file_fini(struct v2v_psf_file *file);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

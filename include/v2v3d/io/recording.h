@@ -1,0 +1,60 @@
+#ifndef V2V3D_IO_RECORDING_H
+#define V2V3D_IO_RECORDING_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct v2v_recording_info {
+    int64_t frames, views, height, width;
+    double pixel_size_um, frame_interval_s; /**< 0: not stated */
+};
+
+struct v2v_recording;
+
+/** Open a recording: HDF5 `/views` [v,y,x] or [t,v,y,x] (integers, float32, float64), or a TIFF
+ * stack of `settings->views` pages a frame. With a stride other than the view count (a sliding
+ * window), page p of the stack still is view (p - first_view) mod views. An HDF5 file is first
+ * looked at in a child process of rank 0 with a limit of time and memory.
+ *  @kind   Collective(comm)
+ *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame; no
+ *          frame) | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char *path,
+                                   const struct v2v_input_settings *settings,
+                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording);
+
+/** Frame t as float32 in the file's own units, views in order.
+ *  @kind Local (ranks read different frames at their own pace). @param views [v,y,x]
+ *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, view, pixel; unreadable data) */
+enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views,
+                                   int64_t t) V2V_MUST_CHECK;
+
+/** @kind Collective(comm of open); accepts NULL. */
+void v2v_recording_close(struct v2v_recording **recording);
+
+/** A recording to write: `/views` [t,v,y,x] float32, chunk = one view of one frame, attrs as in
+ *  DESIGN.md 4; appears under `path` at v2v_recording_finish. @kind Collective(comm) */
+struct v2v_recording_writer;
+enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,
+                                     const struct v2v_recording_info *info,
+                                     const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Write frame t's views first .. first+count-1; count may be 0, ranks may differ in all arguments.
+ *  @kind Collective(comm) */
+enum v2v_status v2v_recording_write(struct v2v_recording_writer *writer, const float *views,
+                                    int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
+enum v2v_status v2v_recording_finish(struct v2v_recording_writer **writer) V2V_MUST_CHECK;
+/** Drop an unfinished file; accepts NULL. @kind Collective(comm) */
+void v2v_recording_abandon(struct v2v_recording_writer **writer);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

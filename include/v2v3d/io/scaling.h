@@ -1,0 +1,34 @@
+#ifndef V2V3D_IO_SCALING_H
+#define V2V3D_IO_SCALING_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/recording.h"
+#include "v2v3d/par/comm.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What the network sees is (counts - offset) * gain: one pair for a whole recording. */
+struct v2v_scaling {
+    double offset, gain;
+};
+
+/** Decide them: given numbers as they are; none: 0 and 1; auto offset: 32767 when the recording's
+ *  maximum is above it, else 0; auto gain: the recording's mean after the offset becomes 0.2
+ *  (REFERENCE.md 1). Reads all frames once when something is auto, split over ranks.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that is not
+ * positive); agreed */
+enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
+                                   const struct v2v_input_settings *settings,
+                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** x <- (x - offset) * gain, in place. @kind Local. */
+void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

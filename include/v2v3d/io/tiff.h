@@ -1,0 +1,52 @@
+#ifndef V2V3D_IO_TIFF_H
+#define V2V3D_IO_TIFF_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What a TIFF stack says of itself. Lengths are 0 where the file does not say. */
+struct v2v_tiff_info {
+    int64_t pages, height, width;
+    int64_t channels, slices, frames; /**< ImageJ hyperstack; 1 where absent; product = pages */
+    int bits;                         /**< 8, 16 or 32 */
+    int is_float;
+    double type_max; /**< 255, 65535, 4294967295; 1 for float */
+    double pixel_size_um, slice_spacing_um, frame_interval_s;
+};
+
+struct v2v_tiff;
+
+/** Open and check a stack: every page has the same size and type; u8, u16, u32 and f32, one sample
+ * a pixel, strips or tiles, no compression, deflate, LZW (and what else libtiff decodes
+ * losslessly); both byte orders; BigTIFF; ImageJ's single-IFD files above 4 GB.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (names file, page, reason) | V2V_E_MEMORY */
+enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff, const char *path) V2V_MUST_CHECK;
+const struct v2v_tiff_info *v2v_tiff_info(const struct v2v_tiff *tiff);
+
+/** Pages first .. first+count-1 in file order (ImageJ: c fastest, then z, then t) as float32, in
+ * the file's own units. @kind Local. @param out [count,y,x]
+ *  @return V2V_OK | V2V_E_INPUT (page, reason; also NaN or Inf: page and pixel) */
+enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,
+                              int64_t count) V2V_MUST_CHECK;
+void v2v_tiff_close(struct v2v_tiff **tiff);
+
+/** Write [t,z,y,x] float32 page by page as an ImageJ hyperstack with voxel size; BigTIFF when the
+ *  data pass 4 GB. The file appears under `path` only at v2v_tiff_finish. @kind Local. */
+struct v2v_tiff_writer;
+enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer, const char *path,
+                                const struct v2v_tiff_info *info) V2V_MUST_CHECK;
+enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer,
+                                    const float *page) V2V_MUST_CHECK;
+enum v2v_status v2v_tiff_finish(struct v2v_tiff_writer **writer) V2V_MUST_CHECK;
+/** Drop an unfinished file; accepts NULL. */
+void v2v_tiff_abandon(struct v2v_tiff_writer **writer);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,72 @@
+#ifndef V2V3D_IO_VOLUME_H
+#define V2V3D_IO_VOLUME_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** The outermost axis first: [t,z,y,x]. Sizes in micrometres, 0 = not stated (never invented). */
+struct v2v_volume_info {
+    int64_t frames, slices, height, width;
+    double pixel_size_um, slice_spacing_um, frame_interval_s;
+};
+
+struct v2v_volume;
+
+/** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack (`slices` from its
+ *  ImageJ description; else `slices` given, > 0, must divide the pages; else all pages are slices
+ * of one frame). Integer data are read as fractions of their type's maximum.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
+                                const struct v2v_comm *comm) V2V_MUST_CHECK;
+const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume);
+
+/** Slices first .. first+count-1 of frame t. @kind Local. @param out [count,y,x]
+ *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, slice, pixel) */
+enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t, int64_t first,
+                                int64_t count) V2V_MUST_CHECK;
+
+/** @kind Collective(comm of open); accepts NULL. */
+void v2v_volume_close(struct v2v_volume **volume);
+
+/** Which datasets a written file has beside `/volume`. */
+enum { V2V_VOLUME_MEAN = 0, V2V_VOLUME_BRANCH1, V2V_VOLUME_BRANCH2, V2V_VOLUME_UNCERTAINTY };
+
+/** One attribute of provenance: text when `text` is not NULL, else the number. */
+struct v2v_attribute {
+    const char *name;
+    const char *text;
+    double number;
+};
+
+/** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x], chunk = one slice, `/done` [t],
+ * attrs;
+ *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers; mean volume only). `datasets` is a bit mask
+ *  of 1 << V2V_VOLUME_... ; it appears under `path` at v2v_volume_finish.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_USAGE (other file type) | V2V_E_IO; agreed */
+struct v2v_volume_writer;
+enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
+                                  const struct v2v_volume_info *info, unsigned datasets,
+                                  const struct v2v_attribute *attributes, int64_t attribute_count,
+                                  const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Write slices first .. first+count-1 of frame t of one dataset; count may be 0; ranks may differ
+ * in t, first, count and data, not in dataset. @kind Collective(comm). @return agreed */
+enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
+                                 int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Data are on disk; mark frame t (this rank's, -1: none) as done. @kind Collective(comm) */
+enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t) V2V_MUST_CHECK;
+enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;
+/** Drop an unfinished file; accepts NULL. @kind Collective(comm) */
+void v2v_volume_abandon(struct v2v_volume_writer **writer);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,43 @@
+#ifndef V2V3D_IO_WEIGHTS_FILE_H
+#define V2V3D_IO_WEIGHTS_FILE_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/tensor/fields.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What a weight file says beside its arrays. */
+struct v2v_weights_info {
+    int64_t width, features, views, slices;
+    double volume_scale; /**< volume = this * the network's output; 1 where absent */
+    int64_t step;        /**< training step, 0 for fresh weights */
+    char split[32];      /**< "even-odd" */
+};
+
+/** Read the attributes only. @kind Local. @return V2V_OK | V2V_E_INPUT */
+enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info,
+                                      const char *path) V2V_MUST_CHECK;
+
+/** Read `/GROUP/NAME` of every field into its place of the arena; every field must be there with
+ * its shape, finite and with a matching checksum when the file has one; others are ignored.
+ *  @kind Local. @param group "weights", "adam_m", "adam_v"
+ *  @return V2V_OK | V2V_E_INPUT (names file, field, reason) */
+enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char *group,
+                                      const struct v2v_fields *fields) V2V_MUST_CHECK;
+
+/** Write weights, and with moments (adam_m, adam_v not NULL) a checkpoint; `history` (may be NULL)
+ *  and `config` (may be NULL) are stored as text. CRC-32C of every array in its attr `crc32c`.
+ *  Written under a temporary name, fsynced, renamed. @kind Local (one rank). */
+enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
+                                       const struct v2v_fields *fields, const float *weights,
+                                       const float *adam_m, const float *adam_v,
+                                       const char *history, const char *config) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,87 @@
+/** The two-branch network of REFERENCE.md 4.
+ *
+ *  Purpose: encoder, alignment + first convolution in merged form, and one U-Net a branch, each
+ * with forward and backward; Adam; weights by rule. Invariants: parameters are always the full,
+ * published tensors (REFERENCE.md's names and shapes); everything is planned at creation for one
+ * frame size, nothing is allocated inside a step; a rank may hold one branch or both.
+ *
+ *  Example (compiled by tests/unit/nn):
+ *
+ *      struct v2v_model_spec spec = {.views = 13, .slices = 39, .width = 32, .features = 4,
+ *                                    .branches = V2V_BRANCH_BOTH, .volume_scale = 1.0};
+ *      V2V_TRY(v2v_model_create(&model, &spec, &shifts));
+ *      V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model),
+ *                               V2V_RULE_HASH, 7));
+ *      V2V_TRY(v2v_model_plan(model, 128, 128, 0));
+ *      v2v_model_forward(model, volume1, volume2, views);
+ *  done:
+ *      v2v_model_destroy(&model);
+ */
+#ifndef V2V3D_NN_MODEL_H
+#define V2V3D_NN_MODEL_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/optics/shifts.h"
+#include "v2v3d/tensor/fields.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { V2V_BRANCH_1 = 1, V2V_BRANCH_2 = 2, V2V_BRANCH_BOTH = 3 };
+
+/** Height and width of what the network takes are multiples of this. */
+#define V2V_MODEL_GRID 32
+
+struct v2v_model_spec {
+    int64_t views, slices, width, features;
+    unsigned branches;   /**< V2V_BRANCH_...: what this rank holds */
+    int backend;         /**< enum v2v_backend */
+    double volume_scale; /**< volume = this * the network's output */
+};
+
+struct v2v_model;
+
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (shifts of another view or slice count)
+ */
+enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_model_spec *spec,
+                                 const struct v2v_shifts *shifts) V2V_MUST_CHECK;
+void v2v_model_destroy(struct v2v_model **model);
+
+const struct v2v_model_spec *v2v_model_spec(const struct v2v_model *model);
+
+/** The table of all parameters that this rank holds (encoder, then its U-Nets), and the arenas of
+ *  their values and gradients (fields->total floats each). @kind Local. */
+const struct v2v_fields *v2v_model_fields(const struct v2v_model *model);
+float *v2v_model_weights(struct v2v_model *model);
+float *v2v_model_gradients(struct v2v_model *model);
+
+/** Views of a branch (0 or 1), in network order. @kind Local.
+ *  @param list [at least spec.views] out. @return their number */
+int64_t v2v_model_branch_views(const struct v2v_model *model, int branch, int32_t *list);
+
+/** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
+ *  with another size replaces the plan. `training`: keep what backward needs.
+ *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */
+enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
+                               int training) V2V_MUST_CHECK;
+
+/** Volumes of the branches that this rank holds from all views; weights that changed since the last
+ *  call need v2v_model_weights_changed before.
+ *  @kind Local, deterministic for a thread count. @param volume1, volume2 [z,y,x] out, NULL for a
+ *  branch not held. @param views [v,y,x], of which only the held branches' views are read */
+void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views);
+
+/** Merge and repack after the weights were set or stepped. @kind Local. */
+void v2v_model_weights_changed(struct v2v_model *model);
+
+/** Add to the gradients what the last forward makes of dL/dvolume. @kind Local. */
+void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

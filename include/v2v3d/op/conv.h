@@ -1,0 +1,70 @@
+/** What the network is made of: convolution, pooling, upsampling, activation, matrix product; each
+ *  forward and backward.
+ *
+ *  Purpose: the only room that speaks oneDNN and BLAS. A network layer sees one interface whatever
+ *  computes it.
+ *  Invariants: arrays are plain float32 [n,c,y,x]; gradients of weights are added to, gradients of
+ *  data are overwritten; primitives, packed weights and scratch are made at creation, nothing is
+ *  allocated afterwards; the same thread count gives the same bits.
+ *
+ *  Example (compiled by tests/unit/op):
+ *
+ *      struct v2v_conv_spec spec = {.batch = 1, .in = 8, .out = 16, .height = 64, .width = 64,
+ *                                   .kernel = 3, .stride = 1, .training = 1};
+ *      V2V_TRY(v2v_conv_create(&conv, &spec));
+ *      v2v_conv_set_weights(conv, weight, bias);
+ *      v2v_conv_forward(conv, out, in, 0.01f);
+ *  done:
+ *      v2v_conv_destroy(&conv);
+ */
+#ifndef V2V3D_OP_CONV_H
+#define V2V3D_OP_CONV_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Convolution with bias, zero padding (kernel-1)/2. */
+struct v2v_conv_spec {
+    int64_t batch, in, out;
+    int64_t height, width; /**< of the input; the output has (height-1)/stride + 1 rows */
+    int kernel;            /**< 1 or 3 */
+    int stride;            /**< 1 or 2 */
+    int backend;           /**< enum v2v_backend; layers of few channels take our own direct kernel
+                                whatever the backend, where that is faster */
+    int training;          /**< backward will be called */
+};
+
+struct v2v_conv;
+
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL (the library refused: its message)
+ */
+enum v2v_status v2v_conv_create(struct v2v_conv **conv,
+                                const struct v2v_conv_spec *spec) V2V_MUST_CHECK;
+void v2v_conv_destroy(struct v2v_conv **conv);
+
+/** Pack weights for the primitives; once after every change. The arrays are borrowed until the next
+ *  call. @kind Local. @param weight [out,in,k,k] @param bias [out] */
+void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const float *bias);
+
+/** out = leaky(conv(in) + bias) with negative slope `slope` (1: no activation).
+ *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x] */
+void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in, float slope);
+
+/** din = adjoint of the convolution applied to dout (the gradient before the activation).
+ *  @kind Local. */
+void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout);
+
+/** dweight += , dbias += . @kind Local. */
+void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
+                               const float *dout);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

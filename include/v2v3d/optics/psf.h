@@ -1,0 +1,56 @@
+/** The microscope as linear operators.
+ *
+ *  Purpose: point spread functions, forward projection and its exact adjoint, and the alignment
+ *  shifts that the network's first layer needs.
+ *  Invariants: the PSF centre is pixel c = ceil(K/2)-1 of a K-pixel side (REFERENCE.md 2); frames
+ * are zero outside; adjoint means adjoint, to round-off, for odd and even K.
+ *
+ *  Example (compiled by tests/unit/optics):
+ *
+ *      V2V_TRY(v2v_psf_read(&psf, "psf/2psam", V2V_NORMALIZE_VIEW, comm));
+ *      V2V_TRY(v2v_projector_create(&projector, &psf, 256, 256, comm));
+ *      v2v_projector_forward(projector, views, volume, NULL, psf.views);
+ *  done:
+ *      v2v_projector_destroy(&projector);
+ *      v2v_psf_file_fini(&psf);
+ */
+#ifndef V2V3D_OPTICS_PSF_H
+#define V2V3D_OPTICS_PSF_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Read a set (see v2v_psf_file_read) and apply `normalize` (enum v2v_normalize).
+ *  @kind Collective(comm). @return as v2v_psf_file_read */
+enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
+                             const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Scale every view so that it sums to 1 over z, y, x: volumes then carry the units of the views
+ *  (a constant volume 1 projects to views of 1 away from the border). Double-precision sums.
+ *  @kind Local. */
+void v2v_psf_normalize_views(struct v2v_psf_file *psf);
+
+/** Scalar wave-optics needle-beam set as in 2pSAM: see v2v_optics_settings. For each view the
+ *  sub-aperture of the pupil at the view's tilt is propagated to every slice by the angular
+ *  spectrum; two-photon excitation is the intensity squared. View 0 is the untilted one; rings
+ *  follow, from the inner to the outer.
+ *  @kind Local. @return V2V_OK | V2V_E_CONFIG (sub-aperture outside the pupil; sampling too coarse)
+ *  | V2V_E_MEMORY */
+enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
+                                 const struct v2v_optics_settings *settings) V2V_MUST_CHECK;
+
+/** E of the de-crosstalk loss: mean over z of the slice sums of view 0. @kind Local. */
+double v2v_psf_energy_mean(const struct v2v_psf_file *psf);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,20 @@
+#ifndef V2V3D_PAR_WATCHDOG_H
+#define V2V3D_PAR_WATCHDOG_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** A clock beside the MPI path: when it is not re-armed within its time, the rank prints what it
+ * was waiting in and ends the whole job with exit code 74. Needed because HDF5 and MPI can wait for
+ *  ever once one rank has failed (RELIABILITY.md 4). All @kind Local. */
+
+/** (Re-)arm for `seconds` (<= 0: disarm); `what` is a string literal, printed when it fires. */
+void v2v_watchdog_arm(double seconds, const char *what);
+void v2v_watchdog_disarm(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

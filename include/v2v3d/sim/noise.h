@@ -1,0 +1,37 @@
+#ifndef V2V3D_SIM_NOISE_H
+#define V2V3D_SIM_NOISE_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum v2v_noise_kind { V2V_NOISE_NONE, V2V_NOISE_GAUSSIAN, V2V_NOISE_POISSON };
+
+/** gaussian:S: standard deviation S * level. poisson:N: N photons at `level`, in the views' units.
+ *  level = 99.5th percentile of the clean views. */
+struct v2v_noise {
+    int kind;
+    double amount; /**< S or N */
+    double level;
+};
+
+/** "none", "gaussian:S" (S >= 0), "poisson:N" (N > 0). @kind Local. @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_noise_parse(struct v2v_noise *noise, const char *text) V2V_MUST_CHECK;
+
+/** Set the level from all clean views of a frame. @kind Local. @return V2V_OK | V2V_E_INPUT (level
+ * 0 with noise) | V2V_E_MEMORY */
+enum v2v_status v2v_noise_level(struct v2v_noise *noise, const float *clean,
+                                int64_t count) V2V_MUST_CHECK;
+
+/** noisy[i] of sample number first + i of frame t. @kind Local; noisy may be clean. */
+void v2v_noise_apply(float *noisy, const float *clean, int64_t count, const struct v2v_noise *noise,
+                     uint64_t seed, int64_t t, int64_t first);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

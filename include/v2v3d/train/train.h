@@ -1,0 +1,60 @@
+/** Training view to view.
+ *
+ *  Purpose: the loop that fits the two branches to noisy recordings: crops, physical flips, losses,
+ *  gradients over the grid, Adam, checkpoints.
+ *  Invariants: sample i of step s is drawn by (seed, s, i), never by rank; all ranks leave at the
+ *  same step; RUN/weights.h5 always is a complete checkpoint, RUN/weights.prev.h5 the one before.
+ *
+ *  Example (compiled by tests/unit/train):
+ *
+ *      struct v2v_train_job job = {.config = &config, .psf = &psf, .recordings = &recording,
+ *                                  .recording_count = 1, .folder = "run"};
+ *      V2V_TRY(v2v_train_run(&job, &report, comm));
+ *  done:
+ *      return rc;
+ */
+#ifndef V2V3D_TRAIN_TRAIN_H
+#define V2V3D_TRAIN_TRAIN_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/recording.h"
+#include "v2v3d/optics/psf.h"
+#include "v2v3d/par/comm.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct v2v_train_job {
+    const struct v2v_config *config;
+    const struct v2v_psf_file *psf;          /**< normalised as the configuration says */
+    struct v2v_recording *const *recordings; /**< all with the PSFs' view count */
+    int64_t recording_count;
+    const char *folder;  /**< RUN: made when missing */
+    const char *weights; /**< start from this file; NULL: kaiming by train.seed */
+    int resume;          /**< go on from RUN/weights.h5, or .prev when it is bad */
+    int force;           /**< an older run in RUN may be overwritten */
+    double max_time_s;   /**< checkpoint and stop after this; 0: no limit */
+};
+
+struct v2v_train_report {
+    int64_t steps;     /**< done in all, resumed ones included */
+    double last_total; /**< total loss of the last step */
+    double seconds;
+};
+
+/** Train until config->train.steps, the time limit or a stop request. Writes RUN/metrics.jsonl
+ * (step, mse, fft, pos, dc, tv, total, grad_norm, seconds), RUN/weights.h5, RUN/config.yaml.
+ *  @kind   Collective(comm)
+ *  @return V2V_OK | V2V_STOPPED (limit or signal: checkpoint written) | V2V_E_NUMERIC |
+ *          V2V_E_CONFIG | V2V_E_INPUT | V2V_E_BUSY (another run holds RUN) | V2V_E_USAGE (RUN holds
+ *          a run and neither resume nor force) | V2V_E_IO | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_report *report,
+                              struct v2v_comm *comm) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

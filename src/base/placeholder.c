@@ -1,0 +1,1 @@
+typedef int v2v_base_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_cli_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_conf_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_eval_is_empty;

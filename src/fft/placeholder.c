@@ -1,0 +1,1 @@
+typedef int v2v_fft_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_io_is_empty;

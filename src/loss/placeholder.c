@@ -1,0 +1,1 @@
+typedef int v2v_loss_is_empty;

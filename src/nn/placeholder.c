@@ -1,0 +1,1 @@
+typedef int v2v_nn_is_empty;

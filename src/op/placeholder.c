@@ -1,0 +1,1 @@
+typedef int v2v_op_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_optics_is_empty;

@@ -1,0 +1,1 @@
+typedef int v2v_par_is_empty;

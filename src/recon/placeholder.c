@@ -1,0 +1,1 @@
+typedef int v2v_recon_is_empty;

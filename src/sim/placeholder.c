@@ -1,0 +1,1 @@
+typedef int v2v_sim_is_empty;

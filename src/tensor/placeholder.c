@@ -1,0 +1,1 @@
+typedef int v2v_tensor_is_empty;

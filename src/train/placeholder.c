@@ -1,0 +1,1 @@
+typedef int v2v_train_is_empty;
