@@ -7,7 +7,8 @@ extern "C" {
 #endif
 
 /** A fault point: in builds with V2V_FAULTS the n-th passage of `site` on one rank fails when the
- *  environment has V2V_FAULT=site:rank:nth. Elsewhere it is V2V_OK and costs nothing.
+ *  environment has V2V_FAULT=site:rank:nth (n from 1; `nth+`: every passage from the n-th on). The
+ *  site "mem" is every v2v_mem_alloc. Elsewhere it is V2V_OK and costs nothing.
  *  @kind Local. @return V2V_OK | V2V_E_IO (injected) */
 enum v2v_status v2v_fault_at(const char *site);
 

@@ -12,6 +12,10 @@ enum v2v_log_level { V2V_LOG_ERROR, V2V_LOG_WARNING, V2V_LOG_INFO, V2V_LOG_DEBUG
  * only, warnings and errors everywhere, with the rank. @kind Local. */
 void v2v_log_configure(enum v2v_log_level level, int rank);
 
+/** The rank, and of how many: lines carry the rank only when there are several. par calls it when
+ * MPI starts. @kind Local. */
+void v2v_log_set_rank(int rank, int ranks);
+
 /** One line on stderr. @kind Local. */
 void v2v_log(enum v2v_log_level level, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
@@ -25,6 +29,8 @@ struct v2v_progress {
     double started;      /**< seconds, v2v_clock_now */
     double last_printed; /**< seconds */
     int on_terminal;
+    int64_t done;  /**< the latest step .. */
+    char note[80]; /**< .. and its note */
 };
 
 /** Start at `first` of `total`; title is borrowed. @kind Local. */

@@ -1,1 +1,0 @@
-typedef int v2v_base_is_empty;

@@ -1,0 +1,31 @@
+#include "v2v3d/base/stop.h"
+
+#include <signal.h>
+#include <stddef.h>
+
+/* Written by the signal handler. */
+static volatile sig_atomic_t requested;
+
+static void on_signal(int number)
+{
+    (void)number;
+    requested = 1;
+}
+
+void v2v_stop_install(void)
+{
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGUSR1, &action, NULL);
+    sigaction(SIGUSR2, &action, NULL);
+}
+
+void v2v_stop_request(void)
+{
+    requested = 1;
+}
+
+int v2v_stop_requested(void)
+{
+    return requested != 0;
+}
