@@ -5,7 +5,7 @@
  *  Invariants: every collective here is entered by all ranks of its communicator or by none; an MPI
  *  error aborts the job; a NULL communicator means "this rank alone" everywhere.
  *
- *  Example (compiled by tests/unit/par):
+ *  Example (compiled by tests/mpi/par):
  *
  *      enum v2v_status rc = load_my_views(views);   // Local: may fail, may not leave
  *      V2V_TRY(v2v_par_agree(comm, rc));            // Collective: all hold the same code now
@@ -39,7 +39,7 @@ __attribute__((noreturn)) void v2v_par_abort(int exit_code);
 int v2v_comm_rank(const struct v2v_comm *comm);
 int v2v_comm_size(const struct v2v_comm *comm);
 
-/** Ranks of equal colour, ordered by key, get a communicator of their own.
+/** Ranks of equal colour (>= 0), ordered by key, get a communicator of their own; NULL for NULL.
  *  @kind Collective(parent). @return V2V_OK | V2V_E_MEMORY (agreed) */
 enum v2v_status v2v_comm_split(struct v2v_comm **comm, const struct v2v_comm *parent, int colour,
                                int key) V2V_MUST_CHECK;

@@ -11,7 +11,8 @@ extern "C" {
 struct v2v_grid {
     int data_size, data_rank;     /**< different crops or frames */
     int branch_size, branch_rank; /**< 1: this rank holds both branches; 2: one each */
-    int idle;                     /**< a left-over rank: it holds no branch but joins collectives */
+    int idle;                     /**< a left-over rank: data_rank = branch_rank = -1, it holds no
+                                       branch but joins the world's collectives */
     struct v2v_comm *world;       /**< borrowed */
     struct v2v_comm *pair;        /**< ranks that share a sample: branch_size ranks */
     struct v2v_comm *column;      /**< ranks that hold the same branch: data_size ranks */

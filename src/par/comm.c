@@ -1,0 +1,193 @@
+#include "v2v3d/par/comm.h"
+
+#include "par/comm_mpi.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+/* MPI_Abort can wait for daemons that are gone; this long, then the rank leaves by itself. */
+#define ABORT_SECONDS 10.0
+
+struct v2v_comm {
+    MPI_Comm mpi;
+    int rank;
+    int size;
+    int world_rank; /**< the rank that messages name */
+    int *scratch;   /**< 2 * size numbers: counts and offsets of a gather */
+};
+
+MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm)
+{
+    return comm != NULL ? comm->mpi : MPI_COMM_SELF;
+}
+
+int *v2v_comm_scratch(const struct v2v_comm *comm)
+{
+    return comm != NULL ? comm->scratch : NULL;
+}
+
+int v2v_comm_rank(const struct v2v_comm *comm)
+{
+    return comm != NULL ? comm->rank : 0;
+}
+
+int v2v_comm_size(const struct v2v_comm *comm)
+{
+    return comm != NULL ? comm->size : 1;
+}
+
+/** Storage for a communicator of `size` ranks; *comm stays NULL on failure. */
+static enum v2v_status comm_alloc(struct v2v_comm **comm, int size)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_comm *fresh = NULL;
+    *comm = NULL;
+    V2V_TRY(V2V_ALLOC(fresh, "par.comm", 1));
+    fresh->mpi = MPI_COMM_NULL;
+    V2V_TRY(V2V_ALLOC(fresh->scratch, "par.comm", 2 * (int64_t)size));
+    *comm = fresh;
+    fresh = NULL;
+done:
+    v2v_mem_free(fresh);
+    return rc;
+}
+
+static void abort_after_bug(void)
+{
+    v2v_par_abort(v2v_status_exit_code(V2V_E_INTERNAL));
+}
+
+enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
+{
+    enum v2v_status rc = V2V_OK;
+    int provided = 0, size = 0, rank = 0;
+    *world = NULL;
+    MPI_Init_thread(argc, argv, MPI_THREAD_FUNNELED, &provided);
+    MPI_Comm_size(MPI_COMM_WORLD, &size);
+    MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    v2v_log_set_rank(rank, size);
+    v2v_fault_set_rank(rank);
+    v2v_status_on_bug(abort_after_bug);
+    if (provided < MPI_THREAD_FUNNELED) {
+        rc = V2V_FAIL(V2V_E_INTERNAL, "this MPI library does not allow threads");
+    } else {
+        rc = comm_alloc(world, size);
+    }
+    /* There is no struct v2v_comm to agree on yet. */
+    int code = (int)rc;
+    MPI_Allreduce(MPI_IN_PLACE, &code, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
+    if (rc == V2V_OK && code != (int)V2V_OK) {
+        rc = V2V_FAIL((enum v2v_status)code, "another rank could not start");
+    }
+    V2V_TRY(rc);
+    MPI_Comm_dup(MPI_COMM_WORLD, &(*world)->mpi);
+    (*world)->rank = (*world)->world_rank = rank;
+    (*world)->size = size;
+done:
+    if (rc != V2V_OK) {
+        v2v_par_finalize(world);
+    }
+    return rc;
+}
+
+void v2v_par_finalize(struct v2v_comm **world)
+{
+    v2v_comm_destroy(world);
+    v2v_status_on_bug(NULL);
+    MPI_Finalize();
+}
+
+void v2v_par_abort(int exit_code)
+{
+    int started = 0, ended = 0;
+    MPI_Initialized(&started);
+    MPI_Finalized(&ended);
+    if (started && !ended) {
+        v2v_watchdog_arm(ABORT_SECONDS, "MPI_Abort");
+        MPI_Abort(MPI_COMM_WORLD, exit_code);
+    }
+    _exit(exit_code);
+}
+
+enum v2v_status v2v_comm_split(struct v2v_comm **comm, const struct v2v_comm *parent, int colour,
+                               int key)
+{
+    enum v2v_status rc = V2V_OK;
+    *comm = NULL;
+    if (parent == NULL) {
+        return V2V_OK; /* alone is alone */
+    }
+    V2V_ASSERT(colour >= 0);
+    V2V_TRY(v2v_par_agree(parent, comm_alloc(comm, parent->size)));
+    MPI_Comm_split(parent->mpi, colour, key, &(*comm)->mpi);
+    MPI_Comm_rank((*comm)->mpi, &(*comm)->rank);
+    MPI_Comm_size((*comm)->mpi, &(*comm)->size);
+    (*comm)->world_rank = parent->world_rank;
+done:
+    if (rc != V2V_OK) {
+        v2v_comm_destroy(comm);
+    }
+    return rc;
+}
+
+void v2v_comm_destroy(struct v2v_comm **comm)
+{
+    if (*comm == NULL) {
+        return;
+    }
+    if ((*comm)->mpi != MPI_COMM_NULL) {
+        MPI_Comm_free(&(*comm)->mpi);
+    }
+    v2v_mem_free((*comm)->scratch);
+    v2v_mem_free(*comm);
+    *comm = NULL;
+}
+
+/** The failing rank's record, for all. */
+struct verdict {
+    char message[V2V_MESSAGE_BYTES];
+    char place[V2V_MESSAGE_BYTES];
+};
+
+/** Fill in this rank's record. The rank's name is put in front once, however many communicators
+ * agree on the failure one after the other. */
+static void verdict_fill(struct verdict *verdict, int world_rank)
+{
+    const char *message = v2v_status_message();
+    int rank = 0, used = 0;
+    if (sscanf(message, "rank %d: %n", &rank, &used) == 1 && used > 0) {
+        snprintf(verdict->message, sizeof verdict->message, "%s", message);
+    } else {
+        snprintf(verdict->message, sizeof verdict->message, "rank %d: %s", world_rank, message);
+    }
+    snprintf(verdict->place, sizeof verdict->place, "%s", v2v_status_place());
+}
+
+enum v2v_status v2v_par_agree(const struct v2v_comm *comm, enum v2v_status rc)
+{
+    struct {
+        int code;
+        int rank;
+    } worst;
+    if (v2v_comm_size(comm) == 1) {
+        return rc;
+    }
+    worst.code = (int)rc;
+    worst.rank = comm->rank;
+    /* Of equal codes MPI_MAXLOC takes the lowest rank. */
+    MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_2INT, MPI_MAXLOC, comm->mpi);
+    if (worst.code != (int)V2V_OK) {
+        struct verdict verdict = {{0}, {0}};
+        if (comm->rank == worst.rank) {
+            verdict_fill(&verdict, comm->world_rank);
+        }
+        MPI_Bcast(&verdict, (int)sizeof verdict, MPI_BYTE, worst.rank, comm->mpi);
+        v2v_status_set_message(verdict.message, verdict.place);
+    }
+    return (enum v2v_status)worst.code;
+}

@@ -1,0 +1,15 @@
+/** The one way from struct v2v_comm to MPI, for the rooms that may speak it: par, io, fft. */
+#ifndef V2V3D_PAR_COMM_MPI_PRIVATE_H
+#define V2V3D_PAR_COMM_MPI_PRIVATE_H
+
+#include "v2v3d/par/comm.h"
+
+#include <mpi.h>
+
+/** The communicator behind `comm`, borrowed; MPI_COMM_SELF for NULL. @kind Local. */
+MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm);
+
+/** 2 * size numbers that belong to the communicator; NULL for NULL. @kind Local. */
+int *v2v_comm_scratch(const struct v2v_comm *comm);
+
+#endif

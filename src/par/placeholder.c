@@ -1,1 +1,0 @@
-typedef int v2v_par_is_empty;

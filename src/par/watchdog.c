@@ -1,0 +1,78 @@
+#include "v2v3d/par/watchdog.h"
+
+#include "v2v3d/base/status.h"
+
+#include <mpi.h>
+#include <signal.h>
+#include <stdio.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+/* Longer than any job: setitimer refuses what its type can't hold. */
+#define MOST_SECONDS 3.0e7
+
+/* What the signal handler reads; written while the timer is off. */
+static struct {
+    char text[256]; /* the whole last line, made ready beforehand: a handler must not format */
+    size_t bytes;
+    int exit_code;
+} last_words;
+
+static void on_alarm(int number)
+{
+    (void)number;
+    if (write(STDERR_FILENO, last_words.text, last_words.bytes) < 0) {
+        /* Nobody listens; the exit code still tells. */
+    }
+    /* Not MPI_Abort, which can wait as well: mpirun ends the other ranks when one leaves like this
+     * (RELIABILITY.md 4). */
+    _exit(last_words.exit_code);
+}
+
+static void set_timer(double seconds)
+{
+    struct itimerval timer = {{0, 0}, {0, 0}};
+    if (seconds > 0.0) {
+        timer.it_value.tv_sec = (time_t)seconds;
+        timer.it_value.tv_usec = (suseconds_t)((seconds - (double)(time_t)seconds) * 1e6) + 1;
+        if (timer.it_value.tv_usec > 999999) {
+            timer.it_value.tv_usec = 999999;
+        }
+    }
+    setitimer(ITIMER_REAL, &timer, NULL);
+}
+
+static int world_rank(void)
+{
+    int started = 0, ended = 0, rank = 0;
+    MPI_Initialized(&started);
+    MPI_Finalized(&ended);
+    if (started && !ended) {
+        MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    }
+    return rank;
+}
+
+void v2v_watchdog_arm(double seconds, const char *what)
+{
+    struct sigaction action = {.sa_handler = on_alarm};
+    v2v_watchdog_disarm();
+    if (!(seconds > 0.0)) {
+        return;
+    }
+    seconds = seconds < MOST_SECONDS ? seconds : MOST_SECONDS;
+    int length = snprintf(last_words.text, sizeof last_words.text,
+                          "error (rank %d): no progress for %.3g s in %.128s; the watchdog ends "
+                          "the job\n",
+                          world_rank(), seconds, what);
+    last_words.bytes = length > 0 ? (size_t)length : 0;
+    last_words.exit_code = v2v_status_exit_code(V2V_E_IO);
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGALRM, &action, NULL);
+    set_timer(seconds);
+}
+
+void v2v_watchdog_disarm(void)
+{
+    set_timer(0.0);
+}
