@@ -77,8 +77,8 @@ struct v2v_train_settings {
     int flips;             /**< bool: flips that map the view set onto itself */
     double flip_tolerance; /**< relative L2 distance of a flipped PSF to its partner */
     double learning_rate;
-    double decay;    /**< learning rate factor .. */
-    double decay_at; /**< .. from this fraction of the steps on */
+    double decay;     /**< learning rate factor .. */
+    int64_t decay_at; /**< .. from this step on; 0: never */
     double beta1, beta2, epsilon;
     int64_t seed;
     double checkpoint_every_s;

@@ -1,0 +1,230 @@
+#include "conf/table.h"
+
+#include "v2v3d/base/text.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static void *member(struct v2v_config *config, const struct v2v_key *key)
+{
+    return (char *)config + key->offset;
+}
+
+enum v2v_status v2v_key_find_section(const char *section, const char *where)
+{
+    const char *name[V2V_KEY_MOST] = {0};
+    int64_t count = 0;
+    for (int64_t i = 0; i < v2v_key_count; i++) {
+        const struct v2v_key *key = &v2v_key_table[i];
+        if (strcmp(key->section, section) == 0) {
+            return V2V_OK;
+        }
+        if (strcmp(key->name, section) == 0) {
+            return V2V_FAIL(V2V_E_CONFIG, "%s: '%s' is a key of section '%s', not a section", where,
+                            section, key->section);
+        }
+        name[count++] = key->section;
+    }
+    const char *nearest = v2v_text_nearest(section, name, count);
+    if (nearest != NULL) {
+        return V2V_FAIL(V2V_E_CONFIG, "%s: unknown section '%s'; did you mean '%s'?", where,
+                        section, nearest);
+    }
+    return V2V_FAIL(V2V_E_CONFIG, "%s: unknown section '%s'", where, section);
+}
+
+enum v2v_status v2v_key_find(int64_t *index, const char *section, const char *name,
+                             const char *where)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *sibling[V2V_KEY_MOST] = {0};
+    const struct v2v_key *elsewhere = NULL;
+    int64_t count = 0;
+    V2V_TRY(v2v_key_find_section(section, where));
+    for (int64_t i = 0; i < v2v_key_count; i++) {
+        const struct v2v_key *key = &v2v_key_table[i];
+        int same_section = strcmp(key->section, section) == 0;
+        int same_name = strcmp(key->name, name) == 0;
+        if (same_section && same_name) {
+            *index = i;
+            return V2V_OK;
+        }
+        if (same_section) {
+            sibling[count++] = key->name;
+        }
+        elsewhere = same_name ? key : elsewhere;
+    }
+    const char *nearest = v2v_text_nearest(name, sibling, count);
+    if (nearest == NULL && elsewhere != NULL) {
+        section = elsewhere->section;
+        nearest = elsewhere->name;
+    }
+    if (nearest != NULL) {
+        rc = V2V_FAIL(V2V_E_CONFIG, "%s: unknown key '%s'; did you mean '%s.%s'?", where, name,
+                      section, nearest);
+    } else {
+        rc = V2V_FAIL(V2V_E_CONFIG, "%s: unknown key '%s' of section '%s'", where, name, section);
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status assign_word(int *value, const struct v2v_key *key, const char *text,
+                                   const char *where)
+{
+    char known[256] = "";
+    for (int i = 0; i < V2V_KEY_MOST_WORDS && key->words[i] != NULL; i++) {
+        if (strcmp(text, key->words[i]) == 0) {
+            *value = i;
+            return V2V_OK;
+        }
+        size_t used = strlen(known);
+        snprintf(known + used, sizeof known - used, "%s%s", i > 0 ? " or " : "", key->words[i]);
+    }
+    return V2V_FAIL(V2V_E_CONFIG, "%s: '%s' is not %s", where, text, known);
+}
+
+static enum v2v_status assign_whole(int64_t *value, const struct v2v_key *key, const char *text,
+                                    const char *where)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t number = 0;
+    V2V_TRY(v2v_text_to_i64(&number, text, key->whole.least, key->whole.most, where, V2V_E_CONFIG));
+    if (number % key->whole.multiple != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: %s is not a multiple of %lld", where, text,
+                         (long long)key->whole.multiple));
+    }
+    *value = number;
+done:
+    return rc;
+}
+
+static enum v2v_status assign_number(struct v2v_number *value, const struct v2v_key *key,
+                                     const char *text, const char *where)
+{
+    int mode = V2V_NUMBER_GIVEN;
+    double number = 0.0;
+    if (key->may_auto && strcmp(text, "auto") == 0) {
+        mode = V2V_NUMBER_AUTO;
+    } else if (strcmp(text, "none") == 0) {
+        mode = V2V_NUMBER_NONE;
+    } else {
+        enum v2v_status rc =
+            v2v_text_to_f64(&number, text, key->real.least, key->real.most, where, V2V_E_CONFIG);
+        if (rc != V2V_OK) {
+            return rc;
+        }
+    }
+    /* By member: the padding between them stays zero. */
+    value->mode = mode;
+    value->value = number;
+    return V2V_OK;
+}
+
+enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const char *text,
+                               const char *where)
+{
+    const struct v2v_key *key = &v2v_key_table[index];
+    void *value = member(config, key);
+    char what[512];
+    snprintf(what, sizeof what, "%s: %s.%s", where, key->section, key->name);
+    if (text[0] == '\0') {
+        return V2V_FAIL(V2V_E_CONFIG, "%s has no value", what);
+    }
+    switch (key->kind) {
+    case V2V_KEY_WHOLE:
+        return assign_whole(value, key, text, what);
+    case V2V_KEY_REAL:
+        return v2v_text_to_f64(value, text, key->real.least, key->real.most, what, V2V_E_CONFIG);
+    case V2V_KEY_BOOL:
+    case V2V_KEY_WORD:
+        return assign_word(value, key, text, what);
+    case V2V_KEY_NUMBER:
+        return assign_number(value, key, text, what);
+    }
+    V2V_ASSERT(0);
+}
+
+void v2v_config_defaults(struct v2v_config *config)
+{
+    memset(config, 0, sizeof *config); /* padding too: a saved struct has the same bytes */
+    for (int64_t i = 0; i < v2v_key_count; i++) {
+        const struct v2v_key *key = &v2v_key_table[i];
+        void *value = member(config, key);
+        switch (key->kind) {
+        case V2V_KEY_WHOLE:
+            *(int64_t *)value = key->whole.fallback;
+            break;
+        case V2V_KEY_REAL:
+            *(double *)value = key->real.fallback;
+            break;
+        case V2V_KEY_BOOL:
+        case V2V_KEY_WORD:
+            *(int *)value = (int)key->whole.fallback;
+            break;
+        case V2V_KEY_NUMBER:
+            ((struct v2v_number *)value)->mode = key->mode;
+            ((struct v2v_number *)value)->value = key->real.fallback;
+            break;
+        }
+    }
+}
+
+static int64_t place_of(size_t offset)
+{
+    for (int64_t i = 0; i < v2v_key_count; i++) {
+        if (v2v_key_table[i].offset == offset) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+int64_t v2v_key_conflict(const struct v2v_config *config, char *why, size_t bytes)
+{
+    if (config->train.crop != 0 && config->train.crop <= 2 * config->train.halo) {
+        snprintf(why, bytes, "train.crop: %lld leaves nothing inside a train.halo of %lld",
+                 (long long)config->train.crop, (long long)config->train.halo);
+        return place_of(offsetof(struct v2v_config, train.crop));
+    }
+    if (config->optics.numerical_aperture >= config->optics.refractive_index) {
+        snprintf(why, bytes,
+                 "optics.numerical_aperture: %g is not below optics.refractive_index, %g",
+                 config->optics.numerical_aperture, config->optics.refractive_index);
+        return place_of(offsetof(struct v2v_config, optics.numerical_aperture));
+    }
+    if (config->optics.needle_aperture > config->optics.numerical_aperture) {
+        snprintf(why, bytes, "optics.needle_aperture: %g is above optics.numerical_aperture, %g",
+                 config->optics.needle_aperture, config->optics.numerical_aperture);
+        return place_of(offsetof(struct v2v_config, optics.needle_aperture));
+    }
+    return -1;
+}
+
+enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment)
+{
+    enum v2v_status rc = V2V_OK;
+    char section[V2V_KEY_NAME_BYTES], name[V2V_KEY_NAME_BYTES], why[256];
+    struct v2v_config changed = *config;
+    int64_t index = -1;
+    const char *equals = strchr(assignment, '=');
+    const char *dot =
+        equals != NULL ? memchr(assignment, '.', (size_t)(equals - assignment)) : NULL;
+    if (dot == NULL) {
+        return V2V_FAIL(V2V_E_CONFIG, "--set: '%.200s' is not section.key=value", assignment);
+    }
+    size_t section_bytes = (size_t)(dot - assignment), name_bytes = (size_t)(equals - dot - 1);
+    if (section_bytes >= sizeof section || name_bytes >= sizeof name) {
+        return V2V_FAIL(V2V_E_CONFIG, "--set: '%.200s' names no key", assignment);
+    }
+    snprintf(section, sizeof section, "%.*s", (int)section_bytes, assignment);
+    snprintf(name, sizeof name, "%.*s", (int)name_bytes, dot + 1);
+    V2V_TRY(v2v_key_find(&index, section, name, "--set"));
+    V2V_TRY(v2v_key_assign(&changed, index, equals + 1, "--set"));
+    if (v2v_key_conflict(&changed, why, sizeof why) >= 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "--set %.200s: %s", assignment, why));
+    }
+    *config = changed;
+done:
+    return rc;
+}

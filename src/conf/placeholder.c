@@ -1,1 +1,0 @@
-typedef int v2v_conf_is_empty;

@@ -1,0 +1,117 @@
+#include "conf/table.h"
+
+#define AT(s, n) .section = #s, .name = #n, .offset = offsetof(struct v2v_config, s.n)
+
+#define WHOLE(s, n, least_, most_, fallback_, meaning_)                                            \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_WHOLE, .whole = {least_, most_, fallback_, 1},                   \
+                  .meaning = meaning_                                                              \
+    }
+
+#define MULTIPLE(s, n, of, least_, most_, fallback_, meaning_)                                     \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_WHOLE, .whole = {least_, most_, fallback_, of},                  \
+                  .meaning = meaning_                                                              \
+    }
+
+#define REAL(s, n, least_, most_, fallback_, meaning_)                                             \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_REAL, .real = {least_, most_, fallback_}, .meaning = meaning_    \
+    }
+
+#define BOOL(s, n, fallback_, meaning_)                                                            \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_BOOL, .whole = {0, 1, fallback_, 1}, .words = {"false", "true"}, \
+                  .meaning = meaning_                                                              \
+    }
+
+#define WORD(s, n, fallback_, meaning_, ...)                                                       \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_WORD, .whole = {0, 0, fallback_, 1}, .words = {__VA_ARGS__},     \
+                  .meaning = meaning_                                                              \
+    }
+
+/* A number or "auto" (the default) or "none". */
+#define AUTO(s, n, least_, most_, meaning_)                                                        \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1,             \
+                  .mode = V2V_NUMBER_AUTO, .meaning = meaning_                                     \
+    }
+
+/* A number or "none" (the default). */
+#define NONE(s, n, least_, most_, meaning_)                                                        \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 0,             \
+                  .mode = V2V_NUMBER_NONE, .meaning = meaning_                                     \
+    }
+
+#define BILLION 1000000000
+
+/* clang-format off */
+const struct v2v_key v2v_key_table[] = {
+    WHOLE(parallel, branches, 0, 2, 0, "ranks of a sample; 0: 2 if the rank count is even"),
+    WHOLE(parallel, threads, 0, 4096, 0, "OpenMP threads of a rank; 0: cores / ranks of this host"),
+    REAL(parallel, watchdog_s, 0.0, 86400.0, 600.0, "a longer step ends the job, s; 0: off"),
+
+    WHOLE(input, views, 0, 4096, 0, "views of a frame; 0: as many as the PSF set has"),
+    WHOLE(input, first_view, 0, BILLION, 0, "page of the first frame's first view"),
+    WHOLE(input, stride, 0, BILLION, 0, "pages from frame to frame; 0: as many as views"),
+    AUTO(input, offset, -1e9, 1e9, "subtracted; auto: 32767 when the maximum is above"),
+    AUTO(input, gain, 1e-12, 1e12, "multiplied on; auto: the recording's mean becomes 0.2"),
+
+    WORD(psf, normalize, V2V_NORMALIZE_VIEW, "view: each view sums to 1", "view", "none"),
+    WORD(psf, reduce, V2V_REDUCE_SUM, "how depth slices add up in a projection", "sum", "mean"),
+
+    WHOLE(optics, rings, 0, 16, 2, "rings of tilted views about the central one"),
+    WHOLE(optics, views_per_ring, 1, 256, 6, "views of a ring"),
+    REAL(optics, numerical_aperture, 0.01, 1.9, 1.05, "of the objective: bounds the tilt"),
+    REAL(optics, needle_aperture, 0.005, 1.9, 0.35, "of one sub-aperture"),
+    REAL(optics, refractive_index, 1.0, 2.0, 1.33, "of the sample"),
+    REAL(optics, wavelength_um, 0.1, 10.0, 0.92, "excitation, in vacuum, um"),
+    REAL(optics, pixel_size_um, 0.01, 100.0, 0.5, "um"),
+    REAL(optics, slice_spacing_um, 0.01, 1000.0, 1.5, "um"),
+    WHOLE(optics, slices, 1, 1024, 39, "depth slices"),
+    WHOLE(optics, size, 3, 2048, 127, "pixels of a PSF's side"),
+
+    WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
+    WHOLE(model, features, 1, 64, 4, "features of a view"),
+    WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),
+    REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
+
+    WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),
+    AUTO(loss, mse, 0.0, 1e9, "weight of the squared differences; none: 0"),
+    AUTO(loss, fft, 0.0, 1e9, "weight of the differences in the frequency domain"),
+    AUTO(loss, dc, 0.0, 1e9, "weight of the de-crosstalk term"),
+    AUTO(loss, pos, 0.0, 1e9, "weight of negative voxels"),
+    AUTO(loss, tv, 0.0, 1e9, "weight of the axial smoothness"),
+
+    WHOLE(train, steps, 1, BILLION, 2000, "optimiser steps"),
+    WHOLE(train, batch, 1, 65536, 1, "crops of one step over all ranks"),
+    MULTIPLE(train, crop, 32, 0, 65536, 128, "pixels of a crop's side; 0: the whole frame"),
+    WHOLE(train, halo, 0, 32768, 16, "ring of a crop that the views' loss leaves out, pixels"),
+    BOOL(train, flips, 1, "flips that map the view set onto itself"),
+    REAL(train, flip_tolerance, 0.0, 2.0, 0.1, "relative L2 distance, flipped PSF to partner"),
+    REAL(train, learning_rate, 0.0, 1.0, 8e-5, "Adam's step"),
+    REAL(train, decay, 0.0, 1.0, 0.3, "factor on the learning rate .."),
+    WHOLE(train, decay_at, 0, BILLION, 0, ".. from this step on; 0: never"),
+    REAL(train, beta1, 0.0, 0.9999999, 0.9, "Adam: memory of the mean"),
+    REAL(train, beta2, 0.0, 0.9999999, 0.999, "Adam: memory of the mean square"),
+    REAL(train, epsilon, 1e-30, 1.0, 1e-8, "Adam: added to the root"),
+    WHOLE(train, seed, 0, INT64_MAX, 1, "of crops, flips and initial weights"),
+    REAL(train, checkpoint_every_s, 0.0, 1e9, 600.0, "s; 0: after every step"),
+    WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),
+
+    WORD(recon, precision, V2V_PRECISION_F32, "of the convolutions", "f32", "bf16"),
+    NONE(recon, skip, 0.0, 1.0, "tolerance for skipping what the scene doesn't need"),
+
+    MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
+    WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),
+    REAL(demo, noise, 0.0, 100.0, 0.1, "Gaussian noise, fraction of the bright pixels"),
+    WHOLE(demo, seed, 0, INT64_MAX, 1, "of scene and noise"),
+    WHOLE(demo, rld_iterations, 1, 10000, 10, "most iterations of the deconvolution"),
+};
+/* clang-format on */
+
+const int64_t v2v_key_count = (int64_t)(sizeof v2v_key_table / sizeof v2v_key_table[0]);
+_Static_assert(sizeof v2v_key_table / sizeof v2v_key_table[0] <= V2V_KEY_MOST,
+               "V2V_KEY_MOST bounds arrays over all keys");

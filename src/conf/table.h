@@ -1,0 +1,57 @@
+/** The table that everything about the configuration is derived from. */
+#ifndef V2V3D_CONF_TABLE_PRIVATE_H
+#define V2V3D_CONF_TABLE_PRIVATE_H
+
+#include "v2v3d/conf/config.h"
+
+#include <stddef.h>
+
+enum v2v_key_kind {
+    V2V_KEY_WHOLE,  /**< int64_t */
+    V2V_KEY_REAL,   /**< double */
+    V2V_KEY_BOOL,   /**< int */
+    V2V_KEY_WORD,   /**< int, an enumeration: the place in `words` */
+    V2V_KEY_NUMBER, /**< struct v2v_number */
+};
+
+enum { V2V_KEY_MOST_WORDS = 4, V2V_KEY_MOST = 96, V2V_KEY_NAME_BYTES = 64 };
+
+struct v2v_key {
+    const char *section;
+    const char *name;
+    enum v2v_key_kind kind;
+    size_t offset; /**< in struct v2v_config */
+    struct {
+        int64_t least, most, fallback;
+        int64_t multiple; /**< 0 or 1: any number; else the value is a multiple of this */
+    } whole;              /**< of V2V_KEY_WHOLE, _BOOL and _WORD */
+    struct {
+        double least, most, fallback;
+    } real;       /**< of V2V_KEY_REAL and _NUMBER */
+    int may_auto; /**< a V2V_KEY_NUMBER takes the word "auto" */
+    int mode;     /**< of a V2V_KEY_NUMBER's default */
+    const char *words[V2V_KEY_MOST_WORDS];
+    const char *meaning;
+};
+
+extern const struct v2v_key v2v_key_table[];
+extern const int64_t v2v_key_count;
+
+/** Find section.name (`bytes` of section count). Index, or a failure that starts with `where` and
+ *  names the nearest known key. @kind Local. @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_key_find(int64_t *index, const char *section, const char *name,
+                             const char *where) V2V_MUST_CHECK;
+
+/** Is there such a section? The failure names the nearest one. @kind Local.
+ *  @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_key_find_section(const char *section, const char *where) V2V_MUST_CHECK;
+
+/** Set one value from text; messages start with `where`. @kind Local. @return V2V_OK |
+ * V2V_E_CONFIG */
+enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const char *text,
+                               const char *where) V2V_MUST_CHECK;
+
+/** The rules between keys. The first key that breaks one and why, or -1. @kind Local. */
+int64_t v2v_key_conflict(const struct v2v_config *config, char *why, size_t bytes);
+
+#endif

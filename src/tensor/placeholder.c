@@ -1,1 +1,0 @@
-typedef int v2v_tensor_is_empty;

@@ -1,0 +1,203 @@
+#include "v2v3d/tensor/statistics.h"
+
+#include "v2v3d/base/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { LANES = 8, RUNS = 256, SCAN = 4096, MOST_BINS = 1024 };
+
+static double minimum(const float *x, int64_t count)
+{
+    double least = (double)x[0];
+    for (int64_t i = 1; i < count; i++) {
+        least = (double)x[i] < least ? (double)x[i] : least;
+    }
+    return least;
+}
+
+static double mean(const float *x, int64_t count)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        sum += (double)x[i];
+    }
+    return sum / (double)count;
+}
+
+/** The bin of value, as numpy.histogram decides: by its offset, then corrected against the bin's
+ * edges, with the last bin closed on the right. */
+static int bin_of(double value, double low, double width, int bins)
+{
+    int bin = (int)((value - low) / width);
+    bin = bin < bins ? bin : bins - 1;
+    if (bin > 0 && value < low + width * bin) {
+        bin--;
+    } else if (bin < bins - 1 && value >= low + width * (bin + 1)) {
+        bin++;
+    }
+    return bin;
+}
+
+double v2v_background(const float *x, int64_t count, int bins, int right)
+{
+    int64_t height[MOST_BINS] = {0};
+    int fullest = 0;
+    V2V_ASSERT(bins >= 1 && bins <= MOST_BINS);
+    if (count == 0) {
+        return 0.0;
+    }
+    double high = mean(x, count);
+    if (!isfinite(high)) {
+        return high;
+    }
+    double low = minimum(x, count);
+    double width = (high - low) / bins;
+    if (!(width > 0.0)) {
+        return low; /* a constant image is its own background */
+    }
+    for (int64_t i = 0; i < count; i++) {
+        if ((double)x[i] <= high) {
+            height[bin_of((double)x[i], low, width, bins)]++;
+        }
+    }
+    for (int b = 1; b < bins; b++) {
+        fullest = height[b] > height[fullest] ? b : fullest;
+    }
+    return low + width * (fullest + (right ? 1 : 0));
+}
+
+static void swap(float *a, float *b)
+{
+    float t = *a;
+    *a = *b;
+    *b = t;
+}
+
+/** Hoare's selection: afterwards x[k] is the k-th smallest, nothing before it is larger and nothing
+ * behind it is smaller. */
+static void select_kth(float *x, int64_t count, int64_t k)
+{
+    int64_t first = 0, last = count - 1;
+    while (first < last) {
+        int64_t middle = first + (last - first) / 2;
+        if (x[middle] < x[first]) {
+            swap(&x[middle], &x[first]);
+        }
+        if (x[last] < x[first]) {
+            swap(&x[last], &x[first]);
+        }
+        if (x[last] < x[middle]) {
+            swap(&x[last], &x[middle]);
+        }
+        float pivot = x[middle];
+        int64_t i = first, j = last;
+        while (i <= j) {
+            while (x[i] < pivot) {
+                i++;
+            }
+            while (pivot < x[j]) {
+                j--;
+            }
+            if (i <= j) {
+                swap(&x[i++], &x[j--]);
+            }
+        }
+        if (k <= j) {
+            last = j;
+        } else if (k >= i) {
+            first = i;
+        } else {
+            return;
+        }
+    }
+}
+
+enum v2v_status v2v_percentile(double *value, const float *x, int64_t count, double p)
+{
+    enum v2v_status rc = V2V_OK;
+    float *sorted = NULL;
+    V2V_ASSERT(count > 0 && p >= 0.0 && p <= 100.0);
+    for (int64_t i = 0; i < count; i++) {
+        if (isnan(x[i])) {
+            *value = NAN;
+            return V2V_OK;
+        }
+    }
+    V2V_TRY(V2V_ALLOC(sorted, "tensor.percentile", count));
+    memcpy(sorted, x, (size_t)count * sizeof *x);
+    double place = p / 100.0 * (double)(count - 1);
+    int64_t below = (int64_t)place;
+    double share = place - (double)below;
+    select_kth(sorted, count, below);
+    double a = (double)sorted[below];
+    if (share > 0.0) {
+        double b = minimum(sorted + below + 1, count - below - 1);
+        a = share < 0.5 ? a + (b - a) * share : b - (b - a) * (1.0 - share);
+    }
+    *value = a;
+done:
+    v2v_mem_free(sorted);
+    return rc;
+}
+
+/** Lanes are fixed here, not by the processor's vector width, and a product of two floats is exact
+ * in double precision: every machine gets the same bits, with fused multiply-adds or without. */
+static double sum_of_squares(const float *x, int64_t count)
+{
+    double lane[LANES] = {0};
+    int64_t i = 0;
+    for (; i + LANES <= count; i += LANES) {
+        for (int l = 0; l < LANES; l++) {
+            lane[l] += (double)x[i + l] * (double)x[i + l];
+        }
+    }
+    for (int l = 0; i < count; i++, l++) {
+        lane[l] += (double)x[i] * (double)x[i];
+    }
+    return ((lane[0] + lane[4]) + (lane[1] + lane[5])) +
+           ((lane[2] + lane[6]) + (lane[3] + lane[7]));
+}
+
+double v2v_sum_of_squares(const float *x, int64_t count)
+{
+    /* The runs depend on the count alone: the number of threads doesn't change the bits. */
+    double partial[RUNS];
+    double sum = 0.0;
+    int64_t run = (count + RUNS - 1) / RUNS;
+#pragma omp parallel for schedule(static) if (count > RUNS * SCAN)
+    for (int r = 0; r < RUNS; r++) {
+        int64_t first = r * run < count ? r * run : count;
+        int64_t rest = count - first;
+        partial[r] = sum_of_squares(x + first, rest < run ? rest : run);
+    }
+    for (int r = 0; r < RUNS; r++) {
+        sum += partial[r];
+    }
+    return sum;
+}
+
+/** NaN and Inf have all bits of the exponent set. */
+static int is_special(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return (bits & 0x7f800000u) == 0x7f800000u;
+}
+
+int64_t v2v_first_not_finite(const float *x, int64_t count)
+{
+    for (int64_t first = 0; first < count; first += SCAN) {
+        int64_t end = count - first < SCAN ? count : first + SCAN;
+        int special = 0;
+        for (int64_t i = first; i < end; i++) {
+            special |= is_special(x[i]);
+        }
+        for (int64_t i = first; special && i < end; i++) {
+            if (is_special(x[i])) {
+                return i;
+            }
+        }
+    }
+    return -1;
+}

@@ -1,0 +1,211 @@
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static float *normal_numbers(int64_t count, uint64_t stream)
+{
+    float *x = NULL;
+    assert_ok(V2V_ALLOC(x, "test", count));
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = (float)v2v_random_normal(1, stream, (uint64_t)i);
+    }
+    return x;
+}
+
+static void background_of_small_cases_is_the_edge_of_the_fullest_bin(void **state)
+{
+    (void)state;
+    /* Mean 4: bins of width 1 from 0 to 4; 1 and 1.5 fill the second, all else is alone or above.
+     */
+    static const float peak[] = {0.0f, 1.0f, 1.5f, 2.5f, 3.5f, 15.5f};
+    assert_true(v2v_background(peak, 6, 4, 0) == 1.0);
+    assert_true(v2v_background(peak, 6, 4, 1) == 2.0);
+    /* Two bins of equal height: the first counts. Mean 2, bins [0,1) and [1,2]. */
+    static const float equal[] = {0.0f, 2.0f, 4.0f};
+    assert_true(v2v_background(equal, 3, 2, 0) == 0.0);
+    /* What equals the mean lies in the last bin: mean 4, bins of width 2 from 0. */
+    static const float last[] = {0.0f, 4.0f, 4.0f, 4.0f, 8.0f};
+    assert_true(v2v_background(last, 5, 2, 0) == 2.0);
+    assert_true(v2v_background(last, 5, 2, 1) == 4.0);
+    static const float constant[] = {7.0f, 7.0f, 7.0f};
+    assert_true(v2v_background(constant, 3, 256, 0) == 7.0);
+    assert_true(v2v_background(constant, 3, 100, 1) == 7.0);
+    assert_true(v2v_background(constant, 0, 100, 1) == 0.0);
+    static const float broken[] = {1.0f, NAN, 2.0f};
+    assert_true(isnan(v2v_background(broken, 3, 100, 1)));
+}
+
+/** Background of a golden volume [39,64,64] with 10 pixels cut from each side in y and x. */
+static double cut_background(const char *path, const char *name)
+{
+    enum { SIDE = 64, EDGE = 10, SLICES = 39 };
+    int64_t count = 0, kept = 0;
+    double *volume = test_h5_read(path, name, &count);
+    float *cut = NULL;
+    assert_int_equal(count, SLICES * SIDE * SIDE);
+    assert_ok(V2V_ALLOC(cut, "test", count));
+    for (int64_t z = 0; z < SLICES; z++) {
+        for (int64_t y = EDGE; y < SIDE - EDGE; y++) {
+            for (int64_t x = EDGE; x < SIDE - EDGE; x++) {
+                cut[kept++] = (float)volume[(z * SIDE + y) * SIDE + x];
+            }
+        }
+    }
+    double background = v2v_background(cut, kept, 100, 1);
+    v2v_mem_free(cut);
+    test_release(volume);
+    return background;
+}
+
+static void background_matches_the_golden_volumes(void **state)
+{
+    (void)state;
+    const char *path = test_shared("golden/metrics.h5");
+    if (path == NULL) {
+        skip();
+    }
+    /* An edge is the minimum (exact) plus a share of (mean - minimum). The mean of n = 75504 floats
+     * is summed in double here and perhaps pairwise in single precision there: log2(n) = 17
+     * roundings of 2^-24 of a mean of the edge's order, 1e-6 of it. A bin is 1e-2 of the range:
+     * another bin would be off by far more. */
+    const double bound = 17.0 * 0x1p-24;
+    double truth = test_h5_attribute(path, "/", "background_gt");
+    double found = cut_background(path, "ground_truth");
+    assert_true(fabs(found - truth) <= bound * fmax(fabs(truth), 0.1));
+    truth = test_h5_attribute(path, "/", "background_reconstruction");
+    found = cut_background(path, "reconstruction");
+    assert_true(fabs(found - truth) <= bound * fmax(fabs(truth), 0.1));
+}
+
+static int ascending(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/** The twin: sort everything. */
+static double sorted_percentile(const float *sorted, int64_t count, double p)
+{
+    double place = p / 100.0 * (double)(count - 1);
+    int64_t below = (int64_t)floor(place);
+    int64_t above = below + 1 < count ? below + 1 : below;
+    double share = place - (double)below;
+    return (double)sorted[below] * (1.0 - share) + (double)sorted[above] * share;
+}
+
+static void percentile_equals_that_of_the_sorted_numbers(void **state)
+{
+    (void)state;
+    static const double place[] = {0.0, 0.1, 25.0, 33.3, 50.0, 75.0, 99.5, 99.99, 100.0};
+    static const int64_t sizes[] = {1, 2, 3, 10, 1000, 4097};
+    for (size_t s = 0; s < sizeof sizes / sizeof sizes[0]; s++) {
+        for (int many_equal = 0; many_equal < 2; many_equal++) {
+            int64_t count = sizes[s];
+            float *x = normal_numbers(count, 10 + s);
+            float *sorted = normal_numbers(count, 10 + s);
+            for (int64_t i = 0; many_equal && i < count; i++) {
+                x[i] = sorted[i] = roundf(x[i]);
+            }
+            qsort(sorted, (size_t)count, sizeof *sorted, ascending);
+            for (size_t p = 0; p < sizeof place / sizeof place[0]; p++) {
+                double value = NAN, twin = sorted_percentile(sorted, count, place[p]);
+                assert_ok(v2v_percentile(&value, x, count, place[p]));
+                /* Three double operations on numbers below 5, twice. */
+                assert_true(fabs(value - twin) <= 6.0 * DBL_EPSILON * 5.0);
+            }
+            v2v_mem_free(x);
+            v2v_mem_free(sorted);
+        }
+    }
+}
+
+static void percentile_is_exact_at_numbers_and_leaves_them_alone(void **state)
+{
+    (void)state;
+    static const float x[] = {3.0f, 1.0f, 2.0f, 5.0f, 4.0f};
+    float copy[5];
+    double value = 0.0;
+    memcpy(copy, x, sizeof copy);
+    assert_ok(v2v_percentile(&value, copy, 5, 75.0));
+    assert_true(value == 4.0);
+    assert_ok(v2v_percentile(&value, copy, 5, 37.5));
+    assert_true(value == 2.5);
+    assert_memory_equal(copy, x, sizeof copy);
+    copy[3] = NAN;
+    assert_ok(v2v_percentile(&value, copy, 5, 50.0));
+    assert_true(isnan(value));
+    copy[3] = INFINITY;
+    assert_ok(v2v_percentile(&value, copy, 5, 50.0));
+    assert_true(value == 3.0);
+    v2v_mem_set_limit(1);
+    assert_int_equal(v2v_percentile(&value, copy, 5, 50.0), V2V_E_MEMORY);
+    v2v_mem_set_limit(0);
+}
+
+static void sum_of_squares_matches_a_plain_loop_for_every_length(void **state)
+{
+    (void)state;
+    enum { MOST = 2100000 }; /* enough that threads share the work */
+    float *x = normal_numbers(MOST, 30);
+    static const int64_t lengths[] = {0, 1, 7, 8, 9, 255, 256, 257, 4099, 2099999, MOST};
+    for (size_t l = 0; l < sizeof lengths / sizeof lengths[0]; l++) {
+        double plain = 0.0;
+        for (int64_t i = 0; i < lengths[l]; i++) {
+            plain += (double)x[i] * (double)x[i];
+        }
+        double sum = v2v_sum_of_squares(x, lengths[l]);
+        /* Products are exact; each of at most n additions of positive terms rounds by eps/2 of the
+         * sum, in both. */
+        assert_true(fabs(sum - plain) <= (double)lengths[l] * DBL_EPSILON * plain);
+        assert_true(v2v_sum_of_squares(x, lengths[l]) == sum);
+    }
+    x[12345] = NAN;
+    assert_true(isnan(v2v_sum_of_squares(x, MOST)));
+    v2v_mem_free(x);
+    static const float large[] = {3e38f, 3e38f};
+    assert_true(v2v_sum_of_squares(large, 2) == 2.0 * ((double)3e38f * (double)3e38f));
+}
+
+static void first_special_number_is_found_wherever_it_is(void **state)
+{
+    (void)state;
+    enum { COUNT = 10000 };
+    static const int64_t place[] = {0, 1, 4095, 4096, 8191, 9999};
+    static const float special[] = {NAN, -NAN, INFINITY, -INFINITY};
+    float *x = normal_numbers(COUNT, 40);
+    x[17] = FLT_MAX;
+    x[18] = FLT_TRUE_MIN;
+    assert_int_equal(v2v_first_not_finite(x, COUNT), -1);
+    assert_int_equal(v2v_first_not_finite(x, 0), -1);
+    for (size_t p = 0; p < sizeof place / sizeof place[0]; p++) {
+        for (size_t s = 0; s < sizeof special / sizeof special[0]; s++) {
+            float before = x[place[p]], last = x[COUNT - 1];
+            x[COUNT - 1] = NAN;
+            x[place[p]] = special[s];
+            assert_int_equal(v2v_first_not_finite(x, COUNT), place[p]);
+            x[COUNT - 1] = last;
+            x[place[p]] = before;
+        }
+    }
+    v2v_mem_free(x);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
+        cmocka_unit_test(background_matches_the_golden_volumes),
+        cmocka_unit_test(percentile_equals_that_of_the_sorted_numbers),
+        cmocka_unit_test(percentile_is_exact_at_numbers_and_leaves_them_alone),
+        cmocka_unit_test(sum_of_squares_matches_a_plain_loop_for_every_length),
+        cmocka_unit_test(first_special_number_is_found_wherever_it_is),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
