@@ -9,8 +9,9 @@
 extern "C" {
 #endif
 
-/** One member of a flat JSON object: text when `text` is not NULL, else `values` (an array when
- *  count >= 0), else the number (an integer when it is one; NaN and Inf become null). */
+/** One member of a flat JSON object: text when `text` is not NULL, else the array of `count`
+ *  numbers when `values` is not NULL, else the number (an integer when it is one; NaN and Inf
+ * become null). */
 struct v2v_json_item {
     const char *name;
     const char *text;
@@ -24,7 +25,9 @@ enum v2v_status v2v_json_print(FILE *stream, const struct v2v_json_item *items,
                                int64_t count) V2V_MUST_CHECK;
 
 /** Cut a JSON-lines file after the last object whose "step" is <= `step`: what came after the
- *  checkpoint from which a run resumes. A missing file is fine. @kind Local. */
+ *  checkpoint from which a run resumes. Lines that are no whole object (torn by a crash) go as
+ * well, lines before the first step stay. A missing file is fine; crash-safe. @kind Local.
+ *  @return V2V_OK | V2V_E_IO */
 enum v2v_status v2v_json_lines_cut(const char *path, int64_t step) V2V_MUST_CHECK;
 
 #ifdef __cplusplus

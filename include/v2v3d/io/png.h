@@ -16,7 +16,7 @@ enum v2v_status v2v_png_write(const char *path, const uint8_t *pixels, int64_t h
 /** A canvas to draw on: pictures of projections and curves. Caller's struct, heap pixels. */
 struct v2v_canvas {
     int64_t height, width;
-    uint8_t *rgb; /**< [y,x,3] */
+    uint8_t *rgb; /**< [y,x,3], black at first */
 };
 enum v2v_status v2v_canvas_init(struct v2v_canvas *canvas, int64_t height,
                                 int64_t width) V2V_MUST_CHECK;
@@ -27,7 +27,8 @@ void v2v_canvas_fini(struct v2v_canvas *canvas);
 void v2v_canvas_image(struct v2v_canvas *canvas, int64_t y, int64_t x, const float *image,
                       int64_t height, int64_t width, float low, float high, int zoom);
 
-/** A line, and text in a built-in 5x7 font of printable ASCII (scaled by `zoom`). */
+/** A line with both ends, and text in a built-in 5x7 font of printable ASCII (scaled by `zoom`,
+ *  6 x zoom pixels a character); rgb is 0xRRGGBB. Clipped to the canvas. @kind Local. */
 void v2v_canvas_line(struct v2v_canvas *canvas, int64_t y0, int64_t x0, int64_t y1, int64_t x1,
                      uint32_t rgb);
 void v2v_canvas_text(struct v2v_canvas *canvas, int64_t y, int64_t x, const char *text, int zoom,

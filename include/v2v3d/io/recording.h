@@ -13,6 +13,7 @@ extern "C" {
 struct v2v_recording_info {
     int64_t frames, views, height, width;
     double pixel_size_um, frame_interval_s; /**< 0: not stated */
+    double offset;                          /**< counts at no light; 0: none, or not stated */
 };
 
 struct v2v_recording;
@@ -23,7 +24,9 @@ struct v2v_recording;
  * looked at in a child process of rank 0 with a limit of time and memory.
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame; no
- *          frame) | V2V_E_MEMORY; agreed */
+ *          frame; another view count than asked for; frames never written) | V2V_E_MEMORY; agreed
+ *  With settings->views = 0 the file decides: HDF5's view axis, an ImageJ time series' channels
+ * times slices, else all pages of a TIFF are one frame. */
 enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char *path,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

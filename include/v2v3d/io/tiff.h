@@ -11,8 +11,10 @@ extern "C" {
 /** What a TIFF stack says of itself. Lengths are 0 where the file does not say. */
 struct v2v_tiff_info {
     int64_t pages, height, width;
-    int64_t channels, slices, frames; /**< ImageJ hyperstack; 1 where absent; product = pages */
-    int bits;                         /**< 8, 16 or 32 */
+    /** ImageJ hyperstack; product = pages; without ImageJ's word, or where it contradicts the
+     * pages, all are slices. For writing 0 means 1. */
+    int64_t channels, slices, frames;
+    int bits; /**< 8, 16 or 32 */
     int is_float;
     double type_max; /**< 255, 65535, 4294967295; 1 for float */
     double pixel_size_um, slice_spacing_um, frame_interval_s;
@@ -21,8 +23,9 @@ struct v2v_tiff_info {
 struct v2v_tiff;
 
 /** Open and check a stack: every page has the same size and type; u8, u16, u32 and f32, one sample
- * a pixel, strips or tiles, no compression, deflate, LZW (and what else libtiff decodes
- * losslessly); both byte orders; BigTIFF; ImageJ's single-IFD files above 4 GB.
+ * a pixel, strips or tiles, no compression, deflate, LZW, PackBits or Zstandard; both byte orders;
+ * BigTIFF; ImageJ's single-IFD files above 4 GB. No page of more than 2^31-1 pixels, and none that
+ * declares more than its bytes in the file can decode to.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (names file, page, reason) | V2V_E_MEMORY */
 enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff, const char *path) V2V_MUST_CHECK;
 const struct v2v_tiff_info *v2v_tiff_info(const struct v2v_tiff *tiff);
@@ -35,7 +38,10 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,
 void v2v_tiff_close(struct v2v_tiff **tiff);
 
 /** Write [t,z,y,x] float32 page by page as an ImageJ hyperstack with voxel size; BigTIFF when the
- *  data pass 4 GB. The file appears under `path` only at v2v_tiff_finish. @kind Local. */
+ *  data pass 4 GB. The file appears under `path` only at v2v_tiff_finish, which also frees the
+ *  writer when it fails; after a failed page call v2v_tiff_abandon. @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT (a shape that cannot be) | V2V_E_IO | V2V_E_MEMORY | V2V_E_INTERNAL
+ *  (more or fewer pages than announced) */
 struct v2v_tiff_writer;
 enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer, const char *path,
                                 const struct v2v_tiff_info *info) V2V_MUST_CHECK;

@@ -20,6 +20,7 @@ struct v2v_volume;
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack (`slices` from its
  *  ImageJ description; else `slices` given, > 0, must divide the pages; else all pages are slices
  * of one frame). Integer data are read as fractions of their type's maximum.
+ *  A frame that `/done` doesn't mark is refused when it is read.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
@@ -45,8 +46,9 @@ struct v2v_attribute {
 
 /** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x], chunk = one slice, `/done` [t],
  * attrs;
- *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers; mean volume only). `datasets` is a bit mask
- *  of 1 << V2V_VOLUME_... ; it appears under `path` at v2v_volume_finish.
+ *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers and holds frames that come before their turn
+ *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). `datasets`
+ * is a bit mask of 1 << V2V_VOLUME_... ; it appears under `path` at v2v_volume_finish.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_USAGE (other file type) | V2V_E_IO; agreed */
 struct v2v_volume_writer;
 enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
@@ -59,7 +61,9 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
 enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
                                  int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
-/** Data are on disk; mark frame t (this rank's, -1: none) as done. @kind Collective(comm) */
+/** Data are on disk; mark frame t (this rank's, -1: none) as done. A file that is finished without
+ *  any call of this has all its frames marked: who writes frames that may stay missing marks them.
+ *  @kind Collective(comm) */
 enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t) V2V_MUST_CHECK;
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;
 /** Drop an unfinished file; accepts NULL. @kind Collective(comm) */

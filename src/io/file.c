@@ -1,0 +1,222 @@
+#include "v2v3d/io/file.h"
+
+#include "io/file_internal.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/text.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+int v2v_file_exists(const char *path)
+{
+    struct stat status;
+    return lstat(path, &status) == 0;
+}
+
+int v2v_file_is_folder(const char *path)
+{
+    struct stat status;
+    return stat(path, &status) == 0 && S_ISDIR(status.st_mode);
+}
+
+enum v2v_status v2v_file_check_input(const char *path)
+{
+    struct stat status;
+
+    if (stat(path, &status) != 0) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno));
+    }
+    if (S_ISDIR(status.st_mode)) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: is a folder, not a file", path);
+    }
+    if (!S_ISREG(status.st_mode)) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: is a device, a pipe or a socket, not a regular file",
+                        path);
+    }
+    if (access(path, R_OK) != 0) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno));
+    }
+    return V2V_OK;
+}
+
+/* "a/b" -> "a", "/b" -> "/", "b" -> ".". */
+static enum v2v_status parent_folder(char folder[V2V_PATH_BYTES], const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    if (slash == NULL) {
+        return v2v_text_format(folder, V2V_PATH_BYTES, ".");
+    }
+    if (slash == path) {
+        return v2v_text_format(folder, V2V_PATH_BYTES, "/");
+    }
+    return v2v_text_format(folder, V2V_PATH_BYTES, "%.*s", (int)(slash - path), path);
+}
+
+static int same_file(const char *a, const char *b)
+{
+    struct stat status_a, status_b;
+
+    return stat(a, &status_a) == 0 && stat(b, &status_b) == 0 &&
+           status_a.st_dev == status_b.st_dev && status_a.st_ino == status_b.st_ino;
+}
+
+static enum v2v_status check_parent(const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char folder[V2V_PATH_BYTES];
+
+    V2V_TRY(parent_folder(folder, path));
+    if (!v2v_file_is_folder(folder)) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: there is no folder %s", path, folder));
+    }
+    if (access(folder, W_OK | X_OK) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: folder %s: %s", path, folder, strerror(errno)));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
+                                      int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    char temporary[V2V_PATH_BYTES];
+    struct stat status;
+
+    if (path[0] == '\0') {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "the name of the output is empty"));
+    }
+    V2V_TRY(v2v_file_temporary(temporary, path));
+    for (int64_t i = 0; i < count; i++) {
+        /* The temporary name would be truncated before anything is read from it. */
+        if (same_file(path, inputs[i]) || same_file(temporary, inputs[i])) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would overwrite the input %s", path,
+                             inputs[i]));
+        }
+    }
+    if (lstat(path, &status) == 0) {
+        /* A finished file is renamed over its place: a folder refuses it, a device would vanish. */
+        if (stat(path, &status) == 0 && !S_ISREG(status.st_mode)) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: exists and is not a regular file", path));
+        }
+        if (!force) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: exists; give --force to replace it", path));
+        }
+    }
+    V2V_TRY(check_parent(path));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path)
+{
+    return v2v_text_format(temporary, V2V_PATH_BYTES, "%s.tmp", path);
+}
+
+/* fsync works on a descriptor that was opened for reading, and on a folder's. */
+static enum v2v_status sync_path(const char *path, int flags)
+{
+    int descriptor = open(path, O_RDONLY | O_CLOEXEC | flags);
+
+    if (descriptor < 0) {
+        return V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno));
+    }
+    int failed = fsync(descriptor) != 0;
+    int reason = errno;
+    if (close(descriptor) != 0 && !failed) {
+        failed = 1;
+        reason = errno;
+    }
+    return failed ? V2V_FAIL(V2V_E_IO, "%s: cannot reach the disk: %s", path, strerror(reason))
+                  : V2V_OK;
+}
+
+enum v2v_status v2v_file_commit(const char *temporary, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char folder[V2V_PATH_BYTES];
+
+    V2V_TRY(V2V_FAULT_POINT("file.commit"));
+    V2V_TRY(parent_folder(folder, path));
+    V2V_TRY(sync_path(temporary, 0));
+    if (rename(temporary, path) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: cannot be renamed to %s: %s", temporary, path,
+                         strerror(errno)));
+    }
+    V2V_TRY(sync_path(folder, O_DIRECTORY));
+done:
+    if (rc != V2V_OK) {
+        (void)unlink(temporary);
+    }
+    return rc;
+}
+
+static enum v2v_status make_one_folder(const char *path)
+{
+    if (mkdir(path, 0777) == 0) {
+        return V2V_OK;
+    }
+    int reason = errno;
+    if (reason == EEXIST && v2v_file_is_folder(path)) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_IO, "%s: the folder cannot be made: %s", path, strerror(reason));
+}
+
+enum v2v_status v2v_file_make_folder(const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char part[V2V_PATH_BYTES];
+
+    V2V_TRY(v2v_text_format(part, sizeof part, "%s", path));
+    for (char *at = part; *at != '\0'; at++) {
+        if (*at == '/' && at != part) {
+            *at = '\0';
+            V2V_TRY(make_one_folder(part));
+            *at = '/';
+        }
+    }
+    V2V_TRY(make_one_folder(part));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_file_write_text(const char *path, const char *text)
+{
+    enum v2v_status rc = V2V_OK;
+    char temporary[V2V_PATH_BYTES];
+    FILE *stream = NULL;
+
+    V2V_TRY(v2v_file_temporary(temporary, path));
+    stream = fopen(temporary, "we");
+    if (stream == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
+    }
+    V2V_TRY(V2V_FAULT_POINT("file.write_text"));
+    if (fputs(text, stream) < 0 || fflush(stream) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
+    }
+done:
+    return v2v_file_close_and_commit(rc, stream, temporary, path);
+}
+
+enum v2v_status v2v_file_close_and_commit(enum v2v_status rc, FILE *stream, const char *temporary,
+                                          const char *path)
+{
+    if (stream == NULL) {
+        return rc;
+    }
+    if (fclose(stream) != 0 && rc == V2V_OK) {
+        rc = V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
+    }
+    if (rc == V2V_OK) {
+        return v2v_file_commit(temporary, path);
+    }
+    (void)unlink(temporary);
+    return rc;
+}

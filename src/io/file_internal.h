@@ -1,0 +1,16 @@
+#ifndef V2V_IO_FILE_INTERNAL_H
+#define V2V_IO_FILE_INTERNAL_H
+
+#include "v2v3d/io/file.h"
+#include <stdio.h>
+
+/** End the writing of a temporary file: close it; commit it to `path` when `rc` and the close are
+ *  fine, else remove it. A NULL stream (it was never opened) hands `rc` back.
+ *  @kind Local. @return rc | V2V_E_IO */
+enum v2v_status v2v_file_close_and_commit(enum v2v_status rc, FILE *stream, const char *temporary,
+                                          const char *path) V2V_MUST_CHECK;
+
+/** CRC-32C without the processor's own instruction; the same answer. @kind Local. */
+uint32_t v2v_file_crc32c_portable(uint32_t crc, const void *data, int64_t bytes);
+
+#endif

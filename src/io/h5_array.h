@@ -1,0 +1,43 @@
+/** A numeric dataset of images, [y,x] behind one or two outer axes, opened to read. */
+#ifndef V2V_IO_H5_ARRAY_H
+#define V2V_IO_H5_ARRAY_H
+
+#include "v2v3d/base/status.h"
+#include <hdf5.h>
+#include <stdint.h>
+
+/** What a kind of file calls its dataset and its axes. */
+struct v2v_h5_kind {
+    const char *dataset; /**< "/views" */
+    const char *axes;    /**< "tvyx"; without its first letter for three axes */
+    const char *axis[4]; /**< "frame", "view", "y", "x": for messages */
+    int least_rank;      /**< 3: the first axis may be absent (one frame); 4 */
+};
+
+struct v2v_h5_array {
+    const char *path; /**< borrowed */
+    const struct v2v_h5_kind *kind;
+    hid_t file, set;
+    int rank;         /**< axes in the file */
+    int64_t shape[4]; /**< 1 in front for three axes */
+    double type_max;  /**< of an integer type; 1 for floats */
+};
+
+/** Open and check: numbers, three or four axes, none empty, inside this one file, decodable here,
+ *  and written at all. A failure leaves nothing open.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (file, dataset, reason) */
+enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
+                                  const struct v2v_h5_kind *kind) V2V_MUST_CHECK;
+
+/** Images first .. first+count-1 of outer index t as float32, in the file's own units.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (unreadable; NaN or Inf with its place) */
+enum v2v_status v2v_h5_array_read(const struct v2v_h5_array *array, float *out, int64_t t,
+                                  int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Read the first and the last element: does decoding work at all? @kind Local. */
+enum v2v_status v2v_h5_array_probe(const struct v2v_h5_array *array) V2V_MUST_CHECK;
+
+/** @kind Local; accepts one that is not open. */
+void v2v_h5_array_close(struct v2v_h5_array *array);
+
+#endif

@@ -1,0 +1,50 @@
+/** float32 datasets [t,m,y,x] written by all ranks of a communicator into one HDF5 file.
+ *
+ *  Rank 0 alone creates the file with everything that describes it and all its space (so that no
+ *  rank can disagree about metadata), then all ranks open it and write images collectively. On one
+ *  rank the same calls take HDF5's plain driver and need no MPI.
+ */
+#ifndef V2V_IO_H5_WRITER_H
+#define V2V_IO_H5_WRITER_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/par/comm.h"
+#include <hdf5.h>
+#include <stdint.h>
+
+#define V2V_H5_WRITER_SETS 4
+
+struct v2v_h5_writer;
+
+/** What to create. */
+struct v2v_h5_plan {
+    const char *dataset[V2V_H5_WRITER_SETS]; /**< names; NULL where there is none */
+    int64_t shape[4];                        /**< [t,m,y,x] of each */
+    int with_done;                           /**< a dataset /done [t], at first 0 */
+    /** Write attributes (on rank 0 only, before anything else can fail on another rank). */
+    enum v2v_status (*describe)(hid_t file, const char *path, const void *context);
+    const void *context;
+};
+
+/** @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *path,
+                                     const struct v2v_h5_plan *plan,
+                                     const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Images first .. first+count-1 of outer index t; count may be 0; ranks may differ in all but
+ *  `set`. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
+enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
+                                    int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Flush the data, then set done[t] (t = -1: none from this rank), then flush that: a crash at any
+ *  time leaves no frame marked whose data are missing (RELIABILITY.md 4). @kind Collective(comm) */
+enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t) V2V_MUST_CHECK;
+
+/** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
+ *  it succeeded or not. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
+enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer) V2V_MUST_CHECK;
+
+/** Close and remove what was written; accepts NULL. @kind Collective(comm) */
+void v2v_h5_writer_abandon(struct v2v_h5_writer **writer);
+
+#endif

@@ -1,0 +1,131 @@
+#include "io/tiff_internal.h"
+#include "v2v3d/base/text.h"
+
+#include <math.h>
+#include <string.h>
+#include <strings.h>
+
+struct unit {
+    const char *name;
+    double factor;
+};
+
+/* In micrometres. ImageJ escapes the micro sign; others write it as UTF-8, as Latin-1, or as the
+ * Greek letter. */
+static const struct unit lengths[] = {
+    {"micron", 1}, {"microns", 1},   {"um", 1},         {"\\u00B5m", 1}, {"\xc2\xb5m", 1},
+    {"\xb5m", 1},  {"\xce\xbcm", 1}, {"micrometer", 1}, {"nm", 1e-3},    {"mm", 1e3},
+    {"cm", 1e4},   {"m", 1e6},       {"inch", 25400},
+};
+
+/* In seconds. */
+static const struct unit times[] = {
+    {"s", 1}, {"sec", 1}, {"ms", 1e-3}, {"msec", 1e-3}, {"min", 60}, {"h", 3600},
+};
+
+static double unit_factor(const struct unit *units, size_t count, const char *name)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (strcasecmp(units[i].name, name) == 0) {
+            return units[i].factor;
+        }
+    }
+    return 0;
+}
+
+/* The value of the line "key=value"; 0 when there is none or it is longer than any that counts. */
+static int find_value(char *value, size_t bytes, const char *description, const char *key)
+{
+    size_t length = strlen(key);
+
+    for (const char *line = description; line != NULL && *line != '\0';) {
+        size_t line_length = strcspn(line, "\r\n");
+        if (line_length > length && strncmp(line, key, length) == 0 && line[length] == '=') {
+            size_t value_length = line_length - length - 1;
+            if (value_length == 0 || value_length >= bytes) {
+                return 0;
+            }
+            memcpy(value, line + length + 1, value_length);
+            value[value_length] = '\0';
+            return 1;
+        }
+        line += line_length;
+        line += strspn(line, "\r\n");
+    }
+    return 0;
+}
+
+static int64_t find_count(const char *description, const char *key)
+{
+    char text[64];
+    int64_t count = 1;
+
+    /* A count that is no number is as good as none: the pages themselves decide. */
+    if (!find_value(text, sizeof text, description, key) ||
+        v2v_text_to_i64(&count, text, 1, INT32_MAX, key, V2V_E_INPUT) != V2V_OK) {
+        return 1;
+    }
+    return count;
+}
+
+static double find_number(const char *description, const char *key)
+{
+    char text[64];
+    double number = 0;
+
+    if (!find_value(text, sizeof text, description, key) ||
+        v2v_text_to_f64(&number, text, -1e12, 1e12, key, V2V_E_INPUT) != V2V_OK) {
+        return 0;
+    }
+    return fabs(number);
+}
+
+void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
+{
+    char unit[32];
+
+    *imagej = (struct v2v_imagej){.channels = 1, .slices = 1, .frames = 1};
+    if (description == NULL || strncmp(description, "ImageJ=", strlen("ImageJ=")) != 0) {
+        return;
+    }
+    imagej->images = find_count(description, "images");
+    imagej->channels = find_count(description, "channels");
+    imagej->slices = find_count(description, "slices");
+    imagej->frames = find_count(description, "frames");
+    imagej->spacing = find_number(description, "spacing");
+    imagej->frame_interval_s = find_number(description, "finterval");
+    if (find_value(unit, sizeof unit, description, "unit")) {
+        imagej->unit_um = unit_factor(lengths, sizeof lengths / sizeof *lengths, unit);
+    }
+    if (find_value(unit, sizeof unit, description, "tunit")) {
+        imagej->frame_interval_s *= unit_factor(times, sizeof times / sizeof *times, unit);
+    }
+}
+
+enum v2v_status v2v_imagej_format(char *text, size_t bytes, const struct v2v_tiff_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    char unit[16] = "";
+    char spacing[48] = "";
+    char interval[48] = "";
+
+    if (info->pixel_size_um > 0 || info->slice_spacing_um > 0) {
+        V2V_TRY(v2v_text_format(unit, sizeof unit, "unit=micron\n"));
+    }
+    if (info->slice_spacing_um > 0) {
+        V2V_TRY(v2v_text_format(spacing, sizeof spacing, "spacing=%.9g\n", info->slice_spacing_um));
+    }
+    if (info->frame_interval_s > 0) {
+        V2V_TRY(
+            v2v_text_format(interval, sizeof interval, "finterval=%.9g\n", info->frame_interval_s));
+    }
+    /* The version is one that ImageJ itself has written: it picks the reader's rules. */
+    V2V_TRY(v2v_text_format(text, bytes,
+                            "ImageJ=1.53k\nimages=%lld\nchannels=%lld\nslices=%lld\nframes=%lld\n"
+                            "hyperstack=true\nmode=grayscale\n%s%s%sloop=false\n",
+                            (long long)info->pages, (long long)info->channels,
+                            (long long)info->slices, (long long)info->frames, unit, spacing,
+                            interval));
+done:
+    return rc;
+}

@@ -1,1 +1,0 @@
-typedef int v2v_io_is_empty;

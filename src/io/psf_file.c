@@ -1,0 +1,221 @@
+#include "v2v3d/io/psf_file.h"
+#include "io/h5_common.h"
+#include "io/stack.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include <dirent.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Elements of the set, -1 when its sizes make no memory. */
+static int64_t elements(const struct v2v_psf_file *file)
+{
+    return v2v_mem_product(v2v_mem_product(file->views, file->slices, 1), file->height,
+                           file->width);
+}
+
+/* The largest N of the folder's psf_N.tif. */
+static enum v2v_status count_views(int64_t *views, const char *folder)
+{
+    DIR *directory = opendir(folder);
+    *views = 0;
+    if (directory == NULL) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: can't be listed", folder);
+    }
+    for (struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
+        int number = 0, length = 0;
+        if (sscanf(entry->d_name, "psf_%6d.tif%n", &number, &length) == 1 && length > 0 &&
+            entry->d_name[length] == '\0' && number > *views) {
+            *views = number;
+        }
+    }
+    closedir(directory);
+    return *views > 0 ? V2V_OK : V2V_FAIL(V2V_E_INPUT, "%s: holds no psf_1.tif", folder);
+}
+
+/* The first file gives the shape of the set and its memory. */
+static enum v2v_status adopt_shape(struct v2v_psf_file *file, const struct v2v_tiff_info *info)
+{
+    file->slices = info->pages;
+    file->height = info->height;
+    file->width = info->width;
+    file->pixel_size_um = info->pixel_size_um;
+    file->slice_spacing_um = info->slice_spacing_um;
+    return V2V_ALLOC(file->data, "io.psf", elements(file));
+}
+
+static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, int64_t v)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_tiff *tiff = NULL;
+    V2V_TRY(v2v_tiff_open(&tiff, path));
+    const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
+    if (v == 0) {
+        V2V_TRY(adopt_shape(file, info));
+    }
+    if (info->pages != file->slices || info->height != file->height || info->width != file->width) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is %lld x %lld x %lld, but psf_1.tif %lld x %lld x %lld",
+                         path, (long long)info->pages, (long long)info->height,
+                         (long long)info->width, (long long)file->slices, (long long)file->height,
+                         (long long)file->width));
+    }
+    V2V_TRY(v2v_tiff_read(tiff, file->data + v * file->slices * file->height * file->width, 0,
+                          file->slices));
+done:
+    v2v_tiff_close(&tiff);
+    return rc;
+}
+
+static enum v2v_status read_folder(struct v2v_psf_file *file, const char *folder)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    V2V_TRY(count_views(&file->views, folder));
+    for (int64_t v = 0; v < file->views; v++) {
+        V2V_TRY(v2v_text_format(path, sizeof path, "%s/psf_%lld.tif", folder, (long long)v + 1));
+        if (!v2v_file_exists(path)) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is missing, psf_%lld.tif is there", path,
+                             (long long)file->views));
+        }
+        V2V_TRY(read_view(file, path, v));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_h5_array array = {0};
+    V2V_TRY(v2v_stack_guard(path, &v2v_h5_psf));
+    V2V_TRY(v2v_h5_array_open(&array, path, &v2v_h5_psf));
+    file->views = array.shape[0];
+    file->slices = array.shape[1];
+    file->height = array.shape[2];
+    file->width = array.shape[3];
+    V2V_TRY(v2v_h5_get_length(&file->pixel_size_um, array.set, path, "pixel_size_um"));
+    V2V_TRY(v2v_h5_get_length(&file->slice_spacing_um, array.set, path, "slice_spacing_um"));
+    V2V_TRY(V2V_ALLOC(file->data, "io.psf", elements(file)));
+    for (int64_t v = 0; v < file->views; v++) {
+        V2V_TRY(v2v_h5_array_read(&array,
+                                  file->data + v * file->slices * file->height * file->width, v, 0,
+                                  file->slices));
+    }
+done:
+    v2v_h5_array_close(&array);
+    return rc;
+}
+
+/* Light is not negative, and a view that collects none can't be a view. */
+static enum v2v_status check_light(const struct v2v_psf_file *file, const char *path)
+{
+    const int64_t view = file->slices * file->height * file->width;
+    for (int64_t v = 0; v < file->views; v++) {
+        const float *data = file->data + v * view;
+        double sum = 0.0;
+        for (int64_t i = 0; i < view; i++) {
+            if (data[i] < 0.0f) {
+                return V2V_FAIL(V2V_E_INPUT,
+                                "%s: view %lld, slice %lld, y %lld, x %lld: %g is negative", path,
+                                (long long)v, (long long)(i / file->width / file->height),
+                                (long long)(i / file->width % file->height),
+                                (long long)(i % file->width), (double)data[i]);
+            }
+            sum += data[i];
+        }
+        if (!(sum > 0.0)) {
+            return V2V_FAIL(V2V_E_INPUT, "%s: view %lld is zero everywhere", path, (long long)v);
+        }
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status read_on_root(struct v2v_psf_file *file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    if (v2v_file_is_folder(path)) {
+        V2V_TRY(read_folder(file, path));
+    } else {
+        V2V_TRY(v2v_file_check_input(path));
+        if (!v2v_stack_is_hdf5(path)) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "%s: is neither a folder of psf_1.tif .. psf_V.tif nor an HDF5 file",
+                             path));
+        }
+        V2V_TRY(read_hdf5(file, path));
+    }
+    V2V_TRY(check_light(file, path));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
+                                  const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const int rank = v2v_comm_rank(comm);
+    struct v2v_psf_file header = {0};
+    *file = header;
+    V2V_TRY(v2v_par_agree(comm, rank == 0 ? read_on_root(file, path) : V2V_OK));
+    header = *file;
+    v2v_par_broadcast(comm, &header, sizeof header, 0);
+    if (rank != 0) {
+        *file = header;
+        rc = V2V_ALLOC(file->data, "io.psf", elements(file));
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_par_broadcast(comm, file->data, elements(file) * (int64_t)sizeof *file->data, 0);
+done:
+    if (rc != V2V_OK) {
+        v2v_psf_file_fini(file);
+    }
+    return rc;
+}
+
+static enum v2v_status write_dataset(const struct v2v_psf_file *file, hid_t h5, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const hsize_t extent[4] = {(hsize_t)file->views, (hsize_t)file->slices, (hsize_t)file->height,
+                               (hsize_t)file->width};
+    const hsize_t chunk[4] = {1, 1, extent[2], extent[3]}; /* one slice */
+    hid_t creation = H5Pcreate(H5P_DATASET_CREATE);
+    hid_t space = H5Screate_simple(4, extent, NULL);
+    hid_t set = H5I_INVALID_HID;
+    V2V_TRY(V2V_FAULT_POINT("h5.write"));
+    if (H5Pset_chunk(creation, 4, chunk) < 0 || H5Pset_fletcher32(creation) < 0 ||
+        (set = H5Dcreate2(h5, v2v_h5_psf.dataset, H5T_IEEE_F32LE, space, H5P_DEFAULT, creation,
+                          H5P_DEFAULT)) < 0 ||
+        H5Dwrite(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, file->data) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, path, v2v_h5_psf.dataset, "can't be written"));
+    }
+    V2V_TRY(v2v_h5_set_text(set, path, "axes", v2v_h5_psf.axes));
+    if (file->pixel_size_um > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "pixel_size_um", &file->pixel_size_um, 1));
+    }
+    if (file->slice_spacing_um > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "slice_spacing_um", &file->slice_spacing_um, 1));
+    }
+done:
+    v2v_h5_close(&set);
+    v2v_h5_close(&space);
+    v2v_h5_close(&creation);
+    return rc;
+}
+
+enum v2v_status v2v_psf_file_write(const struct v2v_psf_file *file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char temporary[V2V_PATH_BYTES];
+    hid_t h5 = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_begin(&h5, temporary, path));
+    V2V_TRY(write_dataset(file, h5, path));
+done:
+    return v2v_h5_end(rc, &h5, temporary, path);
+}
+
+void v2v_psf_file_fini(struct v2v_psf_file *file)
+{
+    v2v_mem_free(file->data);
+    *file = (struct v2v_psf_file){0};
+}

@@ -1,0 +1,134 @@
+#include "io/h5_common.h"
+#include "io/stack.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/recording.h"
+
+struct v2v_recording {
+    struct v2v_recording_info info;
+    struct v2v_stack stack;
+    int64_t first_page; /* the first frame's first view */
+    int64_t stride;     /* pages from frame to frame */
+};
+
+/* Views that the file itself states: HDF5's axis; in TIFF an ImageJ time series, else one frame. */
+static int64_t views_of_file(const struct v2v_stack *stack)
+{
+    if (stack->tiff == NULL) {
+        return stack->images;
+    }
+    const struct v2v_tiff_info *info = v2v_tiff_info(stack->tiff);
+    return info->frames > 1 && info->channels * info->slices > 1 ? info->channels * info->slices
+                                                                 : stack->pages;
+}
+
+/* Cut the row of pages into frames. */
+static enum v2v_status lay_out(struct v2v_recording *recording,
+                               const struct v2v_input_settings *settings)
+{
+    const struct v2v_stack *stack = &recording->stack;
+    const int64_t stated = views_of_file(stack);
+    const int64_t views = settings->views > 0 ? settings->views : stated;
+    const int64_t stride = settings->stride > 0 ? settings->stride : views;
+    const int64_t pages = stack->pages - settings->first_view;
+    V2V_ASSERT(settings->first_view >= 0);
+    if (stack->tiff == NULL && views != stated) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: %s: has %lld views, but %lld are asked for", stack->path,
+                        stack->kind->dataset, (long long)stated, (long long)views);
+    }
+    if (pages < views) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: %lld pages, the first %lld left out, hold no frame of %lld views",
+                        stack->path, (long long)stack->pages, (long long)settings->first_view,
+                        (long long)views);
+    }
+    if (stride == views && pages % views != 0) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: %lld pages, the first %lld left out, are %lld frames of %lld views "
+                        "and %lld pages more",
+                        stack->path, (long long)stack->pages, (long long)settings->first_view,
+                        (long long)(pages / views), (long long)views, (long long)(pages % views));
+    }
+    recording->first_page = settings->first_view;
+    recording->stride = stride;
+    recording->info.frames = (pages - views) / stride + 1;
+    recording->info.views = views;
+    recording->info.height = stack->height;
+    recording->info.width = stack->width;
+    return V2V_OK;
+}
+
+/* Pixel size, offset, and the time between frames: the file states the time between its own steps,
+ * which a stride cuts or stretches. */
+static enum v2v_status read_metadata(struct v2v_recording *recording)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording_info *info = &recording->info;
+    const struct v2v_stack *stack = &recording->stack;
+    const hid_t set = stack->array.set;
+    int64_t pages_per_step = stack->images;
+    int found = 0;
+    if (stack->tiff != NULL) {
+        const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
+        info->pixel_size_um = tiff->pixel_size_um;
+        info->frame_interval_s = tiff->frame_interval_s;
+        pages_per_step = tiff->channels * tiff->slices;
+    } else {
+        V2V_TRY(v2v_h5_get_length(&info->pixel_size_um, set, stack->path, "pixel_size_um"));
+        V2V_TRY(v2v_h5_get_length(&info->frame_interval_s, set, stack->path, "frame_interval_s"));
+        V2V_TRY(v2v_h5_get_numbers(&info->offset, &found, set, stack->path, "offset", 1));
+    }
+    info->frame_interval_s *= (double)recording->stride / (double)pages_per_step;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char *path,
+                                   const struct v2v_input_settings *settings,
+                                   const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording *fresh = NULL;
+    *recording = NULL;
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.recording", 1)));
+    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_views, comm));
+    rc = lay_out(fresh, settings);
+    if (rc == V2V_OK) {
+        rc = read_metadata(fresh);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    *recording = fresh;
+    fresh = NULL;
+done:
+    v2v_recording_close(&fresh);
+    return rc;
+}
+
+const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording)
+{
+    return &recording->info;
+}
+
+enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = &recording->info;
+    V2V_ASSERT(t >= 0 && t < info->frames);
+    /* The window's first page shows this view; the views before it come at the window's end. */
+    const int64_t page = recording->first_page + t * recording->stride;
+    const int64_t view = t * recording->stride % info->views;
+    const int64_t late = info->views - view;
+    V2V_TRY(
+        v2v_stack_read(&recording->stack, views + view * info->height * info->width, page, late));
+    V2V_TRY(v2v_stack_read(&recording->stack, views, page + late, view));
+done:
+    return rc;
+}
+
+void v2v_recording_close(struct v2v_recording **recording)
+{
+    if (*recording != NULL) {
+        v2v_stack_fini(&(*recording)->stack);
+        v2v_mem_free(*recording);
+        *recording = NULL;
+    }
+}

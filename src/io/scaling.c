@@ -1,0 +1,88 @@
+#include "v2v3d/io/scaling.h"
+#include "v2v3d/base/memory.h"
+#include <float.h>
+
+/* REFERENCE.md 1: cameras that store signed counts as unsigned ones put their zero here. */
+#define SIGNED_ZERO 32767.0
+#define TARGET_MEAN 0.2
+
+struct statistics {
+    double mean, maximum;
+};
+
+/* Sums by frame, added in the order of the frames: the same bits at any rank count. */
+static enum v2v_status measure(struct statistics *statistics, struct v2v_recording *recording,
+                               const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const int64_t image = v2v_mem_product(info->height, info->width, 1);
+    const int64_t count = v2v_mem_product(info->views, image, 1);
+    const struct v2v_part part =
+        v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
+    double *sums = NULL, maximum = -DBL_MAX;
+    float *views = NULL;
+    rc = V2V_ALLOC(sums, "io.scaling", info->frames);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(views, "io.scaling", count);
+    }
+    for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
+        rc = v2v_recording_read(recording, views, t);
+        for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
+            sums[t] += views[i];
+            maximum = views[i] > maximum ? views[i] : maximum;
+        }
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_par_sum_f64(comm, sums, info->frames);
+    v2v_par_max_f64(comm, &maximum, 1);
+    statistics->maximum = maximum;
+    statistics->mean = 0.0;
+    for (int64_t t = 0; t < info->frames; t++) {
+        statistics->mean += sums[t] / (double)count / (double)info->frames;
+    }
+done:
+    v2v_mem_free(views);
+    v2v_mem_free(sums);
+    return rc;
+}
+
+enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
+                                   const struct v2v_input_settings *settings,
+                                   const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct statistics statistics = {0.0, 0.0};
+    scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
+    scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
+    if (settings->offset.mode == V2V_NUMBER_AUTO) {
+        scaling->offset = v2v_recording_info(recording)->offset;
+    }
+    const int guess = settings->offset.mode == V2V_NUMBER_AUTO && scaling->offset == 0.0;
+    if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
+        V2V_TRY(measure(&statistics, recording, comm));
+    }
+    if (guess && statistics.maximum > SIGNED_ZERO) {
+        scaling->offset = SIGNED_ZERO;
+    }
+    if (settings->gain.mode == V2V_NUMBER_AUTO) {
+        const double mean = statistics.mean - scaling->offset;
+        if (!(mean > 0.0)) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "the recording's mean is %g after subtracting the offset %g: no gain "
+                             "makes it %g; set input.offset or input.gain",
+                             mean, scaling->offset, TARGET_MEAN));
+        }
+        scaling->gain = TARGET_MEAN / mean;
+    }
+done:
+    return rc;
+}
+
+void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count)
+{
+    const float offset = (float)scaling->offset, gain = (float)scaling->gain;
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = (x[i] - offset) * gain;
+    }
+}

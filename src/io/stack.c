@@ -1,0 +1,131 @@
+#include "io/stack.h"
+#include "io/h5_guard.h"
+#include "v2v3d/base/text.h"
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+const struct v2v_h5_kind v2v_h5_views = {
+    .dataset = "/views", .axes = "tvyx", .axis = {"frame", "view", "y", "x"}, .least_rank = 3};
+const struct v2v_h5_kind v2v_h5_volume = {
+    .dataset = "/volume", .axes = "tzyx", .axis = {"frame", "slice", "y", "x"}, .least_rank = 3};
+const struct v2v_h5_kind v2v_h5_psf = {
+    .dataset = "/psf", .axes = "vzyx", .axis = {"view", "slice", "y", "x"}, .least_rank = 4};
+
+int v2v_stack_is_hdf5(const char *path)
+{
+    static const char hdf5[] = "\x89HDF\r\n\x1a\n";
+    static const char *const names[] = {".h5", ".hdf5", ".hdf"};
+    char first[8] = {0};
+    FILE *file = fopen(path, "rb");
+    if (file != NULL) {
+        const size_t length = fread(first, 1, sizeof first, file);
+        fclose(file);
+        if (length == sizeof first && memcmp(first, hdf5, sizeof first) == 0) {
+            return 1;
+        }
+        if (memcmp(first, "II", 2) == 0 || memcmp(first, "MM", 2) == 0) {
+            return 0;
+        }
+    }
+    const char *dot = strrchr(path, '.');
+    for (size_t i = 0; dot != NULL && i < sizeof names / sizeof names[0]; i++) {
+        if (strcasecmp(dot, names[i]) == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+struct look {
+    const char *path;
+    const struct v2v_h5_kind *kind;
+};
+
+/* Runs in the child, which then ends: nothing is closed. */
+static enum v2v_status look_at(const void *argument)
+{
+    const struct look *look = argument;
+    struct v2v_h5_array array;
+    const enum v2v_status rc = v2v_h5_array_open(&array, look->path, look->kind);
+    return rc == V2V_OK ? v2v_h5_array_probe(&array) : rc;
+}
+
+enum v2v_status v2v_stack_guard(const char *path, const struct v2v_h5_kind *kind)
+{
+    enum v2v_status rc = v2v_file_check_input(path);
+    return rc == V2V_OK ? v2v_h5_guard(path, look_at, &(struct look){path, kind}) : rc;
+}
+
+static enum v2v_status open_local(struct v2v_stack *stack, int hdf5)
+{
+    enum v2v_status rc = V2V_OK;
+    if (hdf5) {
+        V2V_TRY(v2v_h5_array_open(&stack->array, stack->path, stack->kind));
+        stack->frames = stack->array.shape[0];
+        stack->images = stack->array.shape[1];
+        stack->height = stack->array.shape[2];
+        stack->width = stack->array.shape[3];
+        stack->type_max = stack->array.type_max;
+    } else {
+        V2V_TRY(v2v_tiff_open(&stack->tiff, stack->path));
+        const struct v2v_tiff_info *info = v2v_tiff_info(stack->tiff);
+        stack->frames = 1;
+        stack->images = info->pages;
+        stack->height = info->height;
+        stack->width = info->width;
+        stack->type_max = info->type_max;
+    }
+    stack->pages = stack->frames * stack->images;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
+                               const struct v2v_h5_kind *kind, const struct v2v_comm *comm)
+{
+    *stack = (struct v2v_stack){.kind = kind};
+    enum v2v_status rc = v2v_text_format(stack->path, sizeof stack->path, "%s", path);
+    int hdf5 = 0;
+    if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
+        rc = v2v_file_check_input(stack->path);
+        hdf5 = rc == V2V_OK && v2v_stack_is_hdf5(stack->path);
+        if (hdf5) {
+            rc = v2v_stack_guard(stack->path, kind);
+        }
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_par_broadcast(comm, &hdf5, sizeof hdf5, 0);
+    V2V_TRY(v2v_par_agree(comm, open_local(stack, hdf5)));
+done:
+    if (rc != V2V_OK) {
+        v2v_stack_fini(stack);
+    }
+    return rc;
+}
+
+enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_ASSERT(page >= 0 && count >= 0 && page + count <= stack->pages);
+    if (stack->tiff != NULL) {
+        V2V_TRY(v2v_tiff_read(stack->tiff, out, page, count));
+        goto done;
+    }
+    while (count > 0) {
+        const int64_t t = page / stack->images, first = page % stack->images;
+        const int64_t here = count < stack->images - first ? count : stack->images - first;
+        V2V_TRY(v2v_h5_array_read(&stack->array, out, t, first, here));
+        out += here * stack->height * stack->width;
+        page += here;
+        count -= here;
+    }
+done:
+    return rc;
+}
+
+void v2v_stack_fini(struct v2v_stack *stack)
+{
+    v2v_h5_array_close(&stack->array);
+    v2v_tiff_close(&stack->tiff);
+}

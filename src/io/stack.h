@@ -1,0 +1,47 @@
+/** A recording or volume to read, whatever the file type: a TIFF stack or an HDF5 dataset, seen as
+ *  pages in one row. */
+#ifndef V2V_IO_STACK_H
+#define V2V_IO_STACK_H
+
+#include "io/h5_array.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
+#include "v2v3d/par/comm.h"
+
+struct v2v_stack {
+    char path[V2V_PATH_BYTES];
+    const struct v2v_h5_kind *kind;
+    struct v2v_h5_array array;
+    struct v2v_tiff *tiff;  /**< NULL for HDF5 */
+    int64_t frames, images; /**< HDF5: [frames, images, y, x]; TIFF: 1 and its pages */
+    int64_t pages;          /**< frames * images */
+    int64_t height, width;
+    double type_max; /**< of an integer type, 1 for floats */
+};
+
+/** Recordings `/views`, volumes `/volume` and PSF sets `/psf`. */
+extern const struct v2v_h5_kind v2v_h5_views;
+extern const struct v2v_h5_kind v2v_h5_volume;
+extern const struct v2v_h5_kind v2v_h5_psf;
+
+/** 1 when the file has to be opened as HDF5: by its first bytes, else by its name. @kind Local. */
+int v2v_stack_is_hdf5(const char *path);
+
+/** Open on every rank; an HDF5 file only after a look from a child of rank 0.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
+                               const struct v2v_h5_kind *kind,
+                               const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Pages page .. page+count-1 as float32. @kind Local. @return V2V_OK | V2V_E_INPUT */
+enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page,
+                               int64_t count) V2V_MUST_CHECK;
+
+/** @kind Local; accepts a zeroed one. */
+void v2v_stack_fini(struct v2v_stack *stack);
+
+/** Open an HDF5 dataset and read its corners in a child; for v2v_h5_array_open's callers.
+ *  @kind Local. */
+enum v2v_status v2v_stack_guard(const char *path, const struct v2v_h5_kind *kind) V2V_MUST_CHECK;
+
+#endif

@@ -1,0 +1,65 @@
+#include "io/tiff_internal.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* The largest single piece of memory that a file may make libtiff take: one compressed strip or one
+ * table of offsets. */
+static const tmsize_t largest_allocation = (tmsize_t)256 << 20;
+
+__attribute__((format(printf, 4, 0))) static int
+keep_error(TIFF *handle, void *data, const char *module, const char *format, va_list arguments)
+{
+    struct v2v_tiff_log *log = data;
+
+    (void)handle;
+    (void)module;
+    if (log->error[0] == '\0') {
+        (void)vsnprintf(log->error, sizeof log->error, format, arguments);
+    }
+    return 1;
+}
+
+__attribute__((format(printf, 4, 0))) static int
+keep_warning(TIFF *handle, void *data, const char *module, const char *format, va_list arguments)
+{
+    struct v2v_tiff_log *log = data;
+
+    (void)handle;
+    (void)module;
+    if (!log->miscounted) {
+        (void)vsnprintf(log->warning, sizeof log->warning, format, arguments);
+        log->miscounted = strstr(log->warning, "ByteCounts") != NULL;
+    }
+    return 1;
+}
+
+TIFF *v2v_tiff_wrap(int descriptor, const char *path, const char *mode, struct v2v_tiff_log *log)
+{
+    TIFFOpenOptions *options = TIFFOpenOptionsAlloc();
+
+    if (options == NULL) {
+        return NULL;
+    }
+    TIFFOpenOptionsSetMaxSingleMemAlloc(options, largest_allocation);
+    TIFFOpenOptionsSetErrorHandlerExtR(options, keep_error, log);
+    TIFFOpenOptionsSetWarningHandlerExtR(options, keep_warning, log);
+    TIFF *handle = TIFFFdOpenExt(descriptor, path, mode, options);
+    TIFFOpenOptionsFree(options);
+    return handle;
+}
+
+void v2v_tiff_log_clear(struct v2v_tiff_log *log)
+{
+    log->error[0] = '\0';
+    log->warning[0] = '\0';
+    log->miscounted = 0;
+}
+
+const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log)
+{
+    if (log->error[0] != '\0') {
+        return log->error;
+    }
+    return log->warning[0] != '\0' ? log->warning : "libtiff gives no reason";
+}

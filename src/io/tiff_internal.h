@@ -1,0 +1,118 @@
+#ifndef V2V_IO_TIFF_INTERNAL_H
+#define V2V_IO_TIFF_INTERNAL_H
+
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
+#include <stdarg.h>
+#include <tiffio.h>
+
+/** What libtiff said about one file: the first error, and the last warning, since it calls some
+ *  failures (a loop of directories) warnings. */
+struct v2v_tiff_log {
+    char error[384];
+    char warning[384];
+    int miscounted; /**< the warning says that libtiff made up the number of stored bytes */
+};
+
+/** Hand an open descriptor to libtiff, its messages going to `log` instead of stderr. The handle
+ *  owns the descriptor; when NULL comes back the caller still does. @kind Local. */
+TIFF *v2v_tiff_wrap(int descriptor, const char *path, const char *mode, struct v2v_tiff_log *log);
+
+/** Forget what was said so far. @kind Local. */
+void v2v_tiff_log_clear(struct v2v_tiff_log *log);
+
+/** The reason to print: never empty. @kind Local. */
+const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log);
+
+/** Pixels of the largest page that is read or written. */
+#define V2V_TIFF_MOST_PIXELS INT32_MAX
+
+/** A lossless codec, and the most bytes that it can make of one byte in the file: what a file
+ * declares cannot pass what it holds. */
+struct v2v_tiff_codec {
+    uint16_t tag;
+    int64_t expansion;
+};
+
+struct v2v_tiff_sample_type {
+    uint16_t bits, format;
+    double most;
+};
+
+/** What must be the same on every page. */
+struct v2v_tiff_shape {
+    int64_t height, width;
+    const struct v2v_tiff_sample_type *type;
+};
+
+/** How one page is cut into pieces that are stored one by one: strips or tiles. */
+struct v2v_tiff_grid {
+    int64_t rows, columns; /* of a piece */
+    int64_t across, count; /* pieces */
+    int64_t bytes;         /* of a whole piece, decoded */
+    const struct v2v_tiff_codec *codec;
+    int tiled;
+};
+
+struct v2v_tiff {
+    char path[V2V_PATH_BYTES];
+    struct v2v_tiff_log log;
+    struct v2v_tiff_info info;
+    struct v2v_tiff_shape shape;
+    TIFF *handle;
+    int64_t file_bytes;
+    uint64_t *directories; /* [room] offset of the directory of each page */
+    int64_t room;
+    int64_t current;    /* the page whose directory libtiff holds */
+    int64_t block_from; /* offset of the pages of an ImageJ file with one directory, else 0 */
+    unsigned char *piece;
+    int64_t piece_bytes;
+};
+
+/** Record what is wrong with a page, which messages count from 1 as ImageJ does. @kind Local. */
+enum v2v_status v2v_tiff_page_fail(const struct v2v_tiff *tiff, int64_t page, const char *file,
+                                   int line, const char *format, ...)
+    __attribute__((format(printf, 5, 6))) V2V_MUST_CHECK;
+#define V2V_PAGE_FAIL(tiff, page, ...)                                                             \
+    v2v_tiff_page_fail((tiff), (page), __FILE__, __LINE__, __VA_ARGS__)
+
+/** How libtiff's current directory, that of `page`, cuts it into pieces. @kind Local. */
+enum v2v_status v2v_tiff_describe_grid(const struct v2v_tiff *tiff, int64_t page,
+                                       const struct v2v_tiff_shape *shape,
+                                       struct v2v_tiff_grid *grid) V2V_MUST_CHECK;
+
+/** Shape and pieces of libtiff's current directory, that of `page`: checked against what the
+ *  program reads, against the file's length and, once tiff->shape is known, against that.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT */
+enum v2v_status v2v_tiff_check_page(const struct v2v_tiff *tiff, int64_t page,
+                                    struct v2v_tiff_shape *shape,
+                                    struct v2v_tiff_grid *grid) V2V_MUST_CHECK;
+
+/** Rows that a piece has of the page: the last strip and the last tiles may hold fewer. */
+int64_t v2v_tiff_piece_rows(const struct v2v_tiff_shape *shape, const struct v2v_tiff_grid *grid,
+                            int64_t piece);
+
+/** Bytes of a piece, decoded: the last strip is short, tiles are always whole. */
+int64_t v2v_tiff_decoded_bytes(const struct v2v_tiff_shape *shape, const struct v2v_tiff_grid *grid,
+                               int64_t piece);
+
+/** ImageJ's own description of a stack, as far as it says something; `images` is 0 when the text
+ *  is not ImageJ's. */
+struct v2v_imagej {
+    int64_t images, channels, slices, frames;
+    double unit_um;          /**< length of its unit; 0 unknown */
+    double spacing;          /**< of slices, in that unit; 0 unknown */
+    double frame_interval_s; /**< 0 unknown */
+};
+
+/** Read the lines "key=value" of a description (NULL is fine). @kind Local. */
+void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description);
+
+/** The description of a hyperstack. @kind Local. @return V2V_OK | V2V_E_INPUT (does not fit) */
+enum v2v_status v2v_imagej_format(char *text, size_t bytes,
+                                  const struct v2v_tiff_info *info) V2V_MUST_CHECK;
+
+/** Does a file of so many pages need BigTIFF's 64-bit offsets? @kind Local. */
+int v2v_tiff_needs_big(int64_t pages, int64_t page_bytes);
+
+#endif

@@ -1,0 +1,170 @@
+#include "io/h5_common.h"
+#include "io/stack.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/volume.h"
+#include <math.h>
+
+struct v2v_volume {
+    struct v2v_volume_info info;
+    struct v2v_stack stack;
+    float scale;   /* 1 / the integer type's maximum */
+    uint8_t *done; /* [t]; NULL: the file doesn't say, all frames count */
+};
+
+/* How many pages of a TIFF make a frame. */
+static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t slices)
+{
+    const struct v2v_stack *stack = &volume->stack;
+    const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
+    if (tiff->channels > 1) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: has %lld channels; a volume has one", stack->path,
+                        (long long)tiff->channels);
+    }
+    if (tiff->slices > 1) {
+        slices = tiff->slices;
+    } else if (slices <= 0) {
+        slices = stack->pages;
+    }
+    if (stack->pages % slices != 0) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: %lld pages are %lld frames of %lld slices and %lld more",
+                        stack->path, (long long)stack->pages, (long long)(stack->pages / slices),
+                        (long long)slices, (long long)(stack->pages % slices));
+    }
+    volume->info.frames = stack->pages / slices;
+    volume->info.slices = slices;
+    volume->info.pixel_size_um = tiff->pixel_size_um;
+    volume->info.slice_spacing_um = tiff->slice_spacing_um;
+    volume->info.frame_interval_s = tiff->frame_interval_s;
+    return V2V_OK;
+}
+
+/* element_size_um = (z,y,x), else the two lengths by themselves. */
+static enum v2v_status read_lengths(struct v2v_volume *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume_info *info = &volume->info;
+    const char *path = volume->stack.path;
+    const hid_t set = volume->stack.array.set;
+    double size[3] = {0.0, 0.0, 0.0};
+    int found = 0;
+    V2V_TRY(v2v_h5_get_length(&info->frame_interval_s, set, path, "frame_interval_s"));
+    V2V_TRY(v2v_h5_get_numbers(size, &found, set, path, "element_size_um", 3));
+    if (!found) {
+        V2V_TRY(v2v_h5_get_length(&info->pixel_size_um, set, path, "pixel_size_um"));
+        V2V_TRY(v2v_h5_get_length(&info->slice_spacing_um, set, path, "slice_spacing_um"));
+        goto done;
+    }
+    if (size[0] < 0.0 || size[1] < 0.0 || size[2] < 0.0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute element_size_um: is negative", path));
+    }
+    info->slice_spacing_um = size[0];
+    if (fabs(size[1] - size[2]) <= 1e-6 * size[1]) { /* the same but for rounding by the writer */
+        info->pixel_size_um = size[1];
+    } else {
+        v2v_log(V2V_LOG_WARNING, "%s: pixels of %g x %g um are not square: size not used", path,
+                size[1], size[2]);
+    }
+done:
+    return rc;
+}
+
+/* `/done` of our own files; anything else under that name is none of ours. */
+static enum v2v_status read_done(struct v2v_volume *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_stack *stack = &volume->stack;
+    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, type = H5I_INVALID_HID;
+    if (H5Lexists(stack->array.file, "/done", H5P_DEFAULT) <= 0) {
+        goto done;
+    }
+    set = H5Dopen2(stack->array.file, "/done", H5P_DEFAULT);
+    space = H5Dget_space(set);
+    type = H5Dget_type(set);
+    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_ndims(space) != 1 ||
+        H5Sget_simple_extent_npoints(space) != stack->frames) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: /done: is not one number for each of %lld frames",
+                         stack->path, (long long)stack->frames));
+    }
+    V2V_TRY(V2V_ALLOC(volume->done, "io.done", stack->frames));
+    if (H5Dread(set, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, volume->done) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, stack->path, "/done", "can't be read"));
+    }
+done:
+    v2v_h5_close(&type);
+    v2v_h5_close(&space);
+    v2v_h5_close(&set);
+    return rc;
+}
+
+static enum v2v_status describe(struct v2v_volume *volume, int64_t slices)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_stack *stack = &volume->stack;
+    volume->scale = (float)(1.0 / stack->type_max);
+    volume->info.height = stack->height;
+    volume->info.width = stack->width;
+    if (stack->tiff != NULL) {
+        V2V_TRY(lay_out_tiff(volume, slices));
+    } else {
+        volume->info.frames = stack->frames;
+        volume->info.slices = stack->images;
+        V2V_TRY(read_lengths(volume));
+        V2V_TRY(read_done(volume));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
+                                const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *fresh = NULL;
+    *volume = NULL;
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.volume", 1)));
+    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_volume, comm));
+    V2V_TRY(v2v_par_agree(comm, describe(fresh, slices)));
+    *volume = fresh;
+    fresh = NULL;
+done:
+    v2v_volume_close(&fresh);
+    return rc;
+}
+
+const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume)
+{
+    return &volume->info;
+}
+
+enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t, int64_t first,
+                                int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &volume->info;
+    V2V_ASSERT(t >= 0 && t < info->frames && first >= 0 && count >= 0 &&
+               first + count <= info->slices);
+    if (volume->done != NULL && volume->done[t] == 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: /done: frame %lld was never finished",
+                         volume->stack.path, (long long)t));
+    }
+    V2V_TRY(v2v_stack_read(&volume->stack, out, t * info->slices + first, count));
+    if (volume->scale != 1.0f) {
+        const int64_t elements = count * info->height * info->width;
+        for (int64_t i = 0; i < elements; i++) {
+            out[i] *= volume->scale;
+        }
+    }
+done:
+    return rc;
+}
+
+void v2v_volume_close(struct v2v_volume **volume)
+{
+    if (*volume != NULL) {
+        v2v_stack_fini(&(*volume)->stack);
+        v2v_mem_free((*volume)->done);
+        v2v_mem_free(*volume);
+        *volume = NULL;
+    }
+}

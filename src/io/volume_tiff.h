@@ -1,0 +1,26 @@
+/** A volume that all ranks write into one TIFF: rank 0 collects the slices and keeps the pages in
+ *  order. */
+#ifndef V2V_IO_VOLUME_TIFF_H
+#define V2V_IO_VOLUME_TIFF_H
+
+#include "v2v3d/io/volume.h"
+
+struct v2v_volume_tiff;
+
+/** @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
+                                       const struct v2v_volume_info *info,
+                                       const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** As v2v_volume_write. @kind Collective(comm) */
+enum v2v_status v2v_volume_tiff_write(struct v2v_volume_tiff *tiff, const float *slices, int64_t t,
+                                      int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** *tiff is NULL afterwards. @kind Collective(comm). @return V2V_OK | V2V_E_IO (also: a frame was
+ *  not written); agreed */
+enum v2v_status v2v_volume_tiff_finish(struct v2v_volume_tiff **tiff) V2V_MUST_CHECK;
+
+/** @kind Local; accepts NULL. */
+void v2v_volume_tiff_abandon(struct v2v_volume_tiff **tiff);
+
+#endif

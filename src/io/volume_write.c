@@ -1,0 +1,178 @@
+#include "io/h5_common.h"
+#include "io/h5_writer.h"
+#include "io/stack.h"
+#include "io/volume_tiff.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/volume.h"
+#include <string.h>
+#include <strings.h>
+
+/* An attribute ends at 64 KiB; longer text becomes a dataset of the same name. */
+#define MOST_ATTRIBUTE_BYTES 60000
+
+static const char *const dataset_name[V2V_H5_WRITER_SETS] = {
+    [V2V_VOLUME_MEAN] = "/volume",
+    [V2V_VOLUME_BRANCH1] = "/branch1",
+    [V2V_VOLUME_BRANCH2] = "/branch2",
+    [V2V_VOLUME_UNCERTAINTY] = "/uncertainty",
+};
+
+struct v2v_volume_writer {
+    struct v2v_h5_writer *h5; /* one of the two */
+    struct v2v_volume_tiff *tiff;
+};
+
+/* What rank 0 writes beside the data. */
+struct description {
+    const struct v2v_volume_info *info;
+    unsigned datasets;
+    const struct v2v_attribute *attributes;
+    int64_t attribute_count;
+};
+
+static enum v2v_status describe_dataset(hid_t set, const char *path,
+                                        const struct v2v_volume_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    const double size[3] = {info->slice_spacing_um, info->pixel_size_um, info->pixel_size_um};
+    V2V_TRY(v2v_h5_set_text(set, path, "axes", v2v_h5_volume.axes));
+    if (size[0] > 0.0 && size[1] > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "element_size_um", size, 3));
+    } else if (size[0] > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "slice_spacing_um", &size[0], 1));
+    } else if (size[1] > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "pixel_size_um", &size[1], 1));
+    }
+    if (info->frame_interval_s > 0.0) {
+        V2V_TRY(v2v_h5_set_numbers(set, path, "frame_interval_s", &info->frame_interval_s, 1));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status describe(hid_t file, const char *path, const void *context)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct description *description = context;
+    hid_t set = H5I_INVALID_HID;
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        if (description->datasets & (1u << i)) {
+            set = H5Dopen2(file, dataset_name[i], H5P_DEFAULT);
+            V2V_TRY(describe_dataset(set, path, description->info));
+            v2v_h5_close(&set);
+        }
+    }
+    for (int64_t i = 0; i < description->attribute_count; i++) {
+        const struct v2v_attribute *attribute = &description->attributes[i];
+        if (attribute->text == NULL) {
+            V2V_TRY(v2v_h5_set_numbers(file, path, attribute->name, &attribute->number, 1));
+        } else if (strlen(attribute->text) < MOST_ATTRIBUTE_BYTES) {
+            V2V_TRY(v2v_h5_set_text(file, path, attribute->name, attribute->text));
+        } else {
+            V2V_TRY(v2v_h5_put_text(file, path, attribute->name, attribute->text));
+        }
+    }
+done:
+    v2v_h5_close(&set);
+    return rc;
+}
+
+/* The file type by its name: 1 HDF5, 0 TIFF, -1 neither. */
+static int is_hdf5_name(const char *path)
+{
+    static const struct {
+        const char *ending;
+        int hdf5;
+    } endings[] = {{".h5", 1}, {".hdf5", 1}, {".tif", 0}, {".tiff", 0}};
+    const char *dot = strrchr(path, '.');
+    for (size_t i = 0; dot != NULL && i < sizeof endings / sizeof endings[0]; i++) {
+        if (strcasecmp(dot, endings[i].ending) == 0) {
+            return endings[i].hdf5;
+        }
+    }
+    return -1;
+}
+
+static enum v2v_status check_request(const char *path, unsigned datasets)
+{
+    const int hdf5 = is_hdf5_name(path);
+    V2V_ASSERT((datasets & (1u << V2V_VOLUME_MEAN)) && datasets < (1u << V2V_H5_WRITER_SETS));
+    if (hdf5 < 0) {
+        return V2V_FAIL(V2V_E_USAGE, "%s: a volume's name ends in .h5, .hdf5, .tif or .tiff", path);
+    }
+    if (hdf5 == 0 && datasets != 1u << V2V_VOLUME_MEAN) {
+        return V2V_FAIL(V2V_E_USAGE,
+                        "%s: a TIFF holds the mean volume only; branches and uncertainty need .h5",
+                        path);
+    }
+    return V2V_OK;
+}
+
+enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
+                                  const struct v2v_volume_info *info, unsigned datasets,
+                                  const struct v2v_attribute *attributes, int64_t attribute_count,
+                                  const struct v2v_comm *comm)
+{
+    enum v2v_status rc = check_request(path, datasets);
+    struct v2v_volume_writer *fresh = NULL;
+    const struct description description = {info, datasets, attributes, attribute_count};
+    struct v2v_h5_plan plan = {
+        .shape = {info->frames, info->slices, info->height, info->width},
+        .with_done = 1,
+        .describe = describe,
+        .context = &description,
+    };
+    *writer = NULL;
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        plan.dataset[i] = datasets & (1u << i) ? dataset_name[i] : NULL;
+    }
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(fresh, "io.volume", 1);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    if (is_hdf5_name(path)) {
+        V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
+    } else {
+        V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, info, comm));
+    }
+    *writer = fresh;
+    fresh = NULL;
+done:
+    v2v_mem_free(fresh);
+    return rc;
+}
+
+enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
+                                 int64_t t, int64_t first, int64_t count)
+{
+    if (writer->h5 != NULL) {
+        return v2v_h5_writer_write(writer->h5, dataset, slices, t, first, count);
+    }
+    V2V_ASSERT(dataset == V2V_VOLUME_MEAN);
+    return v2v_volume_tiff_write(writer->tiff, slices, t, first, count);
+}
+
+enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t)
+{
+    /* A TIFF has no marks: it appears when all its frames are there, or not at all. */
+    return writer->h5 != NULL ? v2v_h5_writer_mark_done(writer->h5, t) : V2V_OK;
+}
+
+enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer)
+{
+    const enum v2v_status rc = (*writer)->h5 != NULL ? v2v_h5_writer_finish(&(*writer)->h5)
+                                                     : v2v_volume_tiff_finish(&(*writer)->tiff);
+    v2v_mem_free(*writer);
+    *writer = NULL;
+    return rc;
+}
+
+void v2v_volume_abandon(struct v2v_volume_writer **writer)
+{
+    if (*writer != NULL) {
+        v2v_h5_writer_abandon(&(*writer)->h5);
+        v2v_volume_tiff_abandon(&(*writer)->tiff);
+        v2v_mem_free(*writer);
+        *writer = NULL;
+    }
+}

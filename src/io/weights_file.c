@@ -1,0 +1,324 @@
+#include "v2v3d/io/weights_file.h"
+#include "io/h5_common.h"
+#include "io/h5_guard.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/tensor/statistics.h"
+#include <stdio.h>
+#include <string.h>
+
+#define FORMAT_VERSION 1
+
+/* "/adam_m/" and a field's name. */
+#define PLACE_BYTES (V2V_FIELD_NAME_BYTES + 32)
+
+/* A stored text can't be larger than this: loss histories grow by about 100 bytes a step. */
+#define MOST_TEXT_BYTES ((int64_t)1 << 28)
+
+/* ---- reading ---- */
+
+static enum v2v_status check_version(hid_t file, const char *path)
+{
+    int64_t version = FORMAT_VERSION;
+    int found = 0;
+    const enum v2v_status rc = v2v_h5_get_integer(&version, &found, file, path, "format_version");
+    if (rc == V2V_OK && version > FORMAT_VERSION) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: format %lld was written by a newer program (this reads %d)", path,
+                        (long long)version, FORMAT_VERSION);
+    }
+    return rc;
+}
+
+static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct {
+        const char *name;
+        int64_t *value;
+        int64_t least;
+        int required;
+    } whole[] = {{"width", &info->width, 1, 1},
+                 {"features", &info->features, 1, 1},
+                 {"views", &info->views, 1, 1},
+                 {"slices", &info->slices, 1, 1},
+                 {"step", &info->step, 0, 0}};
+    int found = 0;
+    *info = (struct v2v_weights_info){.volume_scale = 1.0, .split = "even-odd"};
+    V2V_TRY(check_version(file, path));
+    for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
+        V2V_TRY(v2v_h5_get_integer(whole[i].value, &found, file, path, whole[i].name));
+        if (found ? *whole[i].value < whole[i].least : whole[i].required) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is %s", path, whole[i].name,
+                             found ? "too small" : "missing: not a weight file"));
+        }
+    }
+    V2V_TRY(v2v_h5_get_numbers(&info->volume_scale, &found, file, path, "volume_scale", 1));
+    char split[sizeof info->split];
+    V2V_TRY(v2v_h5_get_text(split, sizeof split, &found, file, path, "split"));
+    if (found) {
+        memcpy(info->split, split, sizeof split);
+    }
+done:
+    return rc;
+}
+
+/* Open a field's dataset: numbers in the field's shape. */
+static enum v2v_status open_field(hid_t *set, hid_t file, const char *path, const char *place,
+                                  const struct v2v_field *field)
+{
+    enum v2v_status rc = V2V_OK;
+    hsize_t extent[H5S_MAX_RANK] = {0};
+    hid_t space = H5I_INVALID_HID, type = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_open_dataset(set, file, path, place));
+    space = H5Dget_space(*set);
+    type = H5Dget_type(*set);
+    int same = H5Tget_class(type) == H5T_FLOAT &&
+               H5Sget_simple_extent_dims(space, extent, NULL) == field->rank;
+    for (int i = 0; same && i < field->rank; i++) {
+        same = extent[i] == (hsize_t)field->shape[i];
+    }
+    if (!same) {
+        char shape[96] = "";
+        for (int i = 0, at = 0; i < field->rank; i++) {
+            at += snprintf(shape + at, sizeof shape - (size_t)at, "%s%lld", i > 0 ? "," : "",
+                           (long long)field->shape[i]);
+        }
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not float [%s], which this network needs", path,
+                         place, shape));
+    }
+done:
+    v2v_h5_close(&type);
+    v2v_h5_close(&space);
+    return rc;
+}
+
+static enum v2v_status check_values(const float *values, int64_t count, hid_t set, const char *path,
+                                    const char *place)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t stored = 0;
+    int found = 0;
+    V2V_TRY(v2v_h5_get_integer(&stored, &found, set, path, "crc32c"));
+    const int64_t crc = v2v_file_crc32c(0, values, count * (int64_t)sizeof *values);
+    if (found && stored != crc) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is damaged: its CRC-32C is %08llx, not %08llx", path,
+                         place, (unsigned long long)crc, (unsigned long long)stored));
+    }
+    const int64_t bad = v2v_first_not_finite(values, count);
+    if (bad >= 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: element %lld is NaN or Inf", path, place,
+                         (long long)bad));
+    }
+done:
+    return rc;
+}
+
+/* With arena = NULL the fields are only looked at. */
+static enum v2v_status read_fields(float *arena, hid_t file, const char *path, const char *group,
+                                   const struct v2v_fields *fields)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t set = H5I_INVALID_HID;
+    char place[PLACE_BYTES];
+    V2V_TRY(v2v_text_format(place, sizeof place, "/%s", group));
+    if (H5Lexists(file, place, H5P_DEFAULT) <= 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: has no group %s", path, place));
+    }
+    for (int64_t i = 0; i < fields->count; i++) {
+        const struct v2v_field *field = &fields->item[i];
+        V2V_TRY(v2v_text_format(place, sizeof place, "/%s/%s", group, field->name));
+        V2V_TRY(open_field(&set, file, path, place, field));
+        if (arena != NULL) {
+            float *values = arena + field->offset;
+            if (H5Dread(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
+                V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, place, "can't be read"));
+            }
+            V2V_TRY(check_values(values, field->count, set, path, place));
+        }
+        v2v_h5_close(&set);
+    }
+done:
+    v2v_h5_close(&set);
+    return rc;
+}
+
+/* What a child looks at before this process does: info when there are no fields. */
+struct look {
+    const char *path, *group;
+    const struct v2v_fields *fields;
+};
+
+static enum v2v_status look_at(const void *argument)
+{
+    const struct look *look = argument;
+    struct v2v_weights_info info;
+    hid_t file = H5I_INVALID_HID;
+    const enum v2v_status rc = v2v_h5_open(&file, look->path);
+    if (rc != V2V_OK) {
+        return rc;
+    }
+    return look->fields != NULL ? read_fields(NULL, file, look->path, look->group, look->fields)
+                                : read_info(&info, file, look->path);
+}
+
+enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID;
+    V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_h5_guard(path, look_at, &(struct look){.path = path}));
+    V2V_TRY(v2v_h5_open(&file, path));
+    V2V_TRY(read_info(info, file, path));
+done:
+    v2v_h5_close(&file);
+    return rc;
+}
+
+enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char *group,
+                                      const struct v2v_fields *fields)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID;
+    V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_h5_guard(path, look_at, &(struct look){path, group, fields}));
+    V2V_TRY(v2v_h5_open(&file, path));
+    V2V_TRY(check_version(file, path));
+    V2V_TRY(read_fields(arena, file, path, group, fields));
+done:
+    v2v_h5_close(&file);
+    return rc;
+}
+
+static enum v2v_status read_text(char **text, hid_t set, const char *path, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t type = H5Dget_type(set), space = H5Dget_space(set);
+    const size_t bytes = H5Tget_size(type);
+    if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type) != 0 ||
+        H5Sget_simple_extent_npoints(space) != 1 || bytes > (size_t)MOST_TEXT_BYTES) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not a text of fixed length", path, name));
+    }
+    V2V_TRY(V2V_ALLOC(*text, "io.text", (int64_t)bytes + 1));
+    if (H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, *text) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be read"));
+    }
+done:
+    v2v_h5_close(&space);
+    v2v_h5_close(&type);
+    return rc;
+}
+
+enum v2v_status v2v_weights_file_text(char **text, const char *path, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID, set = H5I_INVALID_HID;
+    *text = NULL;
+    V2V_TRY(v2v_h5_open(&file, path));
+    if (H5Lexists(file, name, H5P_DEFAULT) == 0) {
+        goto done;
+    }
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
+    V2V_TRY(read_text(text, set, path, name));
+done:
+    if (rc != V2V_OK) {
+        v2v_mem_free(*text);
+        *text = NULL;
+    }
+    v2v_h5_close(&set);
+    v2v_h5_close(&file);
+    return rc;
+}
+
+/* ---- writing ---- */
+
+static enum v2v_status write_info(const struct v2v_weights_info *info, hid_t file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct {
+        const char *name;
+        int64_t value;
+    } whole[] = {{"format_version", FORMAT_VERSION}, {"width", info->width},
+                 {"features", info->features},       {"views", info->views},
+                 {"slices", info->slices},           {"step", info->step}};
+    for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
+        V2V_TRY(v2v_h5_set_integer(file, path, whole[i].name, whole[i].value));
+    }
+    V2V_TRY(v2v_h5_set_numbers(file, path, "volume_scale", &info->volume_scale, 1));
+    V2V_TRY(v2v_h5_set_text(file, path, "split", info->split));
+done:
+    return rc;
+}
+
+static enum v2v_status write_field(hid_t group, const char *path, const struct v2v_field *field,
+                                   const float *values)
+{
+    enum v2v_status rc = V2V_FAULT_POINT("h5.write");
+    hsize_t extent[V2V_FIELD_MAX_RANK] = {0};
+    for (int i = 0; i < field->rank; i++) {
+        extent[i] = (hsize_t)field->shape[i];
+    }
+    hid_t space = H5Screate_simple(field->rank, extent, NULL);
+    hid_t set = H5I_INVALID_HID;
+    V2V_TRY(rc);
+    set = H5Dcreate2(group, field->name, H5T_IEEE_F32LE, space, H5P_DEFAULT, H5P_DEFAULT,
+                     H5P_DEFAULT);
+    if (set < 0 || H5Dwrite(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, path, field->name, "can't be written"));
+    }
+    const int64_t bytes = field->count * (int64_t)sizeof *values;
+    V2V_TRY(v2v_h5_set_integer(set, path, "crc32c", v2v_file_crc32c(0, values, bytes)));
+done:
+    v2v_h5_close(&set);
+    v2v_h5_close(&space);
+    return rc;
+}
+
+static enum v2v_status write_group(hid_t file, const char *path, const char *name,
+                                   const struct v2v_fields *fields, const float *arena)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t group = H5Gcreate2(file, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    if (group < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created"));
+    }
+    for (int64_t i = 0; i < fields->count; i++) {
+        const struct v2v_field *field = &fields->item[i];
+        V2V_TRY(write_field(group, path, field, arena + field->offset));
+    }
+done:
+    v2v_h5_close(&group);
+    return rc;
+}
+
+enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
+                                       const struct v2v_fields *fields, const float *weights,
+                                       const float *adam_m, const float *adam_v,
+                                       const char *history, const char *config)
+{
+    enum v2v_status rc = V2V_OK;
+    char temporary[V2V_PATH_BYTES];
+    hid_t file = H5I_INVALID_HID;
+    const struct {
+        const char *name;
+        const float *arena;
+    } groups[] = {{"weights", weights}, {"adam_m", adam_m}, {"adam_v", adam_v}};
+    const struct {
+        const char *name, *text;
+    } texts[] = {{"history", history}, {"config", config}};
+    V2V_TRY(v2v_h5_begin(&file, temporary, path));
+    V2V_TRY(write_info(info, file, path));
+    for (size_t i = 0; i < sizeof groups / sizeof groups[0]; i++) {
+        if (groups[i].arena != NULL) {
+            V2V_TRY(write_group(file, path, groups[i].name, fields, groups[i].arena));
+        }
+    }
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        if (texts[i].text != NULL) {
+            V2V_TRY(v2v_h5_put_text(file, path, texts[i].name, texts[i].text));
+        }
+    }
+done:
+    return v2v_h5_end(rc, &file, temporary, path);
+}

@@ -1,0 +1,307 @@
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/io/scaling.h"
+#include "v2v3d/io/volume.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define MEAN_ONLY (1u << V2V_VOLUME_MEAN)
+
+static char path[512];
+
+static void use(const char *name)
+{
+    snprintf(path, sizeof path, "%s/%s", test_folder(test_world()), name);
+}
+
+static int rank(void)
+{
+    return v2v_comm_rank(test_world());
+}
+
+static int size(void)
+{
+    return v2v_comm_size(test_world());
+}
+
+static size_t held_before;
+
+static int remember_memory(void **state)
+{
+    (void)state;
+    held_before = v2v_mem_held();
+    return 0;
+}
+
+static int compare_memory(void **state)
+{
+    (void)state;
+    return v2v_mem_held() == held_before ? 0 : -1;
+}
+
+/* A test that also fails when it keeps memory. */
+#define balanced(test) cmocka_unit_test_setup_teardown(test, remember_memory, compare_memory)
+
+/* More slices than ranks, fewer frames than the largest rank count. */
+enum { FRAMES = 3, SLICES = 5, HEIGHT = 7, WIDTH = 9, IMAGE = HEIGHT * WIDTH };
+
+static const struct v2v_volume_info shape = {
+    .frames = FRAMES, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
+
+/* Image number n = t * SLICES + z of dataset d. */
+static void fill(float *images, int d, int64_t n, int64_t count)
+{
+    for (int64_t i = 0; i < count * IMAGE; i++) {
+        images[i] = (float)sin(0.01 * (double)(n * IMAGE + i) + d);
+    }
+}
+
+static void assert_volume(void)
+{
+    struct v2v_volume *volume = NULL;
+    float found[SLICES * IMAGE], expected[SLICES * IMAGE];
+    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_int_equal(v2v_volume_info(volume)->frames, FRAMES);
+    assert_int_equal(v2v_volume_info(volume)->slices, SLICES);
+    /* every rank reads another frame first: reading is no collective */
+    for (int n = 0; n < FRAMES; n++) {
+        const int64_t t = (n + rank()) % FRAMES;
+        assert_ok(v2v_volume_read(volume, found, t, 0, SLICES));
+        fill(expected, V2V_VOLUME_MEAN, t * SLICES, SLICES);
+        assert_memory_equal(found, expected, sizeof found);
+    }
+    v2v_volume_close(&volume);
+}
+
+/* All ranks share each frame's slices: uneven parts, and empty ones for ranks 2 and up of a frame
+ * of which only two slices are left to write. */
+static void write_shared_frames(struct v2v_volume_writer *writer, int dataset)
+{
+    float images[SLICES * IMAGE];
+    for (int64_t t = 0; t < FRAMES; t++) {
+        const struct v2v_part most = v2v_par_part(3, size(), rank());
+        const struct v2v_part rest = v2v_par_part(2, size(), size() - 1 - rank());
+        fill(images, dataset, t * SLICES + most.first, most.count);
+        assert_ok(v2v_volume_write(writer, dataset, images, t, most.first, most.count));
+        fill(images, dataset, t * SLICES + 3 + rest.first, rest.count);
+        assert_ok(v2v_volume_write(writer, dataset, images, t, 3 + rest.first, rest.count));
+    }
+}
+
+/* Rank r writes frames r, r + size, ..; in the last round some ranks have none. */
+static void write_own_frames(struct v2v_volume_writer *writer, int mark)
+{
+    float images[SLICES * IMAGE];
+    for (int64_t first = 0; first < FRAMES; first += size()) {
+        const int64_t t = first + size() - 1 - rank(); /* the lower rank holds the later frame */
+        const int mine = t < FRAMES;
+        fill(images, V2V_VOLUME_MEAN, t * SLICES, SLICES);
+        assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, mine ? images : NULL, mine ? t : 0, 0,
+                                   mine ? SLICES : 0));
+        if (mark) {
+            assert_ok(v2v_volume_mark_done(writer, mine ? t : -1));
+        }
+    }
+}
+
+static void slices_of_all_ranks_make_the_frames(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"vol.h5", "vol.tif"};
+    for (int i = 0; i < 2; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        use(names[i]);
+        assert_ok(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, test_world()));
+        write_shared_frames(writer, V2V_VOLUME_MEAN);
+        assert_false(v2v_file_exists(path));
+        assert_ok(v2v_volume_finish(&writer));
+        assert_volume();
+    }
+}
+
+static void frames_of_different_ranks_make_the_volume(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"vol.h5", "vol.tif"};
+    for (int i = 0; i < 2; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        use(names[i]);
+        assert_ok(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, test_world()));
+        write_own_frames(writer, 1);
+        assert_ok(v2v_volume_finish(&writer));
+        assert_volume();
+    }
+}
+
+static void attributes_come_from_rank_0_whatever_the_others_pass(void **state)
+{
+    (void)state;
+    char text[64];
+    snprintf(text, sizeof text, "%.*s", 1 + 20 * rank(), "rank rank rank rank rank rank rank rank");
+    const struct v2v_attribute attributes[] = {{.name = "host", .text = text},
+                                               {.name = "rank", .number = 7.0 + rank()}};
+    const unsigned all = MEAN_ONLY | 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2 |
+                         1u << V2V_VOLUME_UNCERTAINTY;
+    struct v2v_volume_writer *writer = NULL;
+    use("vol.h5");
+    assert_ok(v2v_volume_create(&writer, path, &shape, all, attributes, 2, test_world()));
+    for (int d = 0; d < 4; d++) {
+        write_shared_frames(writer, d);
+    }
+    assert_ok(v2v_volume_finish(&writer));
+    assert_volume();
+    assert_true(test_h5_attribute(path, "/", "rank") == 7.0);
+    int64_t count = 0;
+    double *values = test_h5_read(path, "/branch2", &count);
+    float expected[IMAGE];
+    fill(expected, V2V_VOLUME_BRANCH2, 0, 1);
+    assert_int_equal(count, FRAMES * SLICES * IMAGE);
+    assert_true((float)values[1] == expected[1]);
+    test_release(values);
+}
+
+static void views_of_all_ranks_make_the_recording(void **state)
+{
+    (void)state;
+    const struct v2v_recording_info info = {
+        .frames = FRAMES, .views = SLICES, .height = HEIGHT, .width = WIDTH, .pixel_size_um = 0.5};
+    struct v2v_recording_writer *writer = NULL;
+    struct v2v_recording *recording = NULL;
+    float views[SLICES * IMAGE], expected[SLICES * IMAGE];
+    use("rec.h5");
+    assert_ok(v2v_recording_create(&writer, path, &info, test_world()));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        const struct v2v_part part = v2v_par_part(SLICES, size(), rank());
+        fill(views, 0, t * SLICES + part.first, part.count);
+        assert_ok(v2v_recording_write(writer, views, t, part.first, part.count));
+    }
+    assert_ok(v2v_recording_finish(&writer));
+    assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){.views = SLICES},
+                                 test_world()));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        fill(expected, 0, t * SLICES, SLICES);
+        assert_ok(v2v_recording_read(recording, views, t));
+        assert_memory_equal(views, expected, sizeof views);
+    }
+    v2v_recording_close(&recording);
+}
+
+static void the_scaling_has_the_same_bits_at_any_rank_count(void **state)
+{
+    (void)state;
+    const struct v2v_recording_info info = {
+        .frames = FRAMES, .views = SLICES, .height = HEIGHT, .width = WIDTH};
+    struct v2v_recording_writer *writer = NULL;
+    struct v2v_recording *recording = NULL;
+    struct v2v_scaling together, alone;
+    const struct v2v_input_settings settings = {.views = SLICES};
+    float views[SLICES * IMAGE];
+    use("rec.h5");
+    assert_ok(v2v_recording_create(&writer, path, &info, test_world()));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        fill(views, 2, t * SLICES, SLICES); /* its mean is positive */
+        for (int i = 0; i < SLICES * IMAGE; i++) {
+            views[i] += 1.0f;
+        }
+        assert_ok(v2v_recording_write(writer, views, t, 0, rank() == 0 ? SLICES : 0));
+    }
+    assert_ok(v2v_recording_finish(&writer));
+    assert_ok(v2v_recording_open(&recording, path, &settings, test_world()));
+    assert_ok(v2v_scaling_decide(&together, recording, &settings, test_world()));
+    assert_ok(v2v_scaling_decide(&alone, recording, &settings, NULL));
+    assert_memory_equal(&together, &alone, sizeof alone);
+    v2v_recording_close(&recording);
+}
+
+static void a_bad_input_is_the_same_failure_on_every_rank(void **state)
+{
+    (void)state;
+    struct v2v_recording *recording = NULL;
+    struct v2v_volume *volume = NULL;
+    struct v2v_psf_file psf;
+    use("bad.h5");
+    if (rank() == 0) {
+        assert_ok(v2v_file_write_text(path, "text"));
+    }
+    v2v_par_barrier(test_world());
+    assert_int_equal(
+        v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, test_world()),
+        V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "is not an HDF5 file"));
+    assert_int_equal(v2v_volume_open(&volume, path, 0, test_world()), V2V_E_INPUT);
+    assert_int_equal(v2v_psf_file_read(&psf, path, test_world()), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), path));
+}
+
+static void an_output_without_a_folder_fails_on_every_rank(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"no/vol.h5", "no/vol.tif"};
+    for (int i = 0; i < 2; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        use(names[i]);
+        assert_int_equal(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, test_world()),
+                         V2V_E_IO);
+        assert_null(writer);
+    }
+}
+
+static void an_abandoned_volume_leaves_nothing(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"vol.h5", "vol.tif"};
+    for (int i = 0; i < 2; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        char temporary[V2V_PATH_BYTES];
+        use(names[i]);
+        assert_ok(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, test_world()));
+        write_own_frames(writer, 0);
+        v2v_volume_abandon(&writer);
+        v2v_par_barrier(test_world());
+        assert_ok(v2v_file_temporary(temporary, path));
+        assert_false(v2v_file_exists(path) || v2v_file_exists(temporary));
+    }
+}
+
+static void every_rank_gets_the_psfs(void **state)
+{
+    (void)state;
+    float data[2 * 3 * 4 * 5];
+    const struct v2v_psf_file written = {
+        .views = 2, .slices = 3, .height = 4, .width = 5, .pixel_size_um = 0.5, .data = data};
+    struct v2v_psf_file read;
+    for (int i = 0; i < 120; i++) {
+        data[i] = (float)i;
+    }
+    use("psf.h5");
+    if (rank() == 0) {
+        assert_ok(v2v_psf_file_write(&written, path));
+    }
+    v2v_par_barrier(test_world());
+    assert_ok(v2v_psf_file_read(&read, path, test_world()));
+    assert_true(read.views == 2 && read.slices == 3 && read.height == 4 && read.width == 5);
+    assert_true(read.pixel_size_um == 0.5 && read.slice_spacing_um == 0.0);
+    assert_memory_equal(read.data, data, sizeof data);
+    v2v_psf_file_fini(&read);
+}
+
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest tests[] = {
+        balanced(slices_of_all_ranks_make_the_frames),
+        balanced(frames_of_different_ranks_make_the_volume),
+        balanced(attributes_come_from_rank_0_whatever_the_others_pass),
+        balanced(views_of_all_ranks_make_the_recording),
+        balanced(the_scaling_has_the_same_bits_at_any_rank_count),
+        balanced(a_bad_input_is_the_same_failure_on_every_rank),
+        balanced(an_output_without_a_folder_fails_on_every_rank),
+        balanced(an_abandoned_volume_leaves_nothing),
+        balanced(every_rank_gets_the_psfs),
+    };
+    return test_mpi_main(tests, argc, argv);
+}

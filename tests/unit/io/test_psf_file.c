@@ -1,0 +1,215 @@
+#include "support.h"
+
+#include "h5_files.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/io/tiff.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+static char path[512];
+
+static void use(const char *name)
+{
+    snprintf(path, sizeof path, "%s/%s", test_folder(NULL), name);
+}
+
+static void assert_refused(const char *reason)
+{
+    struct v2v_psf_file file;
+    assert_int_equal(v2v_psf_file_read(&file, path, NULL), V2V_E_INPUT);
+    assert_null(file.data);
+    if (strstr(v2v_status_message(), path) == NULL ||
+        strstr(v2v_status_message(), reason) == NULL ||
+        strchr(v2v_status_message(), '\n') != NULL) {
+        fail_msg("\"%s\" is not one line with %s and \"%s\"", v2v_status_message(), path, reason);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* psf_N.tif [slices,2,3] whose elements are N + 0.125 * index, in the folder `path`. */
+static void put_view(const char *name, int number, int64_t slices)
+{
+    const struct v2v_tiff_info info = {.pages = slices,
+                                       .height = 2,
+                                       .width = 3,
+                                       .channels = 1,
+                                       .slices = slices,
+                                       .frames = 1,
+                                       .bits = 32,
+                                       .is_float = 1,
+                                       .type_max = 1.0,
+                                       .pixel_size_um = 0.5,
+                                       .slice_spacing_um = 2.0};
+    struct v2v_tiff_writer *writer = NULL;
+    char file[600];
+    float page[6];
+    snprintf(file, sizeof file, "%s/%s", path, name);
+    assert_ok(v2v_tiff_create(&writer, file, &info));
+    for (int64_t z = 0; z < slices; z++) {
+        for (int i = 0; i < 6; i++) {
+            page[i] = (float)number + 0.125f * (float)(z * 6 + i);
+        }
+        assert_ok(v2v_tiff_write_page(writer, page));
+    }
+    assert_ok(v2v_tiff_finish(&writer));
+}
+
+static void use_folder(int views)
+{
+    char name[32];
+    snprintf(path, sizeof path, "%s", test_folder(NULL));
+    for (int v = 1; v <= views; v++) {
+        snprintf(name, sizeof name, "psf_%d.tif", v);
+        put_view(name, v, 4);
+    }
+}
+
+static void a_folder_is_read_in_the_order_of_its_numbers(void **state)
+{
+    (void)state;
+    struct v2v_psf_file file;
+    use_folder(11); /* by name psf_10 would come before psf_2 */
+    put_view("psf_0.tif.bak", 1, 1);
+    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_true(file.views == 11 && file.slices == 4 && file.height == 2 && file.width == 3);
+    for (int v = 0; v < 11; v++) {
+        for (int i = 0; i < 24; i++) {
+            assert_true(file.data[v * 24 + i] == (float)(v + 1) + 0.125f * (float)i);
+        }
+    }
+    assert_true(fabs(file.pixel_size_um - 0.5) < 1e-6); /* TIFF states a fraction of ints */
+    assert_true(file.slice_spacing_um == 2.0);
+    v2v_psf_file_fini(&file);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void gaps_and_unequal_shapes_are_refused(void **state)
+{
+    (void)state;
+    char third[600];
+    use_folder(0);
+    assert_refused("holds no psf_1.tif");
+    use_folder(4);
+    snprintf(third, sizeof third, "%s/psf_3.tif", path);
+    assert_int_equal(unlink(third), 0);
+    assert_refused("psf_3.tif: is missing, psf_4.tif is there");
+    put_view("psf_3.tif", 3, 5);
+    assert_refused("psf_3.tif: is 5 x 2 x 3, but psf_1.tif 4 x 2 x 3");
+}
+
+static void unsuitable_psfs_are_refused_with_their_place(void **state)
+{
+    (void)state;
+    static const double negative[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, -0.5, 1};
+    static const double empty_view[12] = {1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0};
+    static const double not_a_number[12] = {1, 1, 1, 1, 1, 1, 1, NAN, 1, 1, 1, 1};
+    static const struct {
+        struct test_h5_spec spec;
+        const char *reason;
+    } cases[] = {
+        {{.dataset = "/psf", .rank = 4, .shape = {2, 1, 2, 3}, .values = negative},
+         "view 1, slice 0, y 1, x 1: -0.5 is negative"},
+        {{.dataset = "/psf", .rank = 4, .shape = {2, 1, 2, 3}, .values = empty_view},
+         "view 1 is zero everywhere"},
+        {{.dataset = "/psf", .rank = 4, .shape = {2, 1, 2, 3}, .values = not_a_number},
+         "/psf: NaN or Inf at view 1, slice 0, y 0, x 1"},
+        {{.dataset = "/psf", .rank = 3, .shape = {2, 2, 3}}, "/psf: has 3 axes, not [vzyx]"},
+        {{.dataset = "/volume", .rank = 4, .shape = {1, 2, 2, 3}},
+         "/psf: there is no such dataset"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        use("psf.h5");
+        test_h5_make(path, &cases[i].spec);
+        assert_refused(cases[i].reason);
+    }
+    use("psf.txt");
+    assert_ok(v2v_file_write_text(path, "text"));
+    assert_refused("is neither a folder of psf_1.tif .. psf_V.tif nor an HDF5 file");
+    use("missing");
+    assert_refused("");
+}
+
+static void empty_slices_and_any_kernel_size_are_fine(void **state)
+{
+    (void)state;
+    static const int64_t sizes[][2] = {{1, 1}, {2, 3}, {4, 4}, {5, 2}};
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        const int64_t image = sizes[i][0] * sizes[i][1];
+        double values[2 * 2 * 20] = {0};
+        struct v2v_psf_file file;
+        values[image] = 0.25;        /* view 0, slice 1 */
+        values[2 * image] = 1.0e-30; /* view 1, slice 0 */
+        use("psf.h5");
+        test_h5_make(path, &(struct test_h5_spec){.dataset = "/psf",
+                                                  .rank = 4,
+                                                  .shape = {2, 2, sizes[i][0], sizes[i][1]},
+                                                  .values = values});
+        assert_ok(v2v_psf_file_read(&file, path, NULL));
+        assert_true(file.data[image] == 0.25f && file.data[0] == 0.0f);
+        v2v_psf_file_fini(&file);
+    }
+}
+
+static void a_written_set_is_read_back_to_the_bit(void **state)
+{
+    (void)state;
+    struct v2v_psf_file file, again;
+    use_folder(3);
+    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    file.pixel_size_um = 0.65;
+    use("psf.h5");
+    assert_ok(v2v_psf_file_write(&file, path));
+    assert_ok(v2v_psf_file_read(&again, path, NULL));
+    assert_memory_equal(again.data, file.data, 3 * 24 * sizeof *file.data);
+    assert_true(again.pixel_size_um == 0.65 && again.slice_spacing_um == file.slice_spacing_um);
+    v2v_psf_file_fini(&again);
+    v2v_psf_file_fini(&file);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void real_psfs_have_their_known_shape_and_peak(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        int64_t shape[4];
+        float peak; /* of the first view, by numpy */
+    } cases[] = {{"psf/2psam", {13, 39, 128, 128}, 0.0009999999f},
+                 {"psf/vessels9", {9, 57, 99, 99}, 0.01655491f}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const char *real = test_shared(cases[i].name);
+        struct v2v_psf_file file;
+        float peak = 0.0f;
+        if (real == NULL) {
+            skip();
+        }
+        assert_ok(v2v_psf_file_read(&file, real, NULL));
+        assert_int_equal(file.views, cases[i].shape[0]);
+        assert_int_equal(file.slices, cases[i].shape[1]);
+        assert_int_equal(file.height, cases[i].shape[2]);
+        assert_int_equal(file.width, cases[i].shape[3]);
+        for (int64_t e = 0; e < file.slices * file.height * file.width; e++) {
+            peak = file.data[e] > peak ? file.data[e] : peak;
+        }
+        assert_true(peak == cases[i].peak);
+        v2v_psf_file_fini(&file);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_folder_is_read_in_the_order_of_its_numbers),
+        cmocka_unit_test(gaps_and_unequal_shapes_are_refused),
+        cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
+        cmocka_unit_test(empty_slices_and_any_kernel_size_are_fine),
+        cmocka_unit_test(a_written_set_is_read_back_to_the_bit),
+        cmocka_unit_test(real_psfs_have_their_known_shape_and_peak),
+    };
+    return cmocka_run_group_tests_name("psf_file", tests, NULL, NULL);
+}

@@ -1,0 +1,104 @@
+#include "support.h"
+
+#include "h5_files.h"
+#include "v2v3d/io/scaling.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static char path[512];
+
+/* A recording of two frames of one view. */
+static struct v2v_recording *recording_of(const double values[8])
+{
+    struct v2v_recording *recording = NULL;
+    snprintf(path, sizeof path, "%s/rec.h5", test_folder(NULL));
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",
+                                              .type = TEST_H5_U16,
+                                              .rank = 4,
+                                              .shape = {2, 1, 2, 2},
+                                              .values = values});
+    assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+    return recording;
+}
+
+static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19}; /* mean 5 */
+static const double raised[8] = {32767, 32767, 32767, 32767, 32767, 32767, 32767, 32767 + 8};
+
+static void offset_and_gain_follow_their_modes(void **state)
+{
+    (void)state;
+    static const struct {
+        const double *values;
+        struct v2v_number offset, gain;
+        double expected_offset, expected_gain;
+    } cases[] = {
+        {dim, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.04},
+        {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 32767, 0.2},
+        {raised, {V2V_NUMBER_NONE, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.2 / 32768},
+        {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_NONE, 0}, 32767, 1},
+        {dim, {V2V_NUMBER_GIVEN, 3}, {V2V_NUMBER_AUTO, 0}, 3, 0.1},
+        {dim, {V2V_NUMBER_GIVEN, 3}, {V2V_NUMBER_GIVEN, 7}, 3, 7},
+        {dim, {V2V_NUMBER_NONE, 9}, {V2V_NUMBER_NONE, 9}, 0, 1},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const struct v2v_input_settings settings = {.offset = cases[i].offset,
+                                                    .gain = cases[i].gain};
+        struct v2v_recording *recording = recording_of(cases[i].values);
+        struct v2v_scaling scaling;
+        assert_ok(v2v_scaling_decide(&scaling, recording, &settings, NULL));
+        assert_true(scaling.offset == cases[i].expected_offset);
+        /* the mean: two divisions a frame and a sum of two frames, each rounding 2^-53, of a
+         * mean up to 32768 times the one after the offset; gain: one more */
+        assert_true(fabs(scaling.gain - cases[i].expected_gain) <=
+                    8 * 32768 * 0x1p-53 * cases[i].expected_gain);
+        v2v_recording_close(&recording);
+    }
+}
+
+static void a_stated_offset_goes_before_the_guess(void **state)
+{
+    (void)state;
+    struct v2v_recording *recording = recording_of(raised);
+    const struct v2v_input_settings settings = {0};
+    struct v2v_scaling scaling;
+    v2v_recording_close(&recording);
+    test_h5_numbers(path, "/views", "offset", (double[]){32764}, 1);
+    assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+    assert_ok(v2v_scaling_decide(&scaling, recording, &settings, NULL));
+    assert_true(scaling.offset == 32764.0);
+    assert_true(fabs(scaling.gain - 0.05) <= 8 * 32768 * 0x1p-53 * 0.05);
+    v2v_recording_close(&recording);
+}
+
+static void an_image_without_light_has_no_auto_gain(void **state)
+{
+    (void)state;
+    static const double dark[8] = {0};
+    struct v2v_scaling scaling;
+    struct v2v_recording *recording = recording_of(dark);
+    assert_int_equal(v2v_scaling_decide(&scaling, recording, &(struct v2v_input_settings){0}, NULL),
+                     V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "mean is 0"));
+    v2v_recording_close(&recording);
+}
+
+static void applying_subtracts_then_multiplies(void **state)
+{
+    (void)state;
+    float x[3] = {32767.0f, 32769.0f, 0.0f};
+    v2v_scaling_apply(&(struct v2v_scaling){.offset = 32767.0, .gain = 0.5}, x, 3);
+    assert_true(x[0] == 0.0f && x[1] == 1.0f && x[2] == -16383.5f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(offset_and_gain_follow_their_modes),
+        cmocka_unit_test(a_stated_offset_goes_before_the_guess),
+        cmocka_unit_test(an_image_without_light_has_no_auto_gain),
+        cmocka_unit_test(applying_subtracts_then_multiplies),
+    };
+    return cmocka_run_group_tests_name("scaling", tests, NULL, NULL);
+}

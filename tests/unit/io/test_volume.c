@@ -1,0 +1,362 @@
+#include "support.h"
+
+#include "h5_files.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
+#include "v2v3d/io/volume.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MEAN_ONLY (1u << V2V_VOLUME_MEAN)
+
+static char path[512];
+
+static void use(const char *name)
+{
+    snprintf(path, sizeof path, "%s/%s", test_folder(NULL), name);
+}
+
+static void assert_says(const char *part)
+{
+    if (strstr(v2v_status_message(), part) == NULL) {
+        fail_msg("\"%s\" does not say \"%s\"", v2v_status_message(), part);
+    }
+}
+
+static void assert_refused(int64_t slices, const char *reason)
+{
+    struct v2v_volume *volume = NULL;
+    assert_int_equal(v2v_volume_open(&volume, path, slices, NULL), V2V_E_INPUT);
+    assert_null(volume);
+    assert_says(path);
+    assert_says(reason);
+    assert_null(strchr(v2v_status_message(), '\n'));
+}
+
+static void integers_are_fractions_of_their_types_maximum(void **state)
+{
+    (void)state;
+    static const struct {
+        enum test_h5_type type;
+        double maximum;
+    } cases[] = {{TEST_H5_U8, 255},       {TEST_H5_U16, 65535},
+                 {TEST_H5_U16_BE, 65535}, {TEST_H5_U32, 4294967295.0},
+                 {TEST_H5_I16, 32767},    {TEST_H5_F32, 1},
+                 {TEST_H5_F64, 1}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const double values[4] = {0, 1, 51, cases[i].maximum};
+        struct v2v_volume *volume = NULL;
+        float out[4];
+        use("vol.h5");
+        test_h5_make(path, &(struct test_h5_spec){.dataset = "/volume",
+                                                  .type = cases[i].type,
+                                                  .rank = 3,
+                                                  .shape = {2, 1, 2},
+                                                  .values = values});
+        assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+        assert_int_equal(v2v_volume_info(volume)->slices, 2);
+        assert_int_equal(v2v_volume_info(volume)->frames, 1);
+        assert_ok(v2v_volume_read(volume, out, 0, 0, 2));
+        for (int e = 0; e < 4; e++) {
+            /* u32 to float, 1/maximum to float, their product: three roundings of 2^-24 */
+            const double expected = values[e] / cases[i].maximum;
+            assert_true(fabs(out[e] - expected) <= 3 * 0x1p-24 * expected);
+        }
+        v2v_volume_close(&volume);
+    }
+}
+
+static void unsuitable_files_are_refused_by_name_and_reason(void **state)
+{
+    (void)state;
+    static const struct {
+        struct test_h5_spec spec;
+        const char *reason;
+    } cases[] = {
+        {{.dataset = "/views", .rank = 3, .shape = {2, 3, 4}}, "/volume: there is no such dataset"},
+        {{.dataset = "/volume", .rank = 2, .shape = {3, 4}}, "/volume: has 2 axes, not [tzyx]"},
+        {{.dataset = "/volume", .rank = 4, .shape = {0, 2, 3, 4}}, "/volume: axis 0 has 0"},
+        {{.dataset = "/volume", .type = TEST_H5_STRING, .rank = 3, .shape = {2, 3, 4}},
+         "/volume: holds no integers or floats"},
+        {{.dataset = "/volume", .storage = TEST_H5_VIRTUAL, .rank = 3, .shape = {2, 3, 4}},
+         "/volume: keeps its data in other files"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        use("vol.h5");
+        test_h5_make(path, &cases[i].spec);
+        assert_refused(0, cases[i].reason);
+    }
+    use("vol.h5");
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/volume", .rank = 3, .shape = {2, 3, 4}});
+    test_h5_numbers(path, "/volume", "element_size_um", (double[]){1, 2}, 2);
+    assert_refused(0, "attribute element_size_um: is not 3 numbers");
+    use("vol.h5");
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/volume", .rank = 3, .shape = {2, 3, 4}});
+    test_h5_make(path, &(struct test_h5_spec){
+                           .dataset = "/done", .type = TEST_H5_U8, .rank = 1, .shape = {7}});
+    assert_refused(0, "/done: is not one number for each of 1 frames");
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void an_unfinished_frame_is_refused(void **state)
+{
+    (void)state;
+    struct v2v_volume *volume = NULL;
+    float out[2];
+    use("vol.h5");
+    test_h5_make(path,
+                 &(struct test_h5_spec){.dataset = "/volume", .rank = 4, .shape = {2, 1, 1, 2}});
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/done",
+                                              .type = TEST_H5_U8,
+                                              .rank = 1,
+                                              .shape = {2},
+                                              .values = (double[]){1, 0}});
+    assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+    assert_ok(v2v_volume_read(volume, out, 0, 0, 1));
+    assert_int_equal(v2v_volume_read(volume, out, 1, 0, 1), V2V_E_INPUT);
+    assert_says("frame 1 was never finished");
+    v2v_volume_close(&volume);
+}
+
+static const struct v2v_volume_info small = {.frames = 3,
+                                             .slices = 4,
+                                             .height = 2,
+                                             .width = 5,
+                                             .pixel_size_um = 0.5,
+                                             .slice_spacing_um = 2.0,
+                                             .frame_interval_s = 0.25};
+
+static float element(int dataset, int64_t t, int64_t i)
+{
+    return (float)sin((double)(1 + dataset) * 0.37 * (double)(t * 40 + i));
+}
+
+/* Two slices, then the other two, the frames in the given order. */
+static void write_frames(struct v2v_volume_writer *writer, int dataset, const int64_t *order)
+{
+    float frame[40];
+    for (int n = 0; n < 3; n++) {
+        for (int64_t i = 0; i < 40; i++) {
+            frame[i] = element(dataset, order[n], i);
+        }
+        assert_ok(v2v_volume_write(writer, dataset, frame + 20, order[n], 2, 2));
+        assert_ok(v2v_volume_write(writer, dataset, frame, order[n], 0, 2));
+        assert_ok(v2v_volume_write(writer, dataset, frame, 0, 0, 0));
+    }
+}
+
+static void assert_frames(int64_t slices)
+{
+    struct v2v_volume *volume = NULL;
+    float frame[40];
+    assert_ok(v2v_volume_open(&volume, path, slices, NULL));
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    assert_true(info->frames == 3 && info->slices == 4 && info->height == 2 && info->width == 5);
+    for (int64_t t = 0; t < 3; t++) {
+        assert_ok(v2v_volume_read(volume, frame + 10, t, 1, 3));
+        assert_ok(v2v_volume_read(volume, frame, t, 0, 1));
+        for (int64_t i = 0; i < 40; i++) {
+            assert_true(frame[i] == element(0, t, i));
+        }
+    }
+    assert_true(fabs(info->pixel_size_um - 0.5) < 1e-6); /* TIFF states it as a fraction of ints */
+    assert_true(info->slice_spacing_um == 2.0 && info->frame_interval_s == 0.25);
+    v2v_volume_close(&volume);
+}
+
+static void written_hdf5_is_read_back_to_the_bit_with_its_provenance(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    /* Longer than an attribute can be. */
+    char *log = malloc(100001);
+    assert_non_null(log);
+    memset(log, 'x', 100000);
+    log[100000] = '\0';
+    const struct v2v_attribute attributes[] = {
+        {.name = "config", .text = "train:\n  steps: 3\n"},
+        {.name = "gain", .number = 0.125},
+        {.name = "empty", .text = ""},
+        {.name = "log", .text = log},
+    };
+    use("vol.h5");
+    assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY | 1u << V2V_VOLUME_UNCERTAINTY,
+                                attributes, 4, NULL));
+    write_frames(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 1, 2});
+    write_frames(writer, V2V_VOLUME_UNCERTAINTY, (int64_t[]){2, 1, 0});
+    assert_false(v2v_file_exists(path));
+    assert_ok(v2v_volume_finish(&writer));
+    assert_frames(0);
+    int64_t count = 0;
+    double *values = test_h5_read(path, "/uncertainty", &count);
+    assert_int_equal(count, 120);
+    assert_true((float)values[119] == element(V2V_VOLUME_UNCERTAINTY, 2, 39));
+    test_release(values);
+    assert_true(test_h5_attribute(path, "/", "gain") == 0.125);
+    assert_true(test_h5_has_attribute(path, "/", "config"));
+    assert_true(test_h5_has_attribute(path, "/", "empty"));
+    assert_false(test_h5_has_attribute(path, "/", "log"));
+    assert_true(test_h5_has_attribute(path, "/uncertainty", "axes"));
+    assert_true(test_h5_has_attribute(path, "/volume", "element_size_um"));
+    values = test_h5_read(path, "/done", &count);
+    assert_true(count == 3 && values[0] == 1.0 && values[1] == 1.0 && values[2] == 1.0);
+    test_release(values);
+    free(log);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void only_marked_frames_are_done_once_one_is_marked(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    int64_t count = 0;
+    use("vol.h5");
+    assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL));
+    write_frames(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 1, 2});
+    assert_ok(v2v_volume_mark_done(writer, -1));
+    assert_ok(v2v_volume_mark_done(writer, 1));
+    assert_ok(v2v_volume_finish(&writer));
+    double *done = test_h5_read(path, "/done", &count);
+    assert_true(count == 3 && done[0] == 0.0 && done[1] == 1.0 && done[2] == 0.0);
+    test_release(done);
+}
+
+static void tiff_pages_are_in_order_whatever_the_order_of_writing(void **state)
+{
+    (void)state;
+    static const int64_t orders[][3] = {{0, 1, 2}, {2, 1, 0}, {1, 2, 0}};
+    for (size_t i = 0; i < sizeof orders / sizeof orders[0]; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        use("vol.tif");
+        assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL));
+        write_frames(writer, V2V_VOLUME_MEAN, orders[i]);
+        assert_ok(v2v_volume_mark_done(writer, 0));
+        assert_ok(v2v_volume_finish(&writer));
+        assert_frames(0);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void a_tiff_with_a_missing_frame_does_not_appear(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    const float slices[40] = {0};
+    use("vol.tif");
+    assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL));
+    assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices, 0, 0, 4));
+    assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices, 2, 0, 4));
+    assert_int_equal(v2v_volume_finish(&writer), V2V_E_IO);
+    assert_null(writer);
+    assert_says("frame 1 was not written");
+    assert_false(v2v_file_exists(path));
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void other_file_types_and_datasets_are_a_usage_error(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    static const char *const names[] = {"vol.png", "vol", "vol.h5.bak"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        use(names[i]);
+        assert_int_equal(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL),
+                         V2V_E_USAGE);
+        assert_says(path);
+    }
+    use("vol.tiff");
+    assert_int_equal(v2v_volume_create(&writer, path, &small, MEAN_ONLY | 1u << V2V_VOLUME_BRANCH1,
+                                       NULL, 0, NULL),
+                     V2V_E_USAGE);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void make_stack(int64_t slices, int64_t frames, int64_t channels)
+{
+    const struct v2v_tiff_info info = {.pages = slices * frames * channels,
+                                       .height = 1,
+                                       .width = 1,
+                                       .channels = channels,
+                                       .slices = slices,
+                                       .frames = frames,
+                                       .bits = 32,
+                                       .is_float = 1,
+                                       .type_max = 1.0};
+    struct v2v_tiff_writer *writer = NULL;
+    use("vol.tif");
+    assert_ok(v2v_tiff_create(&writer, path, &info));
+    for (int64_t p = 0; p < info.pages; p++) {
+        assert_ok(v2v_tiff_write_page(writer, &(float){(float)p}));
+    }
+    assert_ok(v2v_tiff_finish(&writer));
+}
+
+static void slices_come_from_the_file_then_the_caller_then_the_pages(void **state)
+{
+    (void)state;
+    static const struct {
+        int64_t slices, frames, asked, found_frames, found_slices;
+    } cases[] = {{3, 4, 0, 4, 3}, {3, 4, 6, 4, 3}, {1, 12, 6, 2, 6}, {1, 12, 0, 1, 12}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct v2v_volume *volume = NULL;
+        float last = 0.0f;
+        make_stack(cases[i].slices, cases[i].frames, 1);
+        assert_ok(v2v_volume_open(&volume, path, cases[i].asked, NULL));
+        const struct v2v_volume_info *info = v2v_volume_info(volume);
+        assert_int_equal(info->frames, cases[i].found_frames);
+        assert_int_equal(info->slices, cases[i].found_slices);
+        assert_ok(v2v_volume_read(volume, &last, info->frames - 1, info->slices - 1, 1));
+        assert_true(last == 11.0f);
+        v2v_volume_close(&volume);
+    }
+    make_stack(1, 12, 1);
+    assert_refused(5, "12 pages are 2 frames of 5 slices and 2 more");
+}
+
+static void the_real_volume_is_a_fraction_of_65535(void **state)
+{
+    (void)state;
+    const char *real = test_shared("volumes/fibres.tif");
+    struct v2v_volume *volume = NULL;
+    float *slices = NULL;
+    double sum = 0.0, maximum = 0.0;
+    const int64_t count = INT64_C(39) * 384 * 384;
+    if (real == NULL) {
+        skip();
+    }
+    assert_ok(v2v_volume_open(&volume, real, 0, NULL));
+    assert_int_equal(v2v_volume_info(volume)->slices, 39);
+    assert_int_equal(v2v_volume_info(volume)->height, 384);
+    assert_ok(V2V_ALLOC(slices, "test", count));
+    assert_ok(v2v_volume_read(volume, slices, 0, 0, 39));
+    for (int64_t i = 0; i < count; i++) {
+        sum += slices[i];
+        maximum = slices[i] > maximum ? slices[i] : maximum;
+    }
+    /* numpy's mean of the counts; each fraction carries at most two roundings of 2^-24 */
+    assert_true(fabs(sum / (double)count * 65535.0 - 683.2179469790553) < 683.3 * 2 * 0x1p-24);
+    assert_true(fabs(maximum - 1.0) <= 2 * 0x1p-24);
+    v2v_mem_free(slices);
+    v2v_volume_close(&volume);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(integers_are_fractions_of_their_types_maximum),
+        cmocka_unit_test(unsuitable_files_are_refused_by_name_and_reason),
+        cmocka_unit_test(an_unfinished_frame_is_refused),
+        cmocka_unit_test(written_hdf5_is_read_back_to_the_bit_with_its_provenance),
+        cmocka_unit_test(only_marked_frames_are_done_once_one_is_marked),
+        cmocka_unit_test(tiff_pages_are_in_order_whatever_the_order_of_writing),
+        cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
+        cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
+        cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
+        cmocka_unit_test(the_real_volume_is_a_fraction_of_65535),
+    };
+    return cmocka_run_group_tests_name("volume", tests, NULL, NULL);
+}
