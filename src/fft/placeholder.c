@@ -1,1 +1,0 @@
-typedef int v2v_fft_is_empty;

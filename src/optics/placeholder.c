@@ -1,1 +1,0 @@
-typedef int v2v_optics_is_empty;

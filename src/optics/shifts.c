@@ -1,0 +1,135 @@
+#include "v2v3d/optics/shifts.h"
+#include "optics/sizes.h"
+#include "v2v3d/base/memory.h"
+#include <math.h>
+#include <stdlib.h>
+
+/* One axis: the pixel nearest to the flipped slice's centroid, seen from the centre pixel. A
+ * flipped slice is convolved, hence the sign: feat is read where the PSF puts the light. For even
+ * sides the flip moves the centre pixel by one, which the reference doesn't undo
+ * (golden/alignment.h5). */
+static int32_t shift_of(double moment, double energy, int64_t side)
+{
+    const double flipped = (double)(side - 1) - moment / energy;
+    return (int32_t)(v2v_psf_centre(side) - (int64_t)nearbyint(flipped));
+}
+
+/* Sums over a slice in double precision: of the intensity, and of it times y and x. */
+static void slice_moments(double *energy, double *moment_y, double *moment_x, const float *slice,
+                          int64_t height, int64_t width)
+{
+    *energy = *moment_y = *moment_x = 0;
+    for (int64_t y = 0; y < height; y++) {
+        double row = 0;
+        for (int64_t x = 0; x < width; x++) {
+            const double value = slice[y * width + x];
+            row += value;
+            *moment_x += value * (double)x;
+        }
+        *energy += row;
+        *moment_y += row * (double)y;
+    }
+}
+
+enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = psf->views * psf->slices;
+
+    *shifts = (struct v2v_shifts){.views = psf->views, .slices = psf->slices};
+    V2V_TRY(V2V_ALLOC(shifts->dy, "shifts", count));
+    V2V_TRY(V2V_ALLOC(shifts->dx, "shifts", count));
+    for (int64_t i = 0; i < count; i++) {
+        double energy = 0, moment_y = 0, moment_x = 0;
+        slice_moments(&energy, &moment_y, &moment_x, psf->data + i * psf->height * psf->width,
+                      psf->height, psf->width);
+        if (energy > 0) {
+            shifts->dy[i] = shift_of(moment_y, energy, psf->height);
+            shifts->dx[i] = shift_of(moment_x, energy, psf->width);
+        }
+    }
+done:
+    if (rc != V2V_OK) {
+        v2v_shifts_fini(shifts);
+    }
+    return rc;
+}
+
+void v2v_shifts_fini(struct v2v_shifts *shifts)
+{
+    v2v_mem_free(shifts->dy);
+    v2v_mem_free(shifts->dx);
+    *shifts = (struct v2v_shifts){0};
+}
+
+int64_t v2v_shifts_reach(const struct v2v_shifts *shifts)
+{
+    int64_t reach = 0;
+    for (int64_t i = 0; i < shifts->views * shifts->slices; i++) {
+        const int64_t dy = labs(shifts->dy[i]), dx = labs(shifts->dx[i]);
+        reach = dy > reach ? dy : reach;
+        reach = dx > reach ? dx : reach;
+    }
+    return reach;
+}
+
+/* ||flip(a) - b|| / ||b|| of two PSFs [z,y,x], flipped about the centre pixel: k becomes 2c - k. Of
+ * an even side the last pixel has no partner: it is compared with 0. */
+static double flipped_distance(const float *a, const float *b, const struct v2v_psf_file *psf,
+                               int axis)
+{
+    const int64_t height = psf->height, width = psf->width;
+    const int64_t twice_cy = 2 * v2v_psf_centre(height), twice_cx = 2 * v2v_psf_centre(width);
+    double difference = 0, norm = 0;
+    for (int64_t z = 0; z < psf->slices; z++) {
+        const float *slice_a = a + z * height * width, *slice_b = b + z * height * width;
+        for (int64_t y = 0; y < height; y++) {
+            for (int64_t x = 0; x < width; x++) {
+                const int64_t from_y = axis == 0 ? twice_cy - y : y;
+                const int64_t from_x = axis == 1 ? twice_cx - x : x;
+                const double flipped =
+                    from_y < 0 || from_x < 0 ? 0.0 : slice_a[from_y * width + from_x];
+                const double value = slice_b[y * width + x];
+                difference += (flipped - value) * (flipped - value);
+                norm += value * value;
+            }
+        }
+    }
+    return norm > 0 ? sqrt(difference / norm) : (difference > 0 ? INFINITY : 0.0);
+}
+
+static int is_taken(const int32_t *partner, int64_t count, int64_t w)
+{
+    for (int64_t v = 0; v < count; v++) {
+        if (partner[v] == w) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+int v2v_shifts_flip_partner(int32_t *partner, const struct v2v_psf_file *psf, int axis,
+                            double tolerance)
+{
+    const int64_t one_view = psf->slices * psf->height * psf->width;
+
+    V2V_ASSERT(axis == 0 || axis == 1);
+    for (int64_t v = 0; v < psf->views; v++) {
+        double least = INFINITY;
+        for (int64_t w = 0; w < psf->views; w++) {
+            if (is_taken(partner, v, w)) {
+                continue;
+            }
+            const double distance =
+                flipped_distance(psf->data + v * one_view, psf->data + w * one_view, psf, axis);
+            if (distance < least) {
+                least = distance;
+                partner[v] = (int32_t)w;
+            }
+        }
+        if (!(least <= tolerance)) {
+            return 0;
+        }
+    }
+    return 1;
+}

@@ -1,0 +1,66 @@
+#include "optics/spectrum_block.h"
+#include "optics/simd.h"
+#include <string.h>
+
+V2V_OPTICS_SIMD_CLONES
+void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t stride, int64_t n)
+{
+    for (int64_t i = 0; i < n; i++) {
+        float *restrict re = split + i * V2V_BLOCK_FLOATS;
+        float *restrict im = re + V2V_BLOCK;
+        const struct v2v_complex *from = spectra + i * stride;
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            re[f] = from[f].re;
+            im[f] = from[f].im;
+        }
+    }
+}
+
+V2V_OPTICS_SIMD_CLONES
+void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t stride, int64_t n)
+{
+    for (int64_t i = 0; i < n; i++) {
+        const float *re = split + i * V2V_BLOCK_FLOATS;
+        const float *im = re + V2V_BLOCK;
+        struct v2v_complex *restrict to = spectra + i * stride;
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            to[f].re = re[f];
+            to[f].im = im[f];
+        }
+    }
+}
+
+V2V_OPTICS_SIMD_CLONES
+void v2v_block_project(float *sum, const float *otf, const float *slice, int64_t slices)
+{
+    float *restrict sum_re = sum;
+    float *restrict sum_im = sum + V2V_BLOCK;
+    memset(sum, 0, V2V_BLOCK_FLOATS * sizeof *sum);
+    for (int64_t z = 0; z < slices; z++) {
+        const float *a_re = otf + z * V2V_BLOCK_FLOATS, *a_im = a_re + V2V_BLOCK;
+        const float *b_re = slice + z * V2V_BLOCK_FLOATS, *b_im = b_re + V2V_BLOCK;
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            sum_re[f] += a_re[f] * b_re[f] - a_im[f] * b_im[f];
+            sum_im[f] += a_re[f] * b_im[f] + a_im[f] * b_re[f];
+        }
+    }
+}
+
+V2V_OPTICS_SIMD_CLONES
+void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices)
+{
+    const float *b_re = view, *b_im = view + V2V_BLOCK;
+    for (int64_t z = 0; z < slices; z++) {
+        const float *a_re = otf + z * V2V_BLOCK_FLOATS, *a_im = a_re + V2V_BLOCK;
+        float *restrict sum_re = slice + z * V2V_BLOCK_FLOATS;
+        float *restrict sum_im = sum_re + V2V_BLOCK;
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            sum_re[f] += a_re[f] * b_re[f] + a_im[f] * b_im[f];
+            sum_im[f] += a_re[f] * b_im[f] - a_im[f] * b_re[f];
+        }
+    }
+}
