@@ -10,10 +10,10 @@
  *  Example (compiled by tests/unit/op):
  *
  *      struct v2v_conv_spec spec = {.batch = 1, .in = 8, .out = 16, .height = 64, .width = 64,
- *                                   .kernel = 3, .stride = 1, .training = 1};
+ *                                   .kernel = 3, .stride = 1, .slope = 0.01f, .training = 1};
  *      V2V_TRY(v2v_conv_create(&conv, &spec));
  *      v2v_conv_set_weights(conv, weight, bias);
- *      v2v_conv_forward(conv, out, in, 0.01f);
+ *      v2v_conv_forward(conv, out, in);
  *  done:
  *      v2v_conv_destroy(&conv);
  */
@@ -34,6 +34,7 @@ struct v2v_conv_spec {
     int64_t height, width; /**< of the input; the output has (height-1)/stride + 1 rows */
     int kernel;            /**< 1 or 3 */
     int stride;            /**< 1 or 2 */
+    float slope;           /**< negative slope of the fused activation, 1: none */
     int backend;           /**< enum v2v_backend; layers of few channels take our own direct kernel
                                 whatever the backend, where that is faster */
     int training;          /**< backward will be called */
@@ -41,8 +42,9 @@ struct v2v_conv_spec {
 
 struct v2v_conv;
 
-/** @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL (the library refused: its message)
- */
+/** Plan for the threads that OpenMP has now (v2v_op_set_threads comes first).
+ *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL (sizes that overflow; the library
+ *          refused: its message) */
 enum v2v_status v2v_conv_create(struct v2v_conv **conv,
                                 const struct v2v_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_conv_destroy(struct v2v_conv **conv);
@@ -51,9 +53,9 @@ void v2v_conv_destroy(struct v2v_conv **conv);
  *  call. @kind Local. @param weight [out,in,k,k] @param bias [out] */
 void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const float *bias);
 
-/** out = leaky(conv(in) + bias) with negative slope `slope` (1: no activation).
- *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x] */
-void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in, float slope);
+/** out = leaky(conv(in) + bias) with the negative slope of the specification.
+ *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x]; no overlap */
+void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
 
 /** din = adjoint of the convolution applied to dout (the gradient before the activation).
  *  @kind Local. */

@@ -1,0 +1,132 @@
+#include "op/conv_backend.h"
+#include "v2v3d/base/memory.h"
+
+/** Our own kernel is taken up to this many weights of one tap, in * out. Placeholder for measure.
+ */
+enum { DIRECT_LIMIT = 28 * 16 };
+
+struct v2v_conv {
+    struct v2v_conv_spec spec;
+    const struct v2v_conv_backend *backend;
+    void *state;
+};
+
+const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
+{
+    if (spec->stride == 1 && spec->in * spec->out <= DIRECT_LIMIT) {
+        return &v2v_conv_direct;
+    }
+    return spec->backend == V2V_BACKEND_OPENBLAS ? &v2v_conv_openblas : &v2v_conv_onednn;
+}
+
+static enum v2v_status check_spec(const struct v2v_conv_spec *spec)
+{
+    V2V_ASSERT(spec->kernel == 1 || spec->kernel == 3);
+    V2V_ASSERT(spec->stride == 1 || spec->stride == 2);
+    int64_t channels = spec->in > spec->out ? spec->in : spec->out;
+    int64_t weights = v2v_mem_product(spec->in, spec->out, (int64_t)spec->kernel * spec->kernel);
+    int64_t pixels = v2v_mem_product(spec->height, spec->width, 1);
+    int64_t elements = pixels < 0 ? -1 : v2v_mem_product(spec->batch, channels, pixels);
+    if (weights < 1 || elements < 1 || spec->in < 1 || spec->out < 1) {
+        return V2V_FAIL(V2V_E_INTERNAL,
+                        "convolution of %lld images, %lld to %lld channels, %lld x %lld pixels: "
+                        "not countable",
+                        (long long)spec->batch, (long long)spec->in, (long long)spec->out,
+                        (long long)spec->height, (long long)spec->width);
+    }
+    return V2V_OK;
+}
+
+enum v2v_status v2v_conv_create_with(struct v2v_conv **conv, const struct v2v_conv_spec *spec,
+                                     const struct v2v_conv_backend *backend)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_conv *made = NULL;
+    V2V_TRY(check_spec(spec));
+    V2V_TRY(V2V_ALLOC(made, "conv", 1));
+    made->spec = *spec;
+    made->backend = backend;
+    V2V_TRY(backend->create(&made->state, spec));
+    *conv = made;
+    made = NULL;
+done:
+    v2v_mem_free(made);
+    return rc;
+}
+
+enum v2v_status v2v_conv_create(struct v2v_conv **conv, const struct v2v_conv_spec *spec)
+{
+    return v2v_conv_create_with(conv, spec, v2v_conv_choose(spec));
+}
+
+void v2v_conv_destroy(struct v2v_conv **conv)
+{
+    if (*conv == NULL) {
+        return;
+    }
+    (*conv)->backend->destroy((*conv)->state);
+    v2v_mem_free(*conv);
+    *conv = NULL;
+}
+
+void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const float *bias)
+{
+    conv->backend->set_weights(conv->state, weight, bias);
+}
+
+void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in)
+{
+    conv->backend->forward(conv->state, out, in);
+}
+
+void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout)
+{
+    V2V_ASSERT(conv->spec.training);
+    conv->backend->backward_data(conv->state, din, dout);
+}
+
+void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v_conv_spec *spec)
+{
+    int64_t taps = (int64_t)spec->kernel * spec->kernel;
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < spec->in; i++) {
+        for (int64_t o = 0; o < spec->out; o++) {
+            for (int64_t t = 0; t < taps; t++) {
+                flipped[(i * spec->out + o) * taps + t] =
+                    weight[(o * spec->in + i) * taps + taps - 1 - t];
+            }
+        }
+    }
+}
+
+/** Rows are summed in float32, the rows' sums in double precision: the error does not grow with the
+ *  frame. */
+static void add_bias_gradient(const struct v2v_conv_spec *spec, float *dbias, const float *dout)
+{
+    int64_t rows = conv_out_height(spec);
+    int64_t columns = conv_out_width(spec);
+#pragma omp parallel for schedule(static)
+    for (int64_t c = 0; c < spec->out; c++) {
+        double sum = 0.0;
+        for (int64_t n = 0; n < spec->batch; n++) {
+            const float *plane = dout + (n * spec->out + c) * rows * columns;
+            for (int64_t y = 0; y < rows; y++) {
+                float row = 0.0f;
+#pragma omp simd reduction(+ : row)
+                for (int64_t x = 0; x < columns; x++) {
+                    row += plane[y * columns + x];
+                }
+                sum += (double)row;
+            }
+        }
+        dbias[c] += (float)sum;
+    }
+}
+
+void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
+                               const float *dout)
+{
+    V2V_ASSERT(conv->spec.training);
+    conv->backend->backward_weights(conv->state, dweight, in, dout);
+    add_bias_gradient(&conv->spec, dbias, dout);
+}

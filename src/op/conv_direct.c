@@ -1,0 +1,255 @@
+/* Our own convolution for few channels and stride 1: strips of rows over all images are the units
+ * of work, one thread each; see direct_kernel.h. */
+#include "op/conv_backend.h"
+#include "op/direct_kernel.h"
+#include "v2v3d/base/memory.h"
+#include <omp.h>
+#include <string.h>
+
+/** A strip for the convolution stays in a core's second-level cache .. */
+static const int64_t STRIP_FLOATS = 65536;
+/** .. and 4 channels' rows of dout with one of the input, 5 * 4 KB, in the first-level one. */
+static const int64_t CORRELATE_PIXELS = 1024;
+/** Enough for the balance between cores; more rows would only cost cache. */
+static const int64_t MOST_ROWS = 16;
+/** Zeros behind a row: for the taps right of the last vector. */
+static const int64_t TAIL = 16;
+
+/** A convolution of stride 1: the layer's own, or its data gradient. */
+struct plan {
+    int64_t in, out;
+    int64_t rows;   /**< of a strip */
+    float *weights; /**< [out/4][in][k][k][4] */
+    float *bias;    /**< filled up to a multiple of 4 */
+    float slope;
+};
+
+struct state {
+    struct v2v_conv_spec spec;
+    const struct direct_kernel *kernel;
+    struct plan forward, data;
+    int threads;
+    int64_t pitch;
+    int64_t gradient_rows;
+    int64_t strip_floats, dout_floats, sum_floats; /**< of one thread */
+    float *strips, *douts, *sums;                  /**< [thread][..] */
+};
+
+static int64_t fill_up(int64_t channels)
+{
+    return (channels + DIRECT_CHANNELS - 1) / DIRECT_CHANNELS * DIRECT_CHANNELS;
+}
+
+static int64_t within(int64_t x, int64_t low, int64_t high)
+{
+    int64_t least = x > low ? x : low;
+    return least < high ? least : high;
+}
+
+static const struct direct_kernel *choose_kernel(void)
+{
+    if (__builtin_cpu_supports("x86-64-v4")) {
+        return &v2v_direct_avx512;
+    }
+    return __builtin_cpu_supports("x86-64-v3") ? &v2v_direct_avx2 : &v2v_direct_any;
+}
+
+static enum v2v_status make_plan(struct plan *plan, const struct state *state, int64_t in,
+                                 int64_t out, float slope)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t taps = (int64_t)state->spec.kernel * state->spec.kernel;
+    int64_t halo = state->spec.kernel - 1;
+    int64_t most = within(STRIP_FLOATS / (in * state->pitch) - halo, 1, MOST_ROWS);
+    plan->in = in;
+    plan->out = out;
+    plan->slope = slope;
+    plan->rows = most < state->spec.height ? most : state->spec.height;
+    V2V_TRY(V2V_ALLOC(plan->weights, "conv.weights", fill_up(out) * in * taps));
+    V2V_TRY(V2V_ALLOC(plan->bias, "conv.weights", fill_up(out)));
+done:
+    return rc;
+}
+
+static void destroy(void *opaque)
+{
+    struct state *state = opaque;
+    if (state == NULL) {
+        return;
+    }
+    float *owned[] = {
+        state->forward.weights, state->forward.bias, state->data.weights, state->data.bias,
+        state->strips,          state->douts,        state->sums};
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) {
+        v2v_mem_free(owned[i]);
+    }
+    v2v_mem_free(state);
+}
+
+static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
+{
+    enum v2v_status rc = V2V_OK;
+    struct state *state = NULL;
+    V2V_ASSERT(spec->stride == 1);
+    V2V_TRY(V2V_ALLOC(state, "conv", 1));
+    state->spec = *spec;
+    state->kernel = choose_kernel();
+    state->threads = omp_get_max_threads();
+    state->pitch = (spec->width + TAIL - 1) / TAIL * TAIL + TAIL;
+    int64_t halo = spec->kernel - 1;
+    V2V_TRY(make_plan(&state->forward, state, spec->in, spec->out, spec->slope));
+    int64_t rows = spec->in * (state->forward.rows + halo);
+    if (spec->training) {
+        V2V_TRY(make_plan(&state->data, state, spec->out, spec->in, 1.0f));
+        int64_t data_rows = spec->out * (state->data.rows + halo);
+        state->gradient_rows = within(CORRELATE_PIXELS / spec->width, 1, spec->height);
+        int64_t gradient_rows = spec->in * (state->gradient_rows + halo);
+        rows = rows > data_rows ? rows : data_rows;
+        rows = rows > gradient_rows ? rows : gradient_rows;
+        state->dout_floats = fill_up(spec->out) * state->gradient_rows * state->pitch;
+        state->sum_floats =
+            fill_up(spec->out) * spec->in * spec->kernel * spec->kernel * state->kernel->lanes;
+        V2V_TRY(V2V_ALLOC(state->douts, "conv.strips", state->threads * state->dout_floats));
+        V2V_TRY(V2V_ALLOC(state->sums, "conv.strips", state->threads * state->sum_floats));
+    }
+    state->strip_floats = rows * state->pitch;
+    V2V_TRY(V2V_ALLOC(state->strips, "conv.strips", state->threads * state->strip_floats));
+    *opaque = state;
+    state = NULL;
+done:
+    destroy(state);
+    return rc;
+}
+
+/** weight [out,in,k,k] or, transposed and turned, of the data gradient. */
+static void pack(struct plan *plan, const struct v2v_conv_spec *spec, const float *weight, int turn)
+{
+    int64_t taps = (int64_t)spec->kernel * spec->kernel;
+    for (int64_t o = 0; o < plan->out; o++) {
+        for (int64_t i = 0; i < plan->in; i++) {
+            for (int64_t t = 0; t < taps; t++) {
+                int64_t from = turn ? (i * plan->out + o) * taps + taps - 1 - t
+                                    : (o * plan->in + i) * taps + t;
+                int64_t block = o / DIRECT_CHANNELS * plan->in + i;
+                plan->weights[(block * taps + t) * DIRECT_CHANNELS + o % DIRECT_CHANNELS] =
+                    weight[from];
+            }
+        }
+    }
+}
+
+static void set_weights(void *opaque, const float *weight, const float *bias)
+{
+    struct state *state = opaque;
+    pack(&state->forward, &state->spec, weight, 0);
+    memcpy(state->forward.bias, bias, (size_t)state->spec.out * sizeof *bias);
+    if (state->spec.training) {
+        pack(&state->data, &state->spec, weight, 1);
+    }
+}
+
+/** Copy image rows [first, first + rows) of all channels behind `pad` zeros each; rows outside the
+ *  image and the rest of each row are zero. Channels from `channels` on stay as they are: zero
+ * since creation. */
+static void load(const struct state *state, float *strip, const float *image, int64_t channels,
+                 int64_t first, int64_t rows, int64_t pad)
+{
+    int64_t width = state->spec.width, height = state->spec.height;
+    for (int64_t c = 0; c < channels; c++) {
+        for (int64_t y = first; y < first + rows; y++, strip += state->pitch) {
+            if (y < 0 || y >= height) {
+                memset(strip, 0, (size_t)state->pitch * sizeof *strip);
+                continue;
+            }
+            int64_t tail = state->pitch - pad - width;
+            memset(strip, 0, (size_t)pad * sizeof *strip);
+            memcpy(strip + pad, image + (c * height + y) * width, (size_t)width * sizeof *strip);
+            memset(strip + pad + width, 0, (size_t)tail * sizeof *strip);
+        }
+    }
+}
+
+static void convolve(const struct state *state, const struct plan *plan, float *out,
+                     const float *in)
+{
+    int64_t height = state->spec.height, plane = height * state->spec.width;
+    int64_t pad = (state->spec.kernel - 1) / 2;
+    int64_t strips = (height + plan->rows - 1) / plan->rows;
+#pragma omp parallel for schedule(static) num_threads(state->threads)
+    for (int64_t unit = 0; unit < state->spec.batch * strips; unit++) {
+        int64_t n = unit / strips, first = unit % strips * plan->rows;
+        int64_t rows = height - first < plan->rows ? height - first : plan->rows;
+        float *copy = state->strips + omp_get_thread_num() * state->strip_floats;
+        load(state, copy, in + n * plan->in * plane, plan->in, first - pad, rows + 2 * pad, pad);
+        struct direct_strip strip = {copy, plan->in, rows + 2 * pad, state->pitch};
+        struct direct_target target = {out + n * plan->out * plane + first * state->spec.width,
+                                       plan->out, plane, rows, state->spec.width};
+        state->kernel->convolve(&target, &strip, plan->weights, plan->bias, state->spec.kernel,
+                                plan->slope);
+    }
+}
+
+static void forward(void *opaque, float *out, const float *in)
+{
+    struct state *state = opaque;
+    convolve(state, &state->forward, out, in);
+}
+
+static void backward_data(void *opaque, float *din, const float *dout)
+{
+    struct state *state = opaque;
+    convolve(state, &state->data, din, dout);
+}
+
+/** Lanes and threads are added up in a fixed order. */
+static void add_sums(const struct state *state, float *dweight)
+{
+    int64_t in = state->spec.in, k = state->spec.kernel, lanes = state->kernel->lanes;
+#pragma omp parallel for schedule(static)
+    for (int64_t index = 0; index < state->spec.out * in * k * k; index++) {
+        int64_t column = index % k, row = index / k % k, i = index / (k * k) % in;
+        int64_t o = index / (k * k * in);
+        int64_t block = (o / DIRECT_CHANNELS * in + i) * k + row;
+        int64_t place = (block * DIRECT_CHANNELS + o % DIRECT_CHANNELS) * k + column;
+        double sum = 0.0;
+        for (int t = 0; t < state->threads; t++) {
+            for (int64_t lane = 0; lane < lanes; lane++) {
+                sum += (double)state->sums[t * state->sum_floats + place * lanes + lane];
+            }
+        }
+        dweight[index] += (float)sum;
+    }
+}
+
+static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
+{
+    struct state *state = opaque;
+    const struct v2v_conv_spec *spec = &state->spec;
+    int64_t pad = (spec->kernel - 1) / 2, plane = spec->height * spec->width;
+    int64_t strips = (spec->height + state->gradient_rows - 1) / state->gradient_rows;
+    memset(state->sums, 0, (size_t)(state->threads * state->sum_floats) * sizeof *state->sums);
+#pragma omp parallel for schedule(static) num_threads(state->threads)
+    for (int64_t unit = 0; unit < spec->batch * strips; unit++) {
+        int64_t n = unit / strips, first = unit % strips * state->gradient_rows;
+        int64_t left = spec->height - first, thread = omp_get_thread_num();
+        int64_t rows = left < state->gradient_rows ? left : state->gradient_rows;
+        float *strip = state->strips + thread * state->strip_floats;
+        float *right = state->douts + thread * state->dout_floats;
+        load(state, strip, in + n * spec->in * plane, spec->in, first - pad, rows + 2 * pad, pad);
+        load(state, right, dout + n * spec->out * plane, spec->out, first, rows, 0);
+        state->kernel->correlate(
+            state->sums + thread * state->sum_floats,
+            &(struct direct_strip){strip, spec->in, rows + 2 * pad, state->pitch},
+            &(struct direct_strip){right, spec->out, rows, state->pitch}, spec->width,
+            spec->kernel);
+    }
+    add_sums(state, dweight);
+}
+
+const struct v2v_conv_backend v2v_conv_direct = {.name = "direct",
+                                                 .create = create,
+                                                 .destroy = destroy,
+                                                 .set_weights = set_weights,
+                                                 .forward = forward,
+                                                 .backward_data = backward_data,
+                                                 .backward_weights = backward_weights};

@@ -1,0 +1,47 @@
+/** Convolution of few channels: the kernels, one set for each instruction set.
+ *
+ *  A strip is a thread's own copy of some rows of all channels, with the zeros of the padding and
+ * of the tail written out, so that a kernel never asks where the border is. A tile is 4 output
+ *  channels by up to DIRECT_VECTORS vectors of x: its sums stay in registers over all input
+ * channels and taps.
+ */
+#ifndef OP_DIRECT_KERNEL_H
+#define OP_DIRECT_KERNEL_H
+
+#include <stdint.h>
+
+/** Output channels of a tile. */
+enum { DIRECT_CHANNELS = 4 };
+
+/** [channel][row][column]; column 0 of a row is image column -(kernel-1)/2 of what is convolved,
+ *  image column 0 of dout. */
+struct direct_strip {
+    const float *data;
+    int64_t channels;
+    int64_t rows; /**< per channel, of the strip */
+    int64_t pitch;
+};
+
+struct direct_target {
+    float *data;
+    int64_t channels, plane; /**< elements from channel to channel */
+    int64_t rows, width;     /**< rows of the strip, pixels of the image's rows */
+};
+
+struct direct_kernel {
+    int64_t lanes; /**< floats of a vector */
+    /** target = leaky(strip * weights + bias); weights [channels/4][in][k][k][4], bias filled up to
+     *  a multiple of 4 */
+    void (*convolve)(const struct direct_target *target, const struct direct_strip *strip,
+                     const float *weights, const float *bias, int kernel, float slope);
+    /** sums[channels/4][in][k][4][k][lanes] += what each tap sees, lane by lane; pixels beyond the
+     *  width are zero in dout */
+    void (*correlate)(float *sums, const struct direct_strip *strip,
+                      const struct direct_strip *dout, int64_t width, int kernel);
+};
+
+extern const struct direct_kernel v2v_direct_avx512;
+extern const struct direct_kernel v2v_direct_avx2;
+extern const struct direct_kernel v2v_direct_any;
+
+#endif

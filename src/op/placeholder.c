@@ -1,1 +1,0 @@
-typedef int v2v_op_is_empty;

@@ -1,0 +1,336 @@
+/* Every backend against plain loops in double precision, over one table of layers. */
+#include "op/conv_backend.h"
+#include "support.h"
+#include "twin_conv.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/op/activation.h"
+#include <math.h>
+#include <string.h>
+
+/** Channels that are and are not multiples of a vector, odd sizes, one pixel; runs of several
+ * strips for each backend (the direct kernel's and the strips of OpenBLAS hold few rows). */
+static const struct v2v_conv_spec cases[] = {
+    {1, 1, 4, 37, 21, 3, 1, 0.01f, 0, 1},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 0, 1},
+    {3, 4, 8, 21, 37, 1, 1, 1.0f, 0, 1},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 0, 1},
+    {1, 28, 16, 13, 33, 3, 1, 0.01f, 0, 1}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 0, 1},
+    {1, 5, 3, 1, 1, 3, 1, 0.01f, 0, 1},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 0, 1},
+    {1, 17, 33, 37, 21, 3, 1, 0.01f, 0, 1}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 0, 1},
+    {1, 2, 3, 40, 520, 3, 1, 0.01f, 0, 1},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 0, 1},
+    {1, 19, 5, 37, 21, 3, 2, 0.01f, 0, 1},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 0, 1},
+    {1, 64, 39, 12, 12, 3, 1, 0.01f, 0, 1}};
+
+static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
+                                                          &v2v_conv_openblas};
+
+struct fixture {
+    struct v2v_conv_spec spec;
+    int64_t inputs, outputs, weights;
+    float *in, *out, *weight, *bias;
+    float *result;
+    struct twin twin;
+};
+
+static float *draw(int64_t count, uint64_t stream)
+{
+    float *array = v2v_mem_alloc("test", count, sizeof *array);
+    assert_non_null(array);
+    for (int64_t i = 0; i < count; i++) {
+        array[i] = (float)(2.0 * v2v_random_uniform(3, stream, (uint64_t)i) - 1.0);
+    }
+    return array;
+}
+
+static struct fixture fixture_init(const struct v2v_conv_spec *spec)
+{
+    struct fixture f = {.spec = *spec};
+    f.inputs = spec->batch * spec->in * spec->height * spec->width;
+    f.outputs = spec->batch * spec->out * conv_out_height(spec) * conv_out_width(spec);
+    f.weights = spec->out * spec->in * spec->kernel * spec->kernel;
+    int64_t most = f.inputs > f.outputs ? f.inputs : f.outputs;
+    most = most > f.weights ? most : f.weights;
+    f.in = draw(f.inputs, 1);
+    f.out = draw(f.outputs, 2);
+    f.weight = draw(f.weights, 3);
+    f.bias = draw(spec->out, 4);
+    f.result = draw(most, 5);
+    f.twin.value = v2v_mem_alloc("test", most, sizeof(double));
+    f.twin.moduli = v2v_mem_alloc("test", most, sizeof(double));
+    assert_true(f.twin.value != NULL && f.twin.moduli != NULL);
+    return f;
+}
+
+static void fixture_fini(struct fixture *f)
+{
+    void *owned[] = {f->in, f->out, f->weight, f->bias, f->result, f->twin.value, f->twin.moduli};
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) {
+        v2v_mem_free(owned[i]);
+    }
+}
+
+/** A float32 sum of n products in any order, with or without fused multiply-adds, errs by at most
+ *  (n + 2) * 2^-24 times the sum of the moduli (Higham, Accuracy and Stability, 3.1; the 2 for
+ *  slope and bias). */
+static void assert_close(const struct fixture *f, const char *what, const char *name, int64_t count,
+                         int64_t terms)
+{
+    for (int64_t i = 0; i < count; i++) {
+        double bound = (double)(terms + 2) * ldexp(1.0, -24) * f->twin.moduli[i];
+        double error = fabs((double)f->result[i] - f->twin.value[i]);
+        if (!(error <= bound)) {
+            fail_msg("%s %s, %lld to %lld channels, %lld x %lld, kernel %d stride %d: element %lld "
+                     "is %g, twin %g, off by %g, bound %g",
+                     name, what, (long long)f->spec.in, (long long)f->spec.out,
+                     (long long)f->spec.height, (long long)f->spec.width, f->spec.kernel,
+                     f->spec.stride, (long long)i, (double)f->result[i], f->twin.value[i], error,
+                     bound);
+        }
+    }
+}
+
+/** The twin's activation: exact in sign away from zero; at a value within rounding of zero both
+ *  branches differ by less than the bound. */
+static void twin_activate(struct fixture *f)
+{
+    for (int64_t i = 0; i < f->outputs; i++) {
+        double x = f->twin.value[i];
+        f->twin.value[i] = x > 0.0 ? x : (double)f->spec.slope * x;
+    }
+}
+
+typedef void (*check)(struct fixture *f, struct v2v_conv *conv, const char *name);
+
+static void check_forward(struct fixture *f, struct v2v_conv *conv, const char *name)
+{
+    const struct v2v_conv_spec *s = &f->spec;
+    twin_conv_forward(f->twin, s, f->in, f->weight, f->bias);
+    twin_activate(f);
+    v2v_conv_forward(conv, f->result, f->in);
+    assert_close(f, "forward", name, f->outputs, s->in * s->kernel * s->kernel + 1);
+}
+
+static void check_data(struct fixture *f, struct v2v_conv *conv, const char *name)
+{
+    const struct v2v_conv_spec *s = &f->spec;
+    twin_conv_backward_data(f->twin, s, f->out, f->weight);
+    v2v_conv_backward_data(conv, f->result, f->out);
+    assert_close(f, "data gradient", name, f->inputs, s->out * s->kernel * s->kernel);
+}
+
+/** Gradients are added: the result starts at 1, one more term. */
+static void check_weights(struct fixture *f, struct v2v_conv *conv, const char *name)
+{
+    const struct v2v_conv_spec *s = &f->spec;
+    int64_t pixels = conv_out_height(s) * conv_out_width(s);
+    float *dbias = draw(s->out, 6);
+    float *before = draw(s->out, 6);
+    twin_conv_backward_weights(f->twin, s, f->in, f->out);
+    for (int64_t i = 0; i < f->weights; i++) {
+        f->result[i] = 1.0f;
+        f->twin.value[i] += 1.0;
+        f->twin.moduli[i] += 1.0;
+    }
+    v2v_conv_backward_weights(conv, f->result, dbias, f->in, f->out);
+    assert_close(f, "weight gradient", name, f->weights, s->batch * pixels + 1);
+    for (int64_t o = 0; o < s->out; o++) {
+        double sum = (double)before[o], moduli = fabs(sum);
+        for (int64_t i = 0; i < s->batch * pixels; i++) {
+            double term = (double)f->out[(i / pixels * s->out + o) * pixels + i % pixels];
+            sum += term;
+            moduli += fabs(term);
+        }
+        double bound = (double)(s->batch * pixels + 2) * ldexp(1.0, -24) * moduli;
+        assert_true(fabs((double)dbias[o] - sum) <= bound);
+    }
+    v2v_mem_free(dbias);
+    v2v_mem_free(before);
+}
+
+static void for_one(const struct v2v_conv_spec *spec, check check_one)
+{
+    struct fixture f = fixture_init(spec);
+    for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
+        struct v2v_conv *conv = NULL;
+        if (backends[j] == &v2v_conv_direct && f.spec.stride != 1) {
+            continue;
+        }
+        assert_ok(v2v_conv_create_with(&conv, &f.spec, backends[j]));
+        v2v_conv_set_weights(conv, f.weight, f.bias);
+        check_one(&f, conv, backends[j]->name);
+        v2v_conv_destroy(&conv);
+    }
+    fixture_fini(&f);
+}
+
+static void for_all(check check_one)
+{
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        for_one(&cases[i], check_one);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void forward_matches_plain_loops(void **unused)
+{
+    (void)unused;
+    for_all(check_forward);
+}
+
+static void data_gradient_matches_plain_loops(void **unused)
+{
+    (void)unused;
+    for_all(check_data);
+}
+
+static void weight_gradient_matches_plain_loops_and_is_added(void **unused)
+{
+    (void)unused;
+    for_all(check_weights);
+}
+
+/** A frame so wide that every backend works in several strips, the last of which overlaps: all
+ *  must give the twin's figures. (4 + 4) channels * 4 bytes * 160000 columns = 5 MB a row against
+ *  oneDNN's 16 MB: strips of 3 rows for 7. */
+static void frames_of_several_strips_match_plain_loops(void **unused)
+{
+    (void)unused;
+    static const struct v2v_conv_spec wide = {1, 4, 4, 7, 160000, 3, 1, 0.01f, 0, 1};
+    static const check checks[] = {check_forward, check_data, check_weights};
+    for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
+        for_one(&wide, checks[i]);
+    }
+}
+
+static void fused_activation_is_the_separate_one(void **unused)
+{
+    (void)unused;
+    for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
+        struct fixture f = fixture_init(&cases[1]);
+        struct v2v_conv *fused = NULL, *bare = NULL;
+        assert_ok(v2v_conv_create_with(&fused, &f.spec, backends[j]));
+        f.spec.slope = 1.0f;
+        assert_ok(v2v_conv_create_with(&bare, &f.spec, backends[j]));
+        v2v_conv_set_weights(fused, f.weight, f.bias);
+        v2v_conv_set_weights(bare, f.weight, f.bias);
+        v2v_conv_forward(fused, f.result, f.in);
+        v2v_conv_forward(bare, f.out, f.in);
+        v2v_leaky_forward(f.out, f.out, f.outputs, cases[1].slope);
+        assert_memory_equal(f.result, f.out, (size_t)f.outputs * sizeof(float));
+        v2v_conv_destroy(&fused);
+        v2v_conv_destroy(&bare);
+        fixture_fini(&f);
+    }
+}
+
+static void few_channels_take_the_direct_kernel_others_the_backend_asked_for(void **unused)
+{
+    (void)unused;
+    struct v2v_conv_spec spec = cases[1];
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_direct);
+    spec.stride = 2;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
+    spec.backend = V2V_BACKEND_OPENBLAS;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_openblas);
+    spec = (struct v2v_conv_spec){1, 1024, 512, 128, 128, 3, 1, 0.01f, V2V_BACKEND_ONEDNN, 1};
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
+}
+
+static void a_nan_in_the_input_is_seen_in_the_output(void **unused)
+{
+    (void)unused;
+    for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
+        struct fixture f = fixture_init(&cases[1]);
+        struct v2v_conv *conv = NULL;
+        assert_ok(v2v_conv_create_with(&conv, &f.spec, backends[j]));
+        v2v_conv_set_weights(conv, f.weight, f.bias);
+        f.in[0] = NAN;
+        v2v_conv_forward(conv, f.result, f.in);
+        assert_true(isnan(f.result[0]));
+        v2v_conv_destroy(&conv);
+        fixture_fini(&f);
+    }
+}
+
+static void sizes_that_overflow_are_refused(void **unused)
+{
+    (void)unused;
+    struct v2v_conv *conv = NULL;
+    struct v2v_conv_spec spec = cases[0];
+    spec.height = INT64_MAX / 2;
+    assert_int_equal(v2v_conv_create(&conv, &spec), V2V_E_INTERNAL);
+    assert_null(conv);
+}
+
+static void too_little_memory_is_a_failure_that_leaves_nothing_behind(void **unused)
+{
+    (void)unused;
+    for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
+        struct v2v_conv *conv = NULL;
+        enum v2v_status status = V2V_E_MEMORY;
+        size_t limit = 256;
+        for (; limit < (size_t)1 << 30 && status == V2V_E_MEMORY; limit *= 2) {
+            v2v_mem_set_limit(limit);
+            status = v2v_conv_create_with(&conv, &cases[1], backends[j]);
+            assert_true(status == V2V_OK || v2v_mem_held() == 0);
+        }
+        v2v_mem_set_limit(0);
+        assert_int_equal(status, V2V_OK);
+        assert_true(limit > 1024);
+        v2v_conv_destroy(&conv);
+        assert_int_equal(v2v_mem_held(), 0);
+    }
+}
+
+/** The example of include/v2v3d/op/conv.h. */
+static enum v2v_status example(float *out, const float *in, const float *weight, const float *bias)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_conv *conv = NULL;
+    struct v2v_conv_spec spec = {.batch = 1,
+                                 .in = 8,
+                                 .out = 16,
+                                 .height = 64,
+                                 .width = 64,
+                                 .kernel = 3,
+                                 .stride = 1,
+                                 .slope = 0.01f,
+                                 .training = 1};
+    V2V_TRY(v2v_conv_create(&conv, &spec));
+    v2v_conv_set_weights(conv, weight, bias);
+    v2v_conv_forward(conv, out, in);
+done:
+    v2v_conv_destroy(&conv);
+    return rc;
+}
+
+static void the_example_of_the_header_runs(void **unused)
+{
+    (void)unused;
+    float *in = draw(8 * 64 * 64, 1), *weight = draw(16 * 8 * 9, 2), *bias = draw(16, 3);
+    float *out = draw(16 * 64 * 64, 4);
+    memset(in, 0, 8 * 64 * 64 * sizeof *in);
+    assert_ok(example(out, in, weight, bias));
+    float expected = bias[5] > 0.0f ? bias[5] : 0.01f * bias[5];
+    assert_true(out[5 * 64 * 64 + 100] == expected);
+    float *owned[] = {in, weight, bias, out};
+    for (size_t i = 0; i < 4; i++) {
+        v2v_mem_free(owned[i]);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(forward_matches_plain_loops),
+        cmocka_unit_test(data_gradient_matches_plain_loops),
+        cmocka_unit_test(weight_gradient_matches_plain_loops_and_is_added),
+        cmocka_unit_test(frames_of_several_strips_match_plain_loops),
+        cmocka_unit_test(fused_activation_is_the_separate_one),
+        cmocka_unit_test(few_channels_take_the_direct_kernel_others_the_backend_asked_for),
+        cmocka_unit_test(a_nan_in_the_input_is_seen_in_the_output),
+        cmocka_unit_test(sizes_that_overflow_are_refused),
+        cmocka_unit_test(too_little_memory_is_a_failure_that_leaves_nothing_behind),
+        cmocka_unit_test(the_example_of_the_header_runs),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
