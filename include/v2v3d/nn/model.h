@@ -58,10 +58,6 @@ const struct v2v_fields *v2v_model_fields(const struct v2v_model *model);
 float *v2v_model_weights(struct v2v_model *model);
 float *v2v_model_gradients(struct v2v_model *model);
 
-/** Views of a branch (0 or 1), in network order. @kind Local.
- *  @param list [at least spec.views] out. @return their number */
-int64_t v2v_model_branch_views(const struct v2v_model *model, int branch, int32_t *list);
-
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */

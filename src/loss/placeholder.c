@@ -1,1 +1,0 @@
-typedef int v2v_loss_is_empty;

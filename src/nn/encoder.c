@@ -1,0 +1,359 @@
+#include "nn/encoder.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/op/activation.h"
+#include "v2v3d/op/resample.h"
+
+#include <string.h>
+
+#define LEAKY 0.01f
+#define PREFIX "feat_extract"
+
+enum { BLOCKS = 6, LEVELS = 3, DEEP = 16, LEVEL_FEATURES = 4 };
+enum { CONCATENATED = DEEP + LEVELS * LEVEL_FEATURES };
+
+static const struct {
+    const char *first, *second, *skip; /* skip NULL: the identity */
+    int in, out;
+} block_table[BLOCKS] = {
+    {"layer1.0.conv.0", "layer1.0.conv.2", NULL, 4, 4},
+    {"layer1.1.conv.0", "layer1.1.conv.2", NULL, 4, 4},
+    {"layer2.0.conv.0", "layer2.0.conv.2", "layer2.0.downsample.conv", 4, 8},
+    {"layer2.1.conv.0", "layer2.1.conv.2", NULL, 8, 8},
+    {"layer3.0.conv.0", "layer3.0.conv.2", "layer3.0.downsample.conv", 8, 16},
+    {"layer3.1.conv.0", "layer3.1.conv.2", NULL, 16, 16},
+};
+static const char *const level_name[LEVELS] = {"branch1.1.conv", "branch2.1.conv",
+                                               "branch3.1.conv"};
+
+/* y = second(leaky(first(x))) + skip(x) */
+struct block {
+    struct v2v_layer first, second, skip;
+    int has_skip;
+    float *middle; /* [batch,out,y,x] after the activation */
+    float *out;    /* [batch,out,y,x] */
+};
+
+/* Average pool by `factor`, 1 x 1 convolution, bilinear upsampling back. */
+struct level {
+    struct v2v_layer conv;
+    int factor;
+    float *pooled; /* [batch,16,y/factor,x/factor] */
+    float *small;  /* [batch,4,y/factor,x/factor] after the activation */
+};
+
+struct v2v_encoder {
+    int64_t features;
+    int64_t batch, height, width;
+    struct v2v_layer entry, fuse, last;
+    struct block block[BLOCKS];
+    struct level level[LEVELS];
+    float *entered;      /* [batch,4,y,x] */
+    float *concatenated; /* [batch,28,y,x] */
+    float *fused;        /* [batch,16,y,x] */
+    float *output;       /* [batch,features,y,x] */
+    float *scratch;      /* [batch,16,y,x] */
+    float *gradient[3];  /* [batch,28,y,x], [batch,16,y,x] twice; training only */
+};
+
+static enum v2v_status declare_all(struct v2v_encoder *encoder, struct v2v_fields *fields)
+{
+    enum v2v_status rc = V2V_OK;
+    encoder->entry =
+        (struct v2v_layer){.in = 1, .out = 4, .kernel = 3, .stride = 1, .slope = LEAKY};
+    encoder->fuse = (struct v2v_layer){
+        .in = CONCATENATED, .out = DEEP, .kernel = 3, .stride = 1, .slope = LEAKY};
+    encoder->last = (struct v2v_layer){
+        .in = DEEP, .out = encoder->features, .kernel = 1, .stride = 1, .slope = LEAKY};
+    V2V_TRY(v2v_layer_declare(&encoder->entry, fields, PREFIX, "conv1.0"));
+    for (int b = 0; b < BLOCKS; b++) {
+        struct block *block = &encoder->block[b];
+        int in = block_table[b].in, out = block_table[b].out;
+        block->first =
+            (struct v2v_layer){.in = in, .out = out, .kernel = 3, .stride = 1, .slope = LEAKY};
+        block->second =
+            (struct v2v_layer){.in = out, .out = out, .kernel = 3, .stride = 1, .slope = 1.0f};
+        block->skip =
+            (struct v2v_layer){.in = in, .out = out, .kernel = 1, .stride = 1, .slope = 1.0f};
+        block->has_skip = block_table[b].skip != NULL;
+        V2V_TRY(v2v_layer_declare(&block->first, fields, PREFIX, block_table[b].first));
+        V2V_TRY(v2v_layer_declare(&block->second, fields, PREFIX, block_table[b].second));
+        if (block->has_skip) {
+            V2V_TRY(v2v_layer_declare(&block->skip, fields, PREFIX, block_table[b].skip));
+        }
+    }
+    for (int k = 0; k < LEVELS; k++) {
+        struct level *level = &encoder->level[k];
+        level->factor = 2 << k;
+        level->conv = (struct v2v_layer){
+            .in = DEEP, .out = LEVEL_FEATURES, .kernel = 1, .stride = 1, .slope = LEAKY};
+        V2V_TRY(v2v_layer_declare(&level->conv, fields, PREFIX, level_name[k]));
+    }
+    V2V_TRY(v2v_layer_declare(&encoder->fuse, fields, PREFIX, "lastconv.0.conv"));
+    V2V_TRY(v2v_layer_declare(&encoder->last, fields, PREFIX, "lastconv.2"));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_encoder_create(struct v2v_encoder **encoder, struct v2v_fields *fields,
+                                   int64_t features)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_ALLOC(*encoder, "encoder", 1));
+    (*encoder)->features = features;
+    V2V_TRY(declare_all(*encoder, fields));
+done:
+    if (rc != V2V_OK) {
+        v2v_encoder_destroy(encoder);
+    }
+    return rc;
+}
+
+/* Every buffer of the workspace with its channels and the factor by which its sides are smaller. */
+struct slot {
+    float **memory;
+    int64_t channels;
+    int factor;
+    int training_only;
+};
+
+static int64_t list_slots(struct slot *slot, struct v2v_encoder *encoder)
+{
+    int64_t n = 0;
+    slot[n++] = (struct slot){&encoder->entered, 4, 1, 0};
+    for (int b = 0; b < BLOCKS; b++) {
+        slot[n++] = (struct slot){&encoder->block[b].middle, block_table[b].out, 1, 0};
+        slot[n++] = (struct slot){&encoder->block[b].out, block_table[b].out, 1, 0};
+    }
+    for (int k = 0; k < LEVELS; k++) {
+        struct level *level = &encoder->level[k];
+        slot[n++] = (struct slot){&level->pooled, DEEP, level->factor, 0};
+        slot[n++] = (struct slot){&level->small, LEVEL_FEATURES, level->factor, 0};
+    }
+    slot[n++] = (struct slot){&encoder->concatenated, CONCATENATED, 1, 0};
+    slot[n++] = (struct slot){&encoder->fused, DEEP, 1, 0};
+    slot[n++] = (struct slot){&encoder->output, encoder->features, 1, 0};
+    slot[n++] = (struct slot){&encoder->scratch, DEEP, 1, 0};
+    slot[n++] = (struct slot){&encoder->gradient[0], CONCATENATED, 1, 1};
+    slot[n++] = (struct slot){&encoder->gradient[1], DEEP, 1, 1};
+    slot[n++] = (struct slot){&encoder->gradient[2], DEEP, 1, 1};
+    return n;
+}
+
+enum { MAX_SLOTS = 1 + 2 * BLOCKS + 2 * LEVELS + 7 };
+
+static void free_workspace(struct v2v_encoder *encoder)
+{
+    struct slot slot[MAX_SLOTS];
+    int64_t count = list_slots(slot, encoder);
+    for (int64_t i = 0; i < count; i++) {
+        v2v_mem_free(*slot[i].memory);
+        *slot[i].memory = NULL;
+    }
+}
+
+/* Every layer with the factor by which its input's sides are smaller. */
+struct planned {
+    struct v2v_layer *layer;
+    int factor;
+};
+
+static int64_t list_layers(struct planned *list, struct v2v_encoder *encoder)
+{
+    int64_t n = 0;
+    list[n++] = (struct planned){&encoder->entry, 1};
+    for (int b = 0; b < BLOCKS; b++) {
+        list[n++] = (struct planned){&encoder->block[b].first, 1};
+        list[n++] = (struct planned){&encoder->block[b].second, 1};
+        if (encoder->block[b].has_skip) {
+            list[n++] = (struct planned){&encoder->block[b].skip, 1};
+        }
+    }
+    for (int k = 0; k < LEVELS; k++) {
+        list[n++] = (struct planned){&encoder->level[k].conv, encoder->level[k].factor};
+    }
+    list[n++] = (struct planned){&encoder->fuse, 1};
+    list[n++] = (struct planned){&encoder->last, 1};
+    return n;
+}
+
+enum { MAX_LAYERS = 3 + 3 * BLOCKS + LEVELS };
+
+void v2v_encoder_destroy(struct v2v_encoder **encoder)
+{
+    if (*encoder == NULL) {
+        return;
+    }
+    struct planned list[MAX_LAYERS];
+    int64_t count = list_layers(list, *encoder);
+    for (int64_t i = 0; i < count; i++) {
+        v2v_layer_fini(list[i].layer);
+    }
+    free_workspace(*encoder);
+    v2v_mem_free(*encoder);
+    *encoder = NULL;
+}
+
+enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
+                                 int64_t width, int backend, int training)
+{
+    enum v2v_status rc = V2V_OK;
+    struct slot slot[MAX_SLOTS];
+    struct planned list[MAX_LAYERS];
+    free_workspace(encoder);
+    encoder->batch = batch;
+    encoder->height = height;
+    encoder->width = width;
+    int64_t slots = list_slots(slot, encoder);
+    for (int64_t i = 0; i < slots; i++) {
+        int64_t pixels = (height / slot[i].factor) * (width / slot[i].factor);
+        if (training || !slot[i].training_only) {
+            V2V_TRY(V2V_ALLOC(*slot[i].memory, "encoder.workspace",
+                              v2v_mem_product(batch, slot[i].channels, pixels)));
+        }
+    }
+    int64_t layers = list_layers(list, encoder);
+    for (int64_t i = 0; i < layers; i++) {
+        V2V_TRY(v2v_layer_plan(list[i].layer, batch, height / list[i].factor,
+                               width / list[i].factor, backend, training));
+    }
+done:
+    return rc;
+}
+
+void v2v_encoder_weights_changed(struct v2v_encoder *encoder,
+                                 const struct v2v_parameters *parameters)
+{
+    struct planned list[MAX_LAYERS];
+    int64_t count = list_layers(list, encoder);
+    for (int64_t i = 0; i < count; i++) {
+        v2v_layer_weights_changed(list[i].layer, parameters);
+    }
+}
+
+static void add(float *sum, const float *x, int64_t count)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        sum[i] += x[i];
+    }
+}
+
+/* Copy `channels` planes of every image between arrays with different channel counts. */
+static void copy_channels(float *to, int64_t to_channels, const float *from, int64_t from_channels,
+                          int64_t channels, int64_t batch, int64_t pixels)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < batch; i++) {
+        memcpy(to + i * to_channels * pixels, from + i * from_channels * pixels,
+               (size_t)(channels * pixels) * sizeof *to);
+    }
+}
+
+static void block_forward(struct block *block, const float *in, float *scratch, int64_t count)
+{
+    v2v_conv_forward(block->first.conv, block->middle, in);
+    v2v_conv_forward(block->second.conv, block->out, block->middle);
+    if (block->has_skip) {
+        v2v_conv_forward(block->skip.conv, scratch, in);
+        add(block->out, scratch, count);
+    } else {
+        add(block->out, in, count);
+    }
+}
+
+const float *v2v_encoder_forward(struct v2v_encoder *encoder, const float *views)
+{
+    int64_t height = encoder->height, width = encoder->width, batch = encoder->batch;
+    int64_t pixels = height * width;
+    v2v_conv_forward(encoder->entry.conv, encoder->entered, views);
+    const float *x = encoder->entered;
+    for (int b = 0; b < BLOCKS; b++) {
+        block_forward(&encoder->block[b], x, encoder->scratch, batch * block_table[b].out * pixels);
+        x = encoder->block[b].out;
+    }
+    copy_channels(encoder->concatenated, CONCATENATED, x, DEEP, DEEP, batch, pixels);
+    for (int k = 0; k < LEVELS; k++) {
+        struct level *level = &encoder->level[k];
+        int64_t y = height / level->factor, w = width / level->factor;
+        v2v_avgpool_forward(level->pooled, x, batch * DEEP, height, width, level->factor);
+        v2v_conv_forward(level->conv.conv, level->small, level->pooled);
+        for (int64_t i = 0; i < batch; i++) {
+            float *place =
+                encoder->concatenated + (i * CONCATENATED + DEEP + k * LEVEL_FEATURES) * pixels;
+            v2v_bilinear_forward(place, level->small + i * LEVEL_FEATURES * y * w, LEVEL_FEATURES,
+                                 y, w, level->factor);
+        }
+    }
+    v2v_conv_forward(encoder->fuse.conv, encoder->fused, encoder->concatenated);
+    v2v_conv_forward(encoder->last.conv, encoder->output, encoder->fused);
+    return encoder->output;
+}
+
+/* gradient: of the block's output on entry, of its input on return. */
+static void block_backward(struct block *block, const struct v2v_parameters *parameters,
+                           float *gradient, float *inner, float *scratch, const float *in,
+                           int64_t batch_pixels)
+{
+    int64_t in_count = block->first.in * batch_pixels, out_count = block->first.out * batch_pixels;
+    v2v_layer_backward_weights(&block->second, parameters, block->middle, gradient);
+    v2v_conv_backward_data(block->second.conv, inner, gradient);
+    v2v_leaky_backward(inner, inner, block->middle, out_count, LEAKY);
+    v2v_layer_backward_weights(&block->first, parameters, in, inner);
+    v2v_conv_backward_data(block->first.conv, scratch, inner);
+    if (block->has_skip) {
+        v2v_layer_backward_weights(&block->skip, parameters, in, gradient);
+        v2v_conv_backward_data(block->skip.conv, inner, gradient);
+        memcpy(gradient, inner, (size_t)in_count * sizeof *gradient);
+    }
+    add(gradient, scratch, in_count);
+}
+
+/* Gradient of the concatenation -> gradient of the deepest features, through all levels. */
+static void levels_backward(struct v2v_encoder *encoder, const struct v2v_parameters *parameters,
+                            float *gradient, const float *dconcatenated, float *scratch)
+{
+    int64_t height = encoder->height, width = encoder->width, batch = encoder->batch;
+    int64_t pixels = height * width;
+    copy_channels(gradient, DEEP, dconcatenated, CONCATENATED, DEEP, batch, pixels);
+    for (int k = 0; k < LEVELS; k++) {
+        struct level *level = &encoder->level[k];
+        int64_t y = height / level->factor, x = width / level->factor;
+        float *dsmall = encoder->scratch; /* [batch,4,y,x], at most a quarter of 16 channels */
+        float *dpooled = encoder->fused;  /* no longer needed: [batch,16,y,x] */
+        for (int64_t i = 0; i < batch; i++) {
+            v2v_bilinear_backward(dsmall + i * LEVEL_FEATURES * y * x,
+                                  dconcatenated +
+                                      (i * CONCATENATED + DEEP + k * LEVEL_FEATURES) * pixels,
+                                  LEVEL_FEATURES, y, x, level->factor);
+        }
+        v2v_leaky_backward(dsmall, dsmall, level->small, batch * LEVEL_FEATURES * y * x, LEAKY);
+        v2v_layer_backward_weights(&level->conv, parameters, level->pooled, dsmall);
+        v2v_conv_backward_data(level->conv.conv, dpooled, dsmall);
+        v2v_avgpool_backward(scratch, dpooled, batch * DEEP, height, width, level->factor);
+        add(gradient, scratch, batch * DEEP * pixels);
+    }
+}
+
+void v2v_encoder_backward(struct v2v_encoder *encoder, const struct v2v_parameters *parameters,
+                          float *dfeatures, const float *views)
+{
+    int64_t batch_pixels = encoder->batch * encoder->height * encoder->width;
+    float *dconcatenated = encoder->gradient[0];
+    float *gradient = encoder->gradient[1], *inner = encoder->gradient[2];
+    v2v_leaky_backward(dfeatures, dfeatures, encoder->output, encoder->features * batch_pixels,
+                       LEAKY);
+    v2v_layer_backward_weights(&encoder->last, parameters, encoder->fused, dfeatures);
+    v2v_conv_backward_data(encoder->last.conv, gradient, dfeatures);
+    v2v_leaky_backward(gradient, gradient, encoder->fused, DEEP * batch_pixels, LEAKY);
+    v2v_layer_backward_weights(&encoder->fuse, parameters, encoder->concatenated, gradient);
+    v2v_conv_backward_data(encoder->fuse.conv, dconcatenated, gradient);
+    levels_backward(encoder, parameters, gradient, dconcatenated, inner);
+    for (int b = BLOCKS - 1; b >= 0; b--) {
+        const float *in = b > 0 ? encoder->block[b - 1].out : encoder->entered;
+        block_backward(&encoder->block[b], parameters, gradient, inner, encoder->scratch, in,
+                       batch_pixels);
+    }
+    v2v_leaky_backward(gradient, gradient, encoder->entered, 4 * batch_pixels, LEAKY);
+    v2v_layer_backward_weights(&encoder->entry, parameters, views, gradient);
+}

@@ -1,0 +1,28 @@
+/* The feature encoder of REFERENCE.md 4, the same for every view. */
+#ifndef V2V3D_NN_ENCODER_H
+#define V2V3D_NN_ENCODER_H
+
+#include "nn/layer.h"
+
+struct v2v_encoder;
+
+/* Declare the parameters (prefix "feat_extract"). */
+enum v2v_status v2v_encoder_create(struct v2v_encoder **encoder, struct v2v_fields *fields,
+                                   int64_t features) V2V_MUST_CHECK;
+void v2v_encoder_destroy(struct v2v_encoder **encoder);
+
+/* Workspace and primitives for `batch` views of [height,width] at once. */
+enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
+                                 int64_t width, int backend, int training) V2V_MUST_CHECK;
+void v2v_encoder_weights_changed(struct v2v_encoder *encoder,
+                                 const struct v2v_parameters *parameters);
+
+/* Features [batch,features,y,x] of views [batch,y,x]; they live in the encoder until the next call.
+ */
+const float *v2v_encoder_forward(struct v2v_encoder *encoder, const float *views);
+
+/* Add the gradients of the parameters; `dfeatures` is used up. `views` as in the last forward. */
+void v2v_encoder_backward(struct v2v_encoder *encoder, const struct v2v_parameters *parameters,
+                          float *dfeatures, const float *views);
+
+#endif

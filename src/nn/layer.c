@@ -1,0 +1,54 @@
+#include "nn/layer.h"
+
+#include "v2v3d/base/text.h"
+
+enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fields,
+                                  const char *prefix, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    char text[V2V_FIELD_NAME_BYTES];
+    int64_t shape[4] = {layer->out, layer->in, layer->kernel, layer->kernel};
+    V2V_TRY(v2v_text_format(text, sizeof text, "%s.%s.weight", prefix, name));
+    V2V_TRY(v2v_fields_add(fields, &layer->weight, text, 4, shape));
+    V2V_TRY(v2v_text_format(text, sizeof text, "%s.%s.bias", prefix, name));
+    V2V_TRY(v2v_fields_add(fields, &layer->bias, text, 1, shape));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
+                               int64_t width, int backend, int training)
+{
+    struct v2v_conv_spec spec = {.batch = batch,
+                                 .in = layer->in,
+                                 .out = layer->out,
+                                 .height = height,
+                                 .width = width,
+                                 .kernel = layer->kernel,
+                                 .stride = layer->stride,
+                                 .slope = layer->slope,
+                                 .backend = backend,
+                                 .training = training};
+    v2v_conv_destroy(&layer->conv);
+    return v2v_conv_create(&layer->conv, &spec);
+}
+
+void v2v_layer_fini(struct v2v_layer *layer)
+{
+    v2v_conv_destroy(&layer->conv);
+}
+
+void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_parameters *parameters)
+{
+    v2v_conv_set_weights(layer->conv,
+                         v2v_parameter(parameters->fields, parameters->weights, layer->weight),
+                         v2v_parameter(parameters->fields, parameters->weights, layer->bias));
+}
+
+void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parameters *parameters,
+                                const float *in, const float *dout)
+{
+    v2v_conv_backward_weights(
+        layer->conv, v2v_parameter(parameters->fields, parameters->gradients, layer->weight),
+        v2v_parameter(parameters->fields, parameters->gradients, layer->bias), in, dout);
+}

@@ -1,0 +1,44 @@
+/* A convolution layer of the network: its place in the table of parameters and its primitive. */
+#ifndef V2V3D_NN_LAYER_H
+#define V2V3D_NN_LAYER_H
+
+#include "v2v3d/op/conv.h"
+#include "v2v3d/tensor/fields.h"
+
+struct v2v_layer {
+    int64_t weight, bias; /* places in the table of fields */
+    int64_t in, out;
+    int kernel, stride;
+    float slope;           /* negative slope of the activation after it, 1: none */
+    struct v2v_conv *conv; /* NULL until planned */
+};
+
+/* Values and gradients of all parameters, in the order of the table. */
+struct v2v_parameters {
+    const struct v2v_fields *fields;
+    float *weights, *gradients;
+};
+
+/* Add NAME.weight [out,in,k,k] and NAME.bias [out] to the table. `layer` has its sizes already. */
+enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fields,
+                                  const char *prefix, const char *name) V2V_MUST_CHECK;
+
+/* (Re-)create the primitive for inputs of [batch,in,height,width]. */
+enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
+                               int64_t width, int backend, int training) V2V_MUST_CHECK;
+void v2v_layer_fini(struct v2v_layer *layer);
+
+/* The values of its parameters changed. */
+void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_parameters *parameters);
+
+/* Gradients of the parameters from the layer's input and the gradient before its activation. */
+void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parameters *parameters,
+                                const float *in, const float *dout);
+
+/* The value or gradient array of a field. */
+static inline float *v2v_parameter(const struct v2v_fields *fields, float *arena, int64_t index)
+{
+    return arena + fields->item[index].offset;
+}
+
+#endif

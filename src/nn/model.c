@@ -1,0 +1,326 @@
+#include "v2v3d/nn/model.h"
+
+#include "nn/align_conv.h"
+#include "nn/encoder.h"
+#include "nn/unet.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/nn/schema.h"
+
+#include <string.h>
+
+enum { BRANCHES = 2 };
+
+struct v2v_model {
+    struct v2v_model_spec spec;
+    struct v2v_fields fields;
+    struct v2v_parameters parameters;
+    int64_t ring; /* of zeros about the feature planes: the farthest tap */
+    int64_t height, width;
+    int training;
+    struct v2v_encoder *encoder;
+    struct v2v_unet *unet[BRANCHES]; /* NULL for a branch not held */
+    int32_t *views[BRANCHES];        /* network order */
+    int64_t view_count[BRANCHES];
+    int32_t *held; /* views of all branches held, in batch order */
+    int64_t held_count;
+    struct v2v_padded features, dfeatures;
+    float *batch;   /* [held,y,x]: the encoder's input */
+    float *dbatch;  /* [held,feature,y,x] training */
+    float *dvolume; /* [z,y,x] scaled gradient, training */
+    float *workspace[BRANCHES];
+};
+
+static const char *const prefix[BRANCHES] = {"unet1", "unet2"};
+
+int64_t v2v_branch_views(int32_t *list, int64_t views, int branch)
+{
+    int64_t count = 0;
+    for (int64_t v = branch; v < views; v += BRANCHES) {
+        list[count++] = (int32_t)v;
+    }
+    return count;
+}
+
+static int holds(const struct v2v_model *model, int branch)
+{
+    return (model->spec.branches >> branch & 1) != 0;
+}
+
+static enum v2v_status list_views(struct v2v_model *model)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_ALLOC(model->held, "model.views", model->spec.views));
+    for (int b = 0; b < BRANCHES; b++) {
+        V2V_TRY(V2V_ALLOC(model->views[b], "model.views", model->spec.views));
+        model->view_count[b] = v2v_branch_views(model->views[b], model->spec.views, b);
+        for (int64_t i = 0; i < model->view_count[b] && holds(model, b); i++) {
+            model->held[model->held_count++] = model->views[b][i];
+        }
+    }
+done:
+    return rc;
+}
+
+/* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
+static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts *shifts)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_model_spec *spec = &model->spec;
+    V2V_TRY(v2v_encoder_create(&model->encoder, &model->fields, spec->features));
+    for (int b = 0; b < BRANCHES; b++) {
+        struct v2v_unet_spec unet = {.prefix = prefix[b],
+                                     .views = model->views[b],
+                                     .view_count = model->view_count[b],
+                                     .features = spec->features,
+                                     .slices = spec->slices,
+                                     .width = spec->width,
+                                     .backend = spec->backend};
+        if (holds(model, b)) {
+            V2V_TRY(v2v_unet_create(&model->unet[b], &model->fields, &unet, shifts));
+        }
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status create(struct v2v_model **model, const struct v2v_model_spec *spec,
+                              const struct v2v_shifts *shifts)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model *self = NULL;
+    V2V_TRY(V2V_ALLOC(self, "model", 1));
+    self->spec = *spec;
+    V2V_TRY(list_views(self));
+    V2V_TRY(declare(self, shifts));
+done:
+    if (rc != V2V_OK) {
+        v2v_model_destroy(&self);
+    }
+    *model = self;
+    return rc;
+}
+
+enum v2v_status v2v_model_schema(struct v2v_fields *fields, const struct v2v_model_spec *spec)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model *model = NULL;
+    V2V_TRY(create(&model, spec, NULL));
+    *fields = model->fields;
+    model->fields = (struct v2v_fields){0};
+done:
+    v2v_model_destroy(&model);
+    return rc;
+}
+
+enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_model_spec *spec,
+                                 const struct v2v_shifts *shifts)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model *self = NULL;
+    if (shifts->views != spec->views || shifts->slices != spec->slices) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "the network takes %lld views and %lld slices, the PSF set has %lld and "
+                         "%lld",
+                         (long long)spec->views, (long long)spec->slices, (long long)shifts->views,
+                         (long long)shifts->slices));
+    }
+    if (spec->views < 2) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "training view to view takes two views or more, not %lld",
+                         (long long)spec->views));
+    }
+    V2V_TRY(create(&self, spec, shifts));
+    self->ring = v2v_shifts_reach(shifts) + 1;
+    self->parameters.fields = &self->fields;
+    V2V_TRY(V2V_ALLOC(self->parameters.weights, "model.weights", self->fields.total));
+done:
+    if (rc != V2V_OK) {
+        v2v_model_destroy(&self);
+    }
+    *model = self;
+    return rc;
+}
+
+static void free_workspace(struct v2v_model *model)
+{
+    float **memory[] = {&model->batch, &model->dbatch, &model->dvolume, &model->workspace[0],
+                        &model->workspace[1]};
+    v2v_padded_fini(&model->features);
+    v2v_padded_fini(&model->dfeatures);
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(*memory[i]);
+        *memory[i] = NULL;
+    }
+}
+
+void v2v_model_destroy(struct v2v_model **model)
+{
+    struct v2v_model *self = *model;
+    if (self == NULL) {
+        return;
+    }
+    free_workspace(self);
+    v2v_encoder_destroy(&self->encoder);
+    for (int b = 0; b < BRANCHES; b++) {
+        v2v_unet_destroy(&self->unet[b]);
+        v2v_mem_free(self->views[b]);
+    }
+    v2v_mem_free(self->held);
+    v2v_mem_free(self->parameters.weights);
+    v2v_mem_free(self->parameters.gradients);
+    v2v_fields_fini(&self->fields);
+    v2v_mem_free(self);
+    *model = NULL;
+}
+
+const struct v2v_model_spec *v2v_model_spec(const struct v2v_model *model)
+{
+    return &model->spec;
+}
+
+const struct v2v_fields *v2v_model_fields(const struct v2v_model *model)
+{
+    return &model->fields;
+}
+
+float *v2v_model_weights(struct v2v_model *model)
+{
+    return model->parameters.weights;
+}
+
+float *v2v_model_gradients(struct v2v_model *model)
+{
+    return model->parameters.gradients;
+}
+
+/* Without training one view after the other goes through the encoder, and the U-Nets share one
+ * workspace: a large frame then needs the memory of one view and one branch. */
+static enum v2v_status plan_workspace(struct v2v_model *model)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_model_spec *spec = &model->spec;
+    int64_t height = model->height, width = model->width, pixels = height * width;
+    int64_t need[BRANCHES] = {0};
+    for (int b = 0; b < BRANCHES; b++) {
+        if (model->unet[b] != NULL) {
+            need[b] = v2v_unet_workspace(model->unet[b], height, width, model->training);
+        }
+    }
+    if (!model->training) {
+        need[0] = need[0] > need[1] ? need[0] : need[1];
+        need[1] = 0;
+    }
+    V2V_TRY(
+        v2v_padded_init(&model->features, spec->views, spec->features, height, width, model->ring));
+    for (int b = 0; b < BRANCHES; b++) {
+        V2V_TRY(V2V_ALLOC(model->workspace[b], "unet.workspace", need[b]));
+    }
+    if (model->training) {
+        V2V_TRY(v2v_padded_init(&model->dfeatures, spec->views, spec->features, height, width,
+                                model->ring));
+        V2V_TRY(V2V_ALLOC(model->batch, "model.batch", model->held_count * pixels));
+        V2V_TRY(
+            V2V_ALLOC(model->dbatch, "model.batch", model->held_count * spec->features * pixels));
+        V2V_TRY(V2V_ALLOC(model->dvolume, "model.batch", spec->slices * pixels));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t batch = training ? model->held_count : 1;
+    V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
+    free_workspace(model);
+    model->height = height;
+    model->width = width;
+    model->training = training;
+    V2V_TRY(plan_workspace(model));
+    if (training && model->parameters.gradients == NULL) {
+        V2V_TRY(V2V_ALLOC(model->parameters.gradients, "model.gradients", model->fields.total));
+    }
+    V2V_TRY(v2v_encoder_plan(model->encoder, batch, height, width, model->spec.backend, training));
+    for (int b = 0; b < BRANCHES; b++) {
+        if (model->unet[b] != NULL) {
+            V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0], height, width,
+                                  training));
+        }
+    }
+    v2v_model_weights_changed(model);
+done:
+    return rc;
+}
+
+void v2v_model_weights_changed(struct v2v_model *model)
+{
+    v2v_encoder_weights_changed(model->encoder, &model->parameters);
+    for (int b = 0; b < BRANCHES; b++) {
+        if (model->unet[b] != NULL) {
+            v2v_unet_weights_changed(model->unet[b], &model->parameters);
+        }
+    }
+}
+
+static void encode(struct v2v_model *model, const float *views)
+{
+    int64_t pixels = model->height * model->width, features = model->spec.features;
+    if (!model->training) {
+        for (int64_t i = 0; i < model->held_count; i++) {
+            const float *f = v2v_encoder_forward(model->encoder, views + model->held[i] * pixels);
+            v2v_padded_put(&model->features, model->held[i], f);
+        }
+        return;
+    }
+    for (int64_t i = 0; i < model->held_count; i++) {
+        memcpy(model->batch + i * pixels, views + model->held[i] * pixels,
+               (size_t)pixels * sizeof *views);
+    }
+    const float *f = v2v_encoder_forward(model->encoder, model->batch);
+    for (int64_t i = 0; i < model->held_count; i++) {
+        v2v_padded_put(&model->features, model->held[i], f + i * features * pixels);
+    }
+}
+
+static void scale(float *out, const float *in, int64_t count, float factor)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        out[i] = in[i] * factor;
+    }
+}
+
+void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views)
+{
+    float *volume[BRANCHES] = {volume1, volume2};
+    int64_t voxels = model->spec.slices * model->height * model->width;
+    encode(model, views);
+    for (int b = 0; b < BRANCHES; b++) {
+        if (model->unet[b] != NULL) {
+            const float *output = v2v_unet_forward(model->unet[b], &model->features);
+            scale(volume[b], output, voxels, (float)model->spec.volume_scale);
+        }
+    }
+}
+
+void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2)
+{
+    const float *dvolume[BRANCHES] = {dvolume1, dvolume2};
+    int64_t pixels = model->height * model->width, features = model->spec.features;
+    struct v2v_padded *dfeatures = &model->dfeatures;
+    V2V_ASSERT(model->training);
+    int64_t padded = dfeatures->views * features * (dfeatures->height + 2 * dfeatures->ring) *
+                     (dfeatures->width + 2 * dfeatures->ring);
+    memset(dfeatures->data, 0, (size_t)padded * sizeof *dfeatures->data);
+    for (int b = 0; b < BRANCHES; b++) {
+        if (model->unet[b] != NULL) {
+            scale(model->dvolume, dvolume[b], model->spec.slices * pixels,
+                  (float)model->spec.volume_scale);
+            v2v_unet_backward(model->unet[b], &model->parameters, dfeatures, &model->features,
+                              model->dvolume);
+        }
+    }
+    for (int64_t i = 0; i < model->held_count; i++) {
+        v2v_padded_get(dfeatures, model->held[i], model->dbatch + i * features * pixels);
+    }
+    v2v_encoder_backward(model->encoder, &model->parameters, model->dbatch, model->batch);
+}

@@ -1,1 +1,0 @@
-typedef int v2v_nn_is_empty;

@@ -1,0 +1,189 @@
+/* The merged first convolution against shifting, padding and convolving in plain double loops. */
+#include "support.h"
+
+#include "nn/align_conv.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/conf/config.h"
+
+#include <math.h>
+
+enum {
+    VIEWS = 4,
+    LISTED = 2,
+    FEATURES = 3,
+    SLICES = 5,
+    OUT = 6,
+    HEIGHT = 37,
+    WIDTH = 41,
+    REACH = 4
+};
+enum { IN = LISTED * FEATURES * SLICES, PIXELS = HEIGHT * WIDTH };
+
+static const int32_t listed[LISTED] = {1, 3};
+
+struct layer_case {
+    int32_t dy[VIEWS * SLICES], dx[VIEWS * SLICES];
+    struct v2v_shifts shifts;
+    struct v2v_align_conv *conv;
+    struct v2v_padded features, dfeatures;
+    float *f, *w, *b, *out, *dout, *dw, *db, *df;
+};
+
+static void random_fill(float *x, int64_t count, uint64_t stream)
+{
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = (float)v2v_random_normal(11, stream, (uint64_t)i);
+    }
+}
+
+static void setup(struct layer_case *c, int backend)
+{
+    struct v2v_align_conv_spec spec = {.views = listed,
+                                       .view_count = LISTED,
+                                       .features = FEATURES,
+                                       .out = OUT,
+                                       .slope = 1.0f,
+                                       .backend = backend};
+    *c = (struct layer_case){0};
+    for (int i = 0; i < VIEWS * SLICES; i++) {
+        c->dy[i] = (int32_t)v2v_random_below(5, 0, (uint64_t)i, 2 * REACH + 1) - REACH;
+        c->dx[i] = (int32_t)v2v_random_below(5, 1, (uint64_t)i, 2 * REACH + 1) - REACH;
+    }
+    c->shifts = (struct v2v_shifts){VIEWS, SLICES, c->dy, c->dx};
+    assert_ok(V2V_ALLOC(c->f, "test", VIEWS * FEATURES * PIXELS));
+    assert_ok(V2V_ALLOC(c->df, "test", VIEWS * FEATURES * PIXELS));
+    assert_ok(V2V_ALLOC(c->w, "test", OUT * IN * 9));
+    assert_ok(V2V_ALLOC(c->dw, "test", OUT * IN * 9));
+    assert_ok(V2V_ALLOC(c->b, "test", OUT));
+    assert_ok(V2V_ALLOC(c->db, "test", OUT));
+    assert_ok(V2V_ALLOC(c->out, "test", OUT * PIXELS));
+    assert_ok(V2V_ALLOC(c->dout, "test", OUT * PIXELS));
+    random_fill(c->f, VIEWS * FEATURES * PIXELS, 2);
+    random_fill(c->w, OUT * IN * 9, 3);
+    random_fill(c->b, OUT, 4);
+    random_fill(c->dout, OUT * PIXELS, 5);
+    assert_ok(v2v_padded_init(&c->features, VIEWS, FEATURES, HEIGHT, WIDTH, REACH + 1));
+    assert_ok(v2v_padded_init(&c->dfeatures, VIEWS, FEATURES, HEIGHT, WIDTH, REACH + 1));
+    for (int v = 0; v < VIEWS; v++) {
+        v2v_padded_put(&c->features, v, c->f + v * FEATURES * PIXELS);
+    }
+    assert_ok(v2v_align_conv_create(&c->conv, &c->shifts, &spec));
+    assert_ok(v2v_align_conv_plan(c->conv, HEIGHT, WIDTH, 1));
+    v2v_align_conv_set_weights(c->conv, c->w, c->b);
+    v2v_align_conv_forward(c->conv, c->out, &c->features);
+}
+
+static void teardown(struct layer_case *c)
+{
+    float *memory[] = {c->f, c->w, c->b, c->out, c->dout, c->dw, c->db, c->df};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(memory[i]);
+    }
+    v2v_padded_fini(&c->features);
+    v2v_padded_fini(&c->dfeatures);
+    v2v_align_conv_destroy(&c->conv);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static int inside(int y, int x)
+{
+    return y >= 0 && y < HEIGHT && x >= 0 && x < WIDTH;
+}
+
+/* aligned[(i,c,z), y, x] of REFERENCE.md 3, 0 where the shift leaves the frame. */
+static double aligned(const struct layer_case *c, int in, int y, int x)
+{
+    int i = in / (FEATURES * SLICES), feature = in / SLICES % FEATURES, z = in % SLICES;
+    int v = listed[i];
+    int sy = y + c->dy[v * SLICES + z], sx = x + c->dx[v * SLICES + z];
+    return inside(sy, sx) ? c->f[(v * FEATURES + feature) * PIXELS + sy * WIDTH + sx] : 0.0;
+}
+
+static double convolved(const struct layer_case *c, int o, int y, int x)
+{
+    double sum = c->b[o];
+    for (int in = 0; in < IN; in++) {
+        for (int k = 0; k < 9; k++) {
+            int py = y + k / 3 - 1, px = x + k % 3 - 1;
+            if (inside(py, px)) {
+                sum += c->w[(o * IN + in) * 9 + k] * aligned(c, in, py, px);
+            }
+        }
+    }
+    return sum;
+}
+
+/* IN*9 = 270 products of size about 1: round-off sqrt(270)*6e-8*|sum| ~ 1e-6 of a typical sum; the
+ * worst element is small beside its terms, so errors are taken against their magnitude. */
+static void check_forward(int backend)
+{
+    struct layer_case c;
+    double worst = 0.0;
+    setup(&c, backend);
+    for (int at = 0; at < OUT * PIXELS; at++) {
+        int y = at % PIXELS / WIDTH, x = at % PIXELS % WIDTH;
+        worst = fmax(worst, fabs(c.out[at] - convolved(&c, at / PIXELS, y, x)));
+    }
+    print_message("largest error %.1e\n", worst);
+    assert_true(worst <= 270 * 6e-8 * sqrt(270.0));
+    teardown(&c);
+}
+
+static void merged_equals_shift_pad_convolve_everywhere_onednn(void **state)
+{
+    (void)state;
+    check_forward(V2V_BACKEND_ONEDNN);
+}
+
+static void merged_equals_shift_pad_convolve_everywhere_openblas(void **state)
+{
+    (void)state;
+    check_forward(V2V_BACKEND_OPENBLAS);
+}
+
+static double inner(const float *a, const float *b, int64_t count)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        sum += (double)a[i] * b[i];
+    }
+    return sum;
+}
+
+/* The layer is bilinear in weights and features: <dout, out - bias> = <dw, w> = <df, f>. */
+static void gradients_satisfy_the_inner_product_identities(void **state)
+{
+    (void)state;
+    struct layer_case c;
+    setup(&c, V2V_BACKEND_ONEDNN);
+    v2v_align_conv_backward(c.conv, c.dw, c.db, &c.dfeatures, &c.features, c.dout);
+    for (int v = 0; v < VIEWS; v++) {
+        v2v_padded_get(&c.dfeatures, v, c.df + v * FEATURES * PIXELS);
+    }
+    double bias = inner(c.db, c.b, OUT);
+    double whole = inner(c.dout, c.out, OUT * PIXELS) - bias;
+    double by_weight = inner(c.dw, c.w, OUT * IN * 9);
+    double by_feature = inner(c.df, c.f, VIEWS * FEATURES * PIXELS);
+    double size = sqrt(inner(c.dout, c.dout, OUT * PIXELS) * inner(c.out, c.out, OUT * PIXELS));
+    print_message("inner products %.6f %.6f %.6f\n", whole, by_weight, by_feature);
+    /* sums of at most IN*9*PIXELS float products: relative to the Cauchy-Schwarz bound */
+    assert_true(fabs(whole - by_weight) <= 1e-6 * size);
+    assert_true(fabs(whole - by_feature) <= 1e-6 * size);
+    double sum = 0.0;
+    for (int i = 0; i < PIXELS; i++) {
+        sum += c.dout[i];
+    }
+    assert_true(fabs(c.db[0] - sum) <= 1e-4);
+    teardown(&c);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(merged_equals_shift_pad_convolve_everywhere_onednn),
+        cmocka_unit_test(merged_equals_shift_pad_convolve_everywhere_openblas),
+        cmocka_unit_test(gradients_satisfy_the_inner_product_identities),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
