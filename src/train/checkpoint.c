@@ -1,0 +1,204 @@
+#include "train/checkpoint.h"
+
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/weights_file.h"
+#include "v2v3d/nn/schema.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#define NEWEST "weights.h5"
+#define PREVIOUS "weights.prev.h5"
+
+enum { ARENAS = 3, MAIN_RANK = 0, OTHER_BRANCH_RANK = 1 };
+
+static enum v2v_status path_in(char *path, const char *folder, const char *name)
+{
+    return v2v_text_format(path, V2V_PATH_BYTES, "%s/%s", folder, name);
+}
+
+int v2v_checkpoint_exists(const char *folder)
+{
+    char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES];
+    return path_in(newest, folder, NEWEST) == V2V_OK &&
+           path_in(previous, folder, PREVIOUS) == V2V_OK &&
+           (v2v_file_exists(newest) || v2v_file_exists(previous));
+}
+
+/* ---- write ---- */
+
+/* The arenas of the whole network on rank 0. When the branches are on two ranks the second U-Net is
+ * fetched from the other one, else they are the trainer's own. */
+struct whole {
+    struct v2v_fields fields;
+    float *arena[ARENAS];
+    float *taken; /* what this rank had to allocate */
+};
+
+static enum v2v_status take_whole(struct whole *whole, struct v2v_trainer *trainer)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model_spec spec = *v2v_model_spec(trainer->model);
+    spec.branches = V2V_BRANCH_BOTH;
+    V2V_TRY(v2v_model_schema(&whole->fields, &spec));
+    V2V_TRY(V2V_ALLOC(whole->taken, "checkpoint", v2v_mem_product(ARENAS, whole->fields.total, 1)));
+    for (int i = 0; i < ARENAS; i++) {
+        whole->arena[i] = whole->taken + i * whole->fields.total;
+    }
+done:
+    return rc;
+}
+
+/* Collective over the pair of ranks 0 and 1. */
+static void gather_branches(struct whole *whole, struct v2v_trainer *trainer)
+{
+    float *own[ARENAS] = {v2v_model_weights(trainer->model), trainer->m, trainer->v};
+    int64_t own_total = v2v_model_fields(trainer->model)->total;
+    int main_rank = trainer->grid.branch_rank == MAIN_RANK;
+    int64_t shared = trainer->encoder_floats, other = own_total - shared;
+    v2v_par_broadcast(trainer->grid.pair, &other, sizeof other, OTHER_BRANCH_RANK);
+    for (int i = 0; i < ARENAS; i++) {
+        float *place = main_rank ? whole->arena[i] + own_total : own[i] + shared;
+        if (main_rank) {
+            memcpy(whole->arena[i], own[i], (size_t)own_total * sizeof(float));
+        }
+        v2v_par_broadcast(trainer->grid.pair, place, other * (int64_t)sizeof(float),
+                          OTHER_BRANCH_RANK);
+    }
+}
+
+/* Keep the newest as the previous generation; at every moment one of them is complete. */
+static enum v2v_status rotate(const char *folder)
+{
+    enum v2v_status rc = V2V_OK;
+    char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES], between[V2V_PATH_BYTES];
+    V2V_TRY(path_in(newest, folder, NEWEST));
+    V2V_TRY(path_in(previous, folder, PREVIOUS));
+    V2V_TRY(v2v_file_temporary(between, previous));
+    if (!v2v_file_exists(newest)) {
+        goto done;
+    }
+    (void)unlink(between);
+    if (link(newest, between) != 0 || rename(between, previous) != 0) {
+        /* a file system without hard links: a short time with the previous generation alone */
+        if (rename(newest, previous) != 0) {
+            V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: cannot keep the older checkpoint: %s", newest,
+                             strerror(errno)));
+        }
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status write_files(struct v2v_trainer *trainer, const struct whole *whole,
+                                   const char *folder, int64_t step, const char *config)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    const struct v2v_model_spec *spec = v2v_model_spec(trainer->model);
+    struct v2v_weights_info info = {.width = spec->width,
+                                    .features = spec->features,
+                                    .views = spec->views,
+                                    .slices = spec->slices,
+                                    .volume_scale = spec->volume_scale,
+                                    .step = step,
+                                    .split = "even-odd"};
+    V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
+    V2V_TRY(rotate(folder));
+    V2V_TRY(path_in(path, folder, NEWEST));
+    V2V_TRY(v2v_weights_file_write(path, &info, &whole->fields, whole->arena[0], whole->arena[1],
+                                   whole->arena[2], NULL, config));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *folder, int64_t step,
+                                     const char *config)
+{
+    enum v2v_status rc = V2V_OK, mine = V2V_OK;
+    struct whole whole = {0};
+    const struct v2v_grid *grid = &trainer->grid;
+    int writes = v2v_comm_rank(grid->world) == 0, split = grid->branch_size > 1;
+    if (writes && split) {
+        mine = take_whole(&whole, trainer);
+    }
+    V2V_TRY(v2v_par_agree(grid->world, mine));
+    if (split && grid->data_rank == 0 && !grid->idle) {
+        gather_branches(&whole, trainer);
+    } else if (writes) {
+        whole.arena[0] = v2v_model_weights(trainer->model);
+        whole.arena[1] = trainer->m;
+        whole.arena[2] = trainer->v;
+    }
+    if (writes) {
+        struct whole view = whole;
+        if (!split) {
+            view.fields = *v2v_model_fields(trainer->model);
+        }
+        mine = write_files(trainer, &view, folder, step, config);
+    }
+    V2V_TRY(v2v_par_agree(grid->world, mine));
+done:
+    v2v_fields_fini(&whole.fields);
+    v2v_mem_free(whole.taken);
+    return rc;
+}
+
+/* ---- read ---- */
+
+static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, int64_t *step)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_weights_info info;
+    const struct v2v_model_spec *spec = v2v_model_spec(trainer->model);
+    const struct v2v_fields *fields = v2v_model_fields(trainer->model);
+    V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
+    V2V_TRY(v2v_weights_file_info(&info, path));
+    if (info.width != spec->width || info.features != spec->features || info.views != spec->views ||
+        info.slices != spec->slices || info.volume_scale != spec->volume_scale) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: a network of width %lld, %lld features, %lld views, %lld slices, "
+                         "scale %g; this run has %lld, %lld, %lld, %lld, %g",
+                         path, (long long)info.width, (long long)info.features,
+                         (long long)info.views, (long long)info.slices, info.volume_scale,
+                         (long long)spec->width, (long long)spec->features, (long long)spec->views,
+                         (long long)spec->slices, spec->volume_scale));
+    }
+    V2V_TRY(v2v_weights_file_read(v2v_model_weights(trainer->model), path, "weights", fields));
+    V2V_TRY(v2v_weights_file_read(trainer->m, path, "adam_m", fields));
+    V2V_TRY(v2v_weights_file_read(trainer->v, path, "adam_v", fields));
+    *step = info.step;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder, int64_t *step)
+{
+    static const char *const generation[] = {NEWEST, PREVIOUS};
+    enum v2v_status rc = V2V_OK, read = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    for (size_t i = 0; i < sizeof generation / sizeof *generation; i++) {
+        V2V_TRY(v2v_par_agree(trainer->grid.world, path_in(path, folder, generation[i])));
+        int64_t there = v2v_file_exists(path);
+        v2v_par_max_i64(trainer->grid.world, &there, 1);
+        if (!there) {
+            continue;
+        }
+        read = v2v_par_agree(trainer->grid.world, read_file(trainer, path, step));
+        if (read == V2V_OK) {
+            goto done;
+        }
+        if (v2v_comm_rank(trainer->grid.world) == 0) {
+            v2v_log(V2V_LOG_WARNING, "cannot resume from %s: %s", path, v2v_status_message());
+        }
+    }
+    rc = read;
+done:
+    return rc;
+}

@@ -1,1 +1,0 @@
-typedef int v2v_train_is_empty;

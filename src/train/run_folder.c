@@ -1,0 +1,141 @@
+#include "train/run_folder.h"
+
+#include "train/checkpoint.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/json.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#define METRICS "metrics.jsonl"
+
+static enum v2v_status path_in(char *path, const struct v2v_run_folder *folder, const char *name)
+{
+    return v2v_text_format(path, V2V_PATH_BYTES, "%s/%s", folder->path, name);
+}
+
+/* The kernel drops the lock with the process, however it ends. */
+static enum v2v_status lock(struct v2v_run_folder *folder)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    V2V_TRY(path_in(path, folder, "lock"));
+    int descriptor = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor < 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
+    }
+    if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
+        int reason = errno;
+        (void)close(descriptor);
+        V2V_TRY(reason == EWOULDBLOCK
+                    ? V2V_FAIL(V2V_E_BUSY, "%s: another run works in this folder", folder->path)
+                    : V2V_FAIL(V2V_E_IO, "%s: cannot lock: %s", path, strerror(reason)));
+    }
+    folder->lock = descriptor;
+done:
+    return rc;
+}
+
+static enum v2v_status write_config(struct v2v_run_folder *folder, const struct v2v_config *config)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    size_t bytes = 0;
+    V2V_TRY(path_in(path, folder, "config.yaml"));
+    FILE *stream = open_memstream(&folder->config_text, &bytes);
+    if (stream == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
+    }
+    v2v_config_print(config, stream, 0);
+    if (fclose(stream) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
+    }
+    V2V_TRY(v2v_file_write_text(path, folder->config_text));
+done:
+    return rc;
+}
+
+static enum v2v_status enter_on_main_rank(struct v2v_run_folder *folder,
+                                          const struct v2v_train_job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    if (v2v_file_exists(job->folder) && !v2v_file_is_folder(job->folder)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: is a file, not a folder", job->folder));
+    }
+    if (v2v_checkpoint_exists(job->folder) && !job->resume && !job->force) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "%s: holds a run already; --resume goes on with it, --force starts anew",
+                         job->folder));
+    }
+    V2V_TRY(v2v_file_make_folder(job->folder));
+    V2V_TRY(lock(folder));
+    V2V_TRY(write_config(folder, job->config));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct v2v_train_job *job,
+                                     const struct v2v_comm *comm)
+{
+    enum v2v_status mine = V2V_OK;
+    *folder = (struct v2v_run_folder){.path = job->folder};
+    if (v2v_comm_rank(comm) == 0) {
+        mine = enter_on_main_rank(folder, job);
+    }
+    return v2v_par_agree(comm, mine);
+}
+
+enum v2v_status v2v_run_folder_open_log(struct v2v_run_folder *folder, int64_t step)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    if (folder->lock == 0) {
+        goto done; /* not rank 0 */
+    }
+    V2V_TRY(path_in(path, folder, METRICS));
+    V2V_TRY(v2v_json_lines_cut(path, step));
+    folder->log = fopen(path, "ae");
+    if (folder->log == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
+                                   const struct v2v_step_result *result, double seconds)
+{
+    const double *terms = result->terms;
+    const struct v2v_json_item items[] = {
+        {.name = "step", .number = (double)step, .count = -1},
+        {.name = "mse", .number = terms[V2V_LOSS_MSE], .count = -1},
+        {.name = "fft", .number = terms[V2V_LOSS_FFT], .count = -1},
+        {.name = "pos", .number = terms[V2V_LOSS_POS], .count = -1},
+        {.name = "dc", .number = terms[V2V_LOSS_DC], .count = -1},
+        {.name = "tv", .number = terms[V2V_LOSS_TV], .count = -1},
+        {.name = "total", .number = terms[V2V_LOSS_TOTAL], .count = -1},
+        {.name = "grad_norm", .number = result->grad_norm, .count = -1},
+        {.name = "seconds", .number = seconds, .count = -1},
+    };
+    if (folder->log == NULL) {
+        return V2V_OK;
+    }
+    return v2v_json_print(folder->log, items, (int64_t)(sizeof items / sizeof *items));
+}
+
+void v2v_run_folder_leave(struct v2v_run_folder *folder)
+{
+    if (folder->log != NULL) {
+        (void)fclose(folder->log);
+    }
+    if (folder->lock > 0) {
+        (void)close(folder->lock);
+    }
+    free(folder->config_text); /* from open_memstream */
+    *folder = (struct v2v_run_folder){0};
+}

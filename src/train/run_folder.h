@@ -1,0 +1,31 @@
+/* The folder RUN of a training run: its lock, configuration and log. Rank 0 works, all agree. */
+#ifndef V2V3D_TRAIN_RUN_FOLDER_H
+#define V2V3D_TRAIN_RUN_FOLDER_H
+
+#include "train/trainer.h"
+
+#include <stdio.h>
+
+struct v2v_run_folder {
+    const char *path;
+    int lock;          /* descriptor of the locked file, 0: none */
+    FILE *log;         /* metrics.jsonl, rank 0 only */
+    char *config_text; /* resolved configuration, rank 0 only; from open_memstream */
+};
+
+/* Make the folder, lock it against other runs and write config.yaml. Collective(comm), agreed.
+ * V2V_E_BUSY when another run holds it, V2V_E_USAGE when it has a run and neither resume nor force.
+ */
+enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct v2v_train_job *job,
+                                     const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/* Open metrics.jsonl behind step `step`: lines of later steps are cut off. Local; rank 0 works. */
+enum v2v_status v2v_run_folder_open_log(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
+
+/* One line. Local; rank 0 works. */
+enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
+                                   const struct v2v_step_result *result,
+                                   double seconds) V2V_MUST_CHECK;
+void v2v_run_folder_leave(struct v2v_run_folder *folder);
+
+#endif

@@ -1,0 +1,27 @@
+/* Crops of noisy recordings, drawn by (seed, step, sample). */
+#ifndef V2V3D_TRAIN_SAMPLER_H
+#define V2V3D_TRAIN_SAMPLER_H
+
+#include "v2v3d/loss/loss.h"
+#include "v2v3d/train/train.h"
+
+struct v2v_sampler;
+
+/* Decides offset and gain of every recording (reads them once), which flips are physical and the
+ * size of a sample. Collective(comm), agreed. */
+enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
+                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+void v2v_sampler_destroy(struct v2v_sampler **sampler);
+
+int64_t v2v_sampler_height(const struct v2v_sampler *sampler);
+int64_t v2v_sampler_width(const struct v2v_sampler *sampler);
+
+/* The part of a sample in which views are compared: without halo and padding. */
+struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
+
+/* Sample `index` of step `step` into views [v,height,width]. Local: reads a frame when it is not
+ * kept already. */
+enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *views, int64_t step,
+                                 int64_t index) V2V_MUST_CHECK;
+
+#endif

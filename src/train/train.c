@@ -1,0 +1,176 @@
+#include "v2v3d/train/train.h"
+
+#include "train/checkpoint.h"
+#include "train/run_folder.h"
+#include "train/trainer.h"
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/io/weights_file.h"
+#include "v2v3d/nn/rule.h"
+#include "v2v3d/par/watchdog.h"
+
+#include <stdio.h>
+
+/* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row
+ * the run gives up (RELIABILITY.md P8). */
+enum { NOT_FINITE_IN_A_ROW = 10 };
+
+struct run {
+    const struct v2v_train_job *job;
+    struct v2v_comm *comm;
+    struct v2v_run_folder folder;
+    struct v2v_trainer trainer;
+    struct v2v_progress progress;
+    int64_t step;         /* steps done */
+    int64_t checkpointed; /* steps in the newest checkpoint, -1: none written */
+    int not_finite;
+    double started, last_checkpoint; /* seconds */
+};
+
+static enum v2v_status set_weights(struct run *run)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model *model = run->trainer.model;
+    if (run->job->weights != NULL) {
+        V2V_TRY(v2v_weights_file_read(v2v_model_weights(model), run->job->weights, "weights",
+                                      v2v_model_fields(model)));
+    } else {
+        V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model),
+                                 V2V_RULE_KAIMING, run->job->config->train.seed));
+    }
+done:
+    return rc;
+}
+
+/* Start from a checkpoint, given weights or fresh ones. Collective(comm), agreed. */
+static enum v2v_status start(struct run *run)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(run->comm, set_weights(run)));
+    if (run->job->resume) {
+        V2V_TRY(v2v_checkpoint_read(&run->trainer, run->job->folder, &run->step));
+        if (run->step > 0) {
+            v2v_log(V2V_LOG_INFO, "resuming after step %lld", (long long)run->step);
+        }
+    }
+    v2v_model_weights_changed(run->trainer.model);
+    V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_open_log(&run->folder, run->step)));
+done:
+    return rc;
+}
+
+static enum v2v_status checkpoint(struct run *run)
+{
+    enum v2v_status rc = V2V_OK;
+    if (run->checkpointed == run->step) {
+        goto done;
+    }
+    v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "writing a checkpoint");
+    V2V_TRY(
+        v2v_checkpoint_write(&run->trainer, run->job->folder, run->step, run->folder.config_text));
+    run->checkpointed = run->step;
+    run->last_checkpoint = v2v_clock_now();
+done:
+    return rc;
+}
+
+/* Rank 0's clock and every rank's signals decide; the votes travel with the loss of the step. */
+static int wants_to_stop(const struct run *run)
+{
+    double limit = run->job->max_time_s;
+    int late =
+        limit > 0.0 && v2v_comm_rank(run->comm) == 0 && v2v_clock_now() - run->started >= limit;
+    return late || v2v_stop_requested();
+}
+
+/* Is it time for a checkpoint? Rank 0's clock says it for all. Collective(comm). */
+static int checkpoint_due(const struct run *run)
+{
+    int due = v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
+    v2v_par_broadcast(run->comm, &due, sizeof due, 0);
+    return due;
+}
+
+static enum v2v_status judge(struct run *run, const struct v2v_step_result *result)
+{
+    if (result->finite) {
+        run->not_finite = 0;
+        return V2V_OK;
+    }
+    run->not_finite++;
+    if (v2v_comm_rank(run->comm) == 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "step %lld: loss %g, gradient norm %g: not finite, weights not stepped",
+                (long long)run->step, result->terms[V2V_LOSS_TOTAL], result->grad_norm);
+    }
+    if (run->not_finite >= NOT_FINITE_IN_A_ROW) {
+        return V2V_FAIL(V2V_E_NUMERIC,
+                        "the loss was not finite in %d steps in a row, up to step %lld; the last "
+                        "checkpoint is good: lower train.learning_rate and resume",
+                        NOT_FINITE_IN_A_ROW, (long long)run->step);
+    }
+    return V2V_OK;
+}
+
+static void show(struct run *run, const struct v2v_step_result *result)
+{
+    char note[96];
+    snprintf(note, sizeof note, "loss %.6g  gradient %.3g", result->terms[V2V_LOSS_TOTAL],
+             result->grad_norm);
+    v2v_progress_step(&run->progress, run->step, note);
+}
+
+/* Steps until the end or a stop. Collective(comm), agreed. */
+static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_step_result result = {0};
+    const struct v2v_train_settings *settings = &run->job->config->train;
+    while (run->step < settings->steps) {
+        double began = v2v_clock_now();
+        v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "a training step");
+        V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, wants_to_stop(run)));
+        run->step++;
+        report->last_total = result.terms[V2V_LOSS_TOTAL];
+        V2V_TRY(judge(run, &result));
+        if (run->step % settings->log_every == 0 || run->step == settings->steps) {
+            V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_log(&run->folder, run->step, &result,
+                                                                v2v_clock_now() - began)));
+        }
+        show(run, &result);
+        if (result.votes > 0 && run->step < settings->steps) {
+            V2V_TRY(checkpoint(run));
+            V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
+                             (long long)run->step, (long long)settings->steps));
+        }
+        if (checkpoint_due(run)) {
+            V2V_TRY(checkpoint(run));
+        }
+    }
+    V2V_TRY(checkpoint(run));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_report *report,
+                              struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct run run = {.job = job, .comm = comm, .checkpointed = -1};
+    *report = (struct v2v_train_report){0};
+    run.started = run.last_checkpoint = v2v_clock_now();
+    V2V_TRY(v2v_run_folder_enter(&run.folder, job, comm));
+    V2V_TRY(v2v_trainer_create(&run.trainer, job, comm));
+    V2V_TRY(start(&run));
+    v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    rc = loop(&run, report);
+    v2v_progress_end(&run.progress);
+done:
+    v2v_watchdog_disarm();
+    report->steps = run.step;
+    report->seconds = v2v_clock_now() - run.started;
+    v2v_trainer_destroy(&run.trainer);
+    v2v_run_folder_leave(&run.folder);
+    return rc;
+}

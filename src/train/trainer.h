@@ -1,0 +1,42 @@
+/* Model, loss, moments and grid of a training run: what a step works on. */
+#ifndef V2V3D_TRAIN_TRAINER_H
+#define V2V3D_TRAIN_TRAINER_H
+
+#include "train/sampler.h"
+#include "v2v3d/nn/adam.h"
+#include "v2v3d/nn/model.h"
+#include "v2v3d/par/grid.h"
+
+struct v2v_trainer {
+    const struct v2v_config *config;
+    struct v2v_grid grid;
+    struct v2v_sampler *sampler;
+    struct v2v_model *model;
+    struct v2v_loss *loss;
+    float *m, *v;           /* Adam's moments, as the model's fields */
+    int64_t encoder_floats; /* of the arenas: shared by both branches */
+    float *views;           /* [v,y,x] of a sample */
+    float *volume[2];       /* [z,y,x] of both branches */
+    float *dvolume[2];
+    int64_t voxels;
+};
+
+/* What every rank knows after a step. */
+struct v2v_step_result {
+    double terms[V2V_LOSS_TERMS]; /* means over the batch */
+    double grad_norm;
+    int finite; /* loss and gradient; the weights were stepped only then */
+    int votes;  /* ranks that voted to stop */
+};
+
+/* Collective(comm), agreed. */
+enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v_train_job *job,
+                                   struct v2v_comm *comm) V2V_MUST_CHECK;
+void v2v_trainer_destroy(struct v2v_trainer *trainer);
+
+/* One Adam step on the batch of step `step` (from 0); `vote`: this rank wants to stop after it.
+ * Collective(world), agreed. */
+enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,
+                                 int64_t step, int vote) V2V_MUST_CHECK;
+
+#endif
