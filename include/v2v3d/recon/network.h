@@ -17,10 +17,12 @@ extern "C" {
  * of a pair computes one branch. Frames whose sides are no multiple of 32 are padded by reflection
  * on the lower and right side and cut back.
  *  @kind   Collective(grid->world)
- *  @param  model planned by this function; holds the branches of grid
+ *  @param  model planned by this function; holds the branches of grid; NULL on an idle rank
  *  @param  writer created with the recording's frame count and frame size; BRANCH1 and BRANCH2 are
  *          written when `branches`
- *  @return V2V_OK | V2V_E_NUMERIC (frame and voxel) | V2V_E_INPUT | V2V_E_IO | V2V_E_MEMORY; agreed
+ *  The watchdog is re-armed for every frame and stays armed; the caller disarms it.
+ *  @return V2V_OK | V2V_STOPPED (the frames so far are written and marked done) | V2V_E_NUMERIC
+ * (frame and voxel) | V2V_E_INPUT | V2V_E_IO | V2V_E_MEMORY; agreed
  */
 enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *recording,
                                 const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,

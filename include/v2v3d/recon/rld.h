@@ -39,9 +39,13 @@ void v2v_rld_destroy(struct v2v_rld **rld);
 /** This rank's slices of the volume. @kind Local. */
 struct v2v_part v2v_rld_slices(const struct v2v_rld *rld);
 
-/** `iterations` from a constant start (every voxel the mean of the views, in volume units).
+/** `iterations` from a constant start (whose projections have the mean of the views).
  *  @kind Collective(comm), no allocation. @param volume [slices of this rank,y,x] out
  *  @param views [v,y,x], the same on all ranks; negative values count as 0
+ *  A voxel that gives a view less than 1e-4 of its PSF's sum is left alone by that view, and is 0
+ *  when no view sees it; a projection counts as at least 1e-6 of the mean view. Both floors are
+ *  relative: scaled views give the scaled volume. The watchdog is re-armed for every iteration and
+ *  stays armed: what follows is usually a write; the caller disarms it.
  *  @return V2V_OK | V2V_STOPPED (agreed) | V2V_E_NUMERIC (agreed) */
 enum v2v_status v2v_rld_run(struct v2v_rld *rld, float *volume, const float *views,
                             int64_t iterations) V2V_MUST_CHECK;

@@ -11,7 +11,9 @@ extern "C" {
 #endif
 
 /** Project a volume (frame t of the recording shows frame t mod T of the volume) and add noise.
- *  The noise level is that of the first frame's clean views, for the whole recording.
+ *  The noise level is that of the first frame's clean views, for the whole recording; sample i of
+ *  frame t draws number i of stream t, whatever the ranks. A distinct volume frame is projected
+ *  once. The watchdog is re-armed for every frame and stays armed; the caller disarms it.
  *  @kind Collective(comm): depth slices are split over ranks. @return agreed */
 enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *volume,
                                        const struct v2v_psf_file *psf, struct v2v_noise *noise,

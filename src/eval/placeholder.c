@@ -1,1 +1,0 @@
-typedef int v2v_eval_is_empty;

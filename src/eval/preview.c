@@ -1,0 +1,96 @@
+#include "v2v3d/eval/preview.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <math.h>
+
+enum { SEPARATOR = 2 };                            /* pixels between two projections */
+static const uint32_t separator_colour = 0x404040; /* dark grey */
+static const double white_percentile = 99.9;
+
+/** Maximum projections along each axis; depth is stretched by repeating each slice. */
+struct mips {
+    float *along_z; /* [y,x] */
+    float *along_y; /* [z*zoom,x] */
+    float *along_x; /* [y,z*zoom] */
+};
+
+static void project(struct mips *mips, const float *volume, int64_t slices, int64_t height,
+                    int64_t width, int zoom)
+{
+    for (int64_t i = 0; i < height * width; i++) {
+        mips->along_z[i] = volume[i];
+    }
+    for (int64_t z = 0; z < slices; z++) {
+        float *row = mips->along_y + z * zoom * width;
+        for (int64_t x = 0; x < width; x++) {
+            row[x] = volume[z * height * width + x];
+        }
+        for (int64_t y = 0; y < height; y++) {
+            const float *in = volume + (z * height + y) * width;
+            float brightest = in[0];
+            for (int64_t x = 0; x < width; x++) {
+                brightest = fmaxf(brightest, in[x]);
+                row[x] = fmaxf(row[x], in[x]);
+                mips->along_z[y * width + x] = fmaxf(mips->along_z[y * width + x], in[x]);
+            }
+            for (int64_t k = 0; k < zoom; k++) {
+                mips->along_x[(y * slices + z) * zoom + k] = brightest;
+            }
+        }
+        for (int64_t i = width; i < zoom * width; i++) {
+            row[i] = row[i - width];
+        }
+    }
+}
+
+/** Grey range: as given, else 0 to the percentile of the projection along z (of which even a sparse
+ *  scene fills more than a thousandth), else to its maximum, else to 1. */
+static enum v2v_status choose_range(double *low, double *high, const float *mip, int64_t count)
+{
+    if (*low != 0 || *high != 0) {
+        return V2V_OK;
+    }
+    enum v2v_status rc = v2v_percentile(high, mip, count, white_percentile);
+    for (int64_t i = 0; rc == V2V_OK && *high <= 0 && i < count; i++) {
+        *high = fmax(*high, mip[i]);
+    }
+    *high = *high > 0 ? *high : 1;
+    return rc;
+}
+
+static void draw_separators(struct v2v_canvas *canvas, int64_t height, int64_t width)
+{
+    for (int64_t k = 0; k < SEPARATOR; k++) {
+        v2v_canvas_line(canvas, 0, width + k, canvas->height - 1, width + k, separator_colour);
+        v2v_canvas_line(canvas, height + k, 0, height + k, canvas->width - 1, separator_colour);
+    }
+}
+
+enum v2v_status v2v_preview_volume(struct v2v_canvas *canvas, const float *volume, int64_t slices,
+                                   int64_t height, int64_t width, int z_zoom, double low,
+                                   double high)
+{
+    V2V_ASSERT(slices > 0 && height > 0 && width > 0 && z_zoom > 0);
+    enum v2v_status rc = V2V_OK;
+    struct mips mips = {0};
+    int64_t depth = slices * z_zoom;
+    V2V_TRY(V2V_ALLOC(mips.along_z, "preview.mips", height * width));
+    V2V_TRY(V2V_ALLOC(mips.along_y, "preview.mips", depth * width));
+    V2V_TRY(V2V_ALLOC(mips.along_x, "preview.mips", height * depth));
+    project(&mips, volume, slices, height, width, z_zoom);
+    V2V_TRY(choose_range(&low, &high, mips.along_z, height * width));
+    V2V_TRY(v2v_canvas_init(canvas, height + SEPARATOR + depth, width + SEPARATOR + depth));
+
+    float black = (float)low, white = (float)high;
+    v2v_canvas_image(canvas, 0, 0, mips.along_z, height, width, black, white, 1);
+    v2v_canvas_image(canvas, 0, width + SEPARATOR, mips.along_x, height, depth, black, white, 1);
+    v2v_canvas_image(canvas, height + SEPARATOR, 0, mips.along_y, depth, width, black, white, 1);
+    draw_separators(canvas, height, width);
+done:
+    v2v_mem_free(mips.along_x);
+    v2v_mem_free(mips.along_y);
+    v2v_mem_free(mips.along_z);
+    return rc;
+}

@@ -1,0 +1,229 @@
+#include "v2v3d/recon/network.h"
+
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+/* Longest wait for one frame, seconds: 512 x 512 at full width takes minutes on two cores. */
+static const double frame_watchdog_s = 1800;
+
+struct job {
+    struct v2v_model *model;
+    struct v2v_recording *recording;
+    const struct v2v_scaling *scaling;
+    struct v2v_volume_writer *writer;
+    const struct v2v_grid *grid;
+    int64_t frames, views, slices;
+    int64_t height, width;               /* of a frame */
+    int64_t padded_height, padded_width; /* multiples of V2V_MODEL_GRID */
+    float *recorded;                     /* [v,y,x] as recorded */
+    float *padded;                       /* [v,y,x] what the network takes */
+    float *output[2];                    /* [z,y,x] padded; NULL for a branch not held */
+    float *branch[2];                    /* [z,y,x] in units of the recording; NULL likewise */
+    float *mean;                         /* [z,y,x] */
+};
+
+static int64_t round_up(int64_t n)
+{
+    return (n + V2V_MODEL_GRID - 1) / V2V_MODEL_GRID * V2V_MODEL_GRID;
+}
+
+/** Local: does this rank compute branch b? An idle rank holds none. */
+static int holds(const struct v2v_grid *grid, int b)
+{
+    return !grid->idle && (grid->branch_size == 1 || grid->branch_rank == b);
+}
+
+/** Local: sizes, plan and memory. An idle rank needs none of them. */
+static enum v2v_status job_plan(struct job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(job->recording);
+    job->frames = info->frames;
+    if (job->grid->idle) {
+        return V2V_OK;
+    }
+    const struct v2v_model_spec *spec = v2v_model_spec(job->model);
+    if (info->views != spec->views) {
+        return V2V_FAIL(V2V_E_INPUT, "the recording has %lld views, the network takes %lld",
+                        (long long)info->views, (long long)spec->views);
+    }
+    job->views = info->views;
+    job->slices = spec->slices;
+    job->height = info->height;
+    job->width = info->width;
+    job->padded_height = round_up(info->height);
+    job->padded_width = round_up(info->width);
+    int64_t volume = v2v_mem_product(job->slices, job->height, job->width);
+    V2V_TRY(V2V_ALLOC(job->recorded, "recon.views",
+                      v2v_mem_product(job->views, job->height, job->width)));
+    V2V_TRY(V2V_ALLOC(job->padded, "recon.views",
+                      v2v_mem_product(job->views, job->padded_height, job->padded_width)));
+    V2V_TRY(V2V_ALLOC(job->mean, "recon.volumes", volume));
+    for (int b = 0; b < 2; b++) {
+        if (holds(job->grid, b)) {
+            V2V_TRY(V2V_ALLOC(job->output[b], "recon.volumes",
+                              v2v_mem_product(job->slices, job->padded_height, job->padded_width)));
+            V2V_TRY(V2V_ALLOC(job->branch[b], "recon.volumes", volume));
+        }
+    }
+    V2V_TRY(v2v_model_plan(job->model, job->padded_height, job->padded_width, 0));
+done:
+    return rc;
+}
+
+static void job_fini(struct job *job)
+{
+    for (int b = 0; b < 2; b++) {
+        v2v_mem_free(job->branch[b]);
+        v2v_mem_free(job->output[b]);
+    }
+    v2v_mem_free(job->mean);
+    v2v_mem_free(job->padded);
+    v2v_mem_free(job->recorded);
+}
+
+/** Place i of a line of n that is continued by reflection about its ends, which aren't repeated;
+ *  to and fro as often as it takes. */
+static int64_t reflected(int64_t i, int64_t n)
+{
+    if (n == 1) {
+        return 0;
+    }
+    int64_t period = 2 * (n - 1), place = i % period;
+    return place < n ? place : period - place;
+}
+
+static void pad(struct job *job)
+{
+    for (int64_t v = 0; v < job->views; v++) {
+        for (int64_t y = 0; y < job->padded_height; y++) {
+            const float *in =
+                job->recorded + (v * job->height + reflected(y, job->height)) * job->width;
+            float *out = job->padded + (v * job->padded_height + y) * job->padded_width;
+            for (int64_t x = 0; x < job->padded_width; x++) {
+                out[x] = in[reflected(x, job->width)];
+            }
+        }
+    }
+}
+
+/** Cut the padding off branch b and bring it to the recording's units. */
+static enum v2v_status cut(struct job *job, int b, int64_t t)
+{
+    double units = 1 / job->scaling->gain;
+    for (int64_t z = 0; z < job->slices; z++) {
+        for (int64_t y = 0; y < job->height; y++) {
+            const float *in = job->output[b] + (z * job->padded_height + y) * job->padded_width;
+            float *out = job->branch[b] + (z * job->height + y) * job->width;
+            for (int64_t x = 0; x < job->width; x++) {
+                out[x] = (float)(in[x] * units);
+            }
+        }
+    }
+    int64_t pixels = job->height * job->width;
+    int64_t bad = v2v_first_not_finite(job->branch[b], job->slices * pixels);
+    if (bad >= 0) {
+        return V2V_FAIL(V2V_E_NUMERIC,
+                        "frame %lld, branch %d: NaN or Inf at slice %lld, row %lld, column %lld",
+                        (long long)t, b + 1, (long long)(bad / pixels),
+                        (long long)(bad / job->width % job->height), (long long)(bad % job->width));
+    }
+    return V2V_OK;
+}
+
+/** Local: the volumes of the branches that this rank holds; nothing for t = -1. */
+static enum v2v_status compute(struct job *job, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
+    if (v2v_stop_requested()) {
+        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request"));
+    }
+    if (t >= 0) {
+        V2V_TRY(v2v_recording_read(job->recording, job->recorded, t));
+        v2v_scaling_apply(job->scaling, job->recorded, job->views * job->height * job->width);
+        pad(job);
+        v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
+    }
+    for (int b = 0; b < 2; b++) {
+        if (t >= 0 && holds(job->grid, b)) {
+            V2V_TRY(cut(job, b, t));
+        }
+    }
+done:
+    return rc;
+}
+
+/** Collective(pair): both ranks of a pair hold the mean of the two volumes. Halves are added, so
+ *  that nothing overflows, and x + y = y + x: one rank and two give the same bits. */
+static void average(struct job *job)
+{
+    int64_t count = job->slices * job->height * job->width;
+    for (int64_t i = 0; i < count; i++) {
+        job->mean[i] = 0;
+    }
+    for (int b = 0; b < 2; b++) {
+        for (int64_t i = 0; job->branch[b] != NULL && i < count; i++) {
+            job->mean[i] += 0.5f * job->branch[b][i];
+        }
+    }
+    if (job->grid->branch_size == 2) {
+        v2v_par_sum_f32(job->grid->pair, job->mean, count);
+    }
+}
+
+/** Collective(world): the ranks of a pair write half of the mean each, and each its own branch;
+ *  a rank without a frame takes part with nothing. */
+static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_grid *grid = job->grid;
+    struct v2v_part part = {0, 0};
+    const float *mine = NULL;
+    if (t >= 0) {
+        part = v2v_par_part(job->slices, grid->branch_size, grid->branch_rank);
+        mine = job->mean + part.first * job->height * job->width;
+    }
+    int64_t frame = t >= 0 ? t : 0;
+    V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_MEAN, mine, frame, part.first, part.count));
+    for (int b = 0; branches && b < 2; b++) {
+        int64_t count = t >= 0 && holds(grid, b) ? job->slices : 0;
+        V2V_TRY(
+            v2v_volume_write(job->writer, V2V_VOLUME_BRANCH1 + b, job->branch[b], frame, 0, count));
+    }
+    V2V_TRY(v2v_volume_mark_done(job->writer, t >= 0 && grid->branch_rank == 0 ? t : -1));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *recording,
+                                const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
+                                int branches, const struct v2v_grid *grid)
+{
+    enum v2v_status rc = V2V_OK;
+    struct job job = {
+        .model = model, .recording = recording, .scaling = scaling, .writer = writer, .grid = grid};
+    struct v2v_progress progress;
+    V2V_TRY(v2v_par_agree(grid->world, job_plan(&job)));
+    v2v_progress_begin(&progress, "reconstruct", 0, job.frames);
+    for (int64_t round = 0; round * grid->data_size < job.frames; round++) {
+        int64_t t = round * grid->data_size + grid->data_rank;
+        t = grid->idle || t >= job.frames ? -1 : t;
+        v2v_watchdog_arm(frame_watchdog_s, "reconstructing a frame");
+        V2V_TRY(v2v_par_agree(grid->world, compute(&job, t)));
+        if (t >= 0) { /* the same for both ranks of a pair */
+            average(&job);
+        }
+        V2V_TRY(write_frame(&job, t, branches));
+        int64_t done = (round + 1) * grid->data_size;
+        v2v_progress_step(&progress, done < job.frames ? done : job.frames, NULL);
+    }
+    v2v_progress_end(&progress);
+done:
+    job_fini(&job);
+    return rc;
+}

@@ -1,1 +1,0 @@
-typedef int v2v_recon_is_empty;

@@ -1,0 +1,87 @@
+#include "recon/sensitivity.h"
+
+#include "v2v3d/base/memory.h"
+
+/** Kernel taps [first, end) that meet the frame of n pixels from voxel i: projection pixel
+ *  i + k - c lies in [0, n), c = ceil(K/2)-1 (REFERENCE.md 2). */
+struct taps {
+    int64_t first, end;
+};
+
+static struct taps taps_inside(int64_t i, int64_t n, int64_t kernel)
+{
+    int64_t centre = (kernel + 1) / 2 - 1;
+    int64_t first = centre - i, end = n - i + centre;
+    return (struct taps){first > 0 ? first : 0, end < kernel ? end : kernel};
+}
+
+/** Summed-area table of one PSF slice. @param table [ky 0..K, kx 0..K] out, zeroed */
+static void tabulate(double *table, const float *psf, int64_t height, int64_t width)
+{
+    int64_t stride = width + 1;
+    for (int64_t y = 0; y < height; y++) {
+        double row = 0;
+        for (int64_t x = 0; x < width; x++) {
+            row += psf[y * width + x];
+            table[(y + 1) * stride + x + 1] = table[y * stride + x + 1] + row;
+        }
+    }
+}
+
+static double sum_of(const float *x, int64_t count)
+{
+    double sum = 0;
+    for (int64_t i = 0; i < count; i++) {
+        sum += x[i];
+    }
+    return sum;
+}
+
+enum v2v_status v2v_sensitivity_init(struct v2v_sensitivity *sensitivity,
+                                     const struct v2v_psf_file *psf, struct v2v_part slices,
+                                     int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t pixels = psf->height * psf->width;
+    int64_t cells = v2v_mem_product(psf->height + 1, psf->width + 1, 1);
+    *sensitivity = (struct v2v_sensitivity){.views = psf->views,
+                                            .height = height,
+                                            .width = width,
+                                            .kernel_height = psf->height,
+                                            .kernel_width = psf->width,
+                                            .slices = slices};
+    V2V_TRY(V2V_ALLOC(sensitivity->table, "rld.sensitivity",
+                      v2v_mem_product(psf->views, slices.count, cells)));
+    V2V_TRY(V2V_ALLOC(sensitivity->total, "rld.sensitivity", psf->views));
+    for (int64_t v = 0; v < psf->views; v++) {
+        const float *view = psf->data + v * psf->slices * pixels;
+        sensitivity->total[v] = sum_of(view, psf->slices * pixels);
+        for (int64_t z = 0; z < slices.count; z++) {
+            tabulate(sensitivity->table + (v * slices.count + z) * cells,
+                     view + (slices.first + z) * pixels, psf->height, psf->width);
+        }
+    }
+done:
+    return rc;
+}
+
+void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity)
+{
+    v2v_mem_free(sensitivity->table);
+    v2v_mem_free(sensitivity->total);
+    *sensitivity = (struct v2v_sensitivity){0};
+}
+
+void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
+                         int64_t z, int64_t y)
+{
+    int64_t stride = sensitivity->kernel_width + 1;
+    int64_t cells = (sensitivity->kernel_height + 1) * stride;
+    const double *table = sensitivity->table + (v * sensitivity->slices.count + z) * cells;
+    struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
+    const double *low = table + ky.first * stride, *high = table + ky.end * stride;
+    for (int64_t x = 0; x < sensitivity->width; x++) {
+        struct taps kx = taps_inside(x, sensitivity->width, sensitivity->kernel_width);
+        row[x] = (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+    }
+}

@@ -1,1 +1,0 @@
-typedef int v2v_sim_is_empty;

@@ -1,0 +1,36 @@
+/** A small microscope for the tests of recon and its exact numbers: V views that see depth under
+ *  different angles, Gaussian spots that widen out of focus, kernels of even height. */
+#ifndef TEST_SMALL_OPTICS_H
+#define TEST_SMALL_OPTICS_H
+
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
+
+#include <math.h>
+
+enum { VIEWS = 4, SLICES = 6, KERNEL_HEIGHT = 10, KERNEL_WIDTH = 11 };
+
+static struct v2v_psf_file small_psf(void)
+{
+    struct v2v_psf_file psf = {VIEWS, SLICES, KERNEL_HEIGHT, KERNEL_WIDTH, 0, 0, NULL};
+    assert_ok(V2V_ALLOC(psf.data, "test", VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH));
+    float *p = psf.data;
+    for (int v = 0; v < VIEWS; v++) {
+        for (int z = 0; z < SLICES; z++) {
+            double depth = z - (SLICES - 1) / 2.0, angle = 2 * acos(-1) * v / VIEWS;
+            double width = 0.8 + 0.15 * fabs(depth);
+            for (int y = 0; y < KERNEL_HEIGHT; y++) {
+                for (int x = 0; x < KERNEL_WIDTH; x++) {
+                    double dy = y - 4 - depth * sin(angle), dx = x - 5 - depth * cos(angle);
+                    *p++ = (float)exp(-(dy * dy + dx * dx) / (2 * width * width));
+                }
+            }
+        }
+    }
+    v2v_psf_normalize_views(&psf);
+    return psf;
+}
+
+#endif

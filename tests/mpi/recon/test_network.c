@@ -1,0 +1,225 @@
+#include "small_optics.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/nn/model.h"
+#include "v2v3d/nn/rule.h"
+#include "v2v3d/recon/network.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* Frames that need padding on both sides; a number of them that 2, 3, 4 ranks don't share evenly.
+ */
+enum { HEIGHT = 40, WIDTH = 30, PADDED_HEIGHT = 64, PADDED_WIDTH = 32, FRAMES = 5 };
+enum { PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
+enum { PADDED = PADDED_HEIGHT * PADDED_WIDTH };
+
+static const struct v2v_scaling scaling = {.offset = 100, .gain = 1.0 / 64};
+static float frames[FRAMES][SAMPLES], expected[2][FRAMES][VOXELS];
+
+static struct v2v_model *model_of(unsigned branches)
+{
+    const struct v2v_model_spec spec = {.views = VIEWS,
+                                        .slices = SLICES,
+                                        .width = 4,
+                                        .features = 4,
+                                        .branches = branches,
+                                        .backend = V2V_BACKEND_ONEDNN,
+                                        .volume_scale = 2};
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_shifts shifts = {0};
+    struct v2v_model *model = NULL;
+    assert_ok(v2v_shifts_from_psf(&shifts, &psf));
+    assert_ok(v2v_model_create(&model, &spec, &shifts));
+    assert_ok(
+        v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model), V2V_RULE_HASH, 7));
+    v2v_shifts_fini(&shifts);
+    v2v_psf_file_fini(&psf);
+    return model;
+}
+
+/** Row or column i of the padded frame: mirrored about the last one, n < 32 often enough. */
+static int mirror(int i, int n)
+{
+    while (i >= n) {
+        i = i >= 2 * n - 1 ? i - 2 * (n - 1) : 2 * (n - 1) - i;
+    }
+    return i;
+}
+
+/** What one rank with both branches makes of every frame. */
+static void expect(void)
+{
+    static float padded[VIEWS * PADDED], volume[2][SLICES * PADDED];
+    struct v2v_model *model = model_of(V2V_BRANCH_BOTH);
+    assert_ok(v2v_model_plan(model, PADDED_HEIGHT, PADDED_WIDTH, 0));
+    for (int t = 0; t < FRAMES; t++) {
+        for (int i = 0; i < VIEWS * PADDED; i++) {
+            int v = i / PADDED, y = mirror(i / PADDED_WIDTH % PADDED_HEIGHT, HEIGHT);
+            int x = mirror(i % PADDED_WIDTH, WIDTH);
+            padded[i] = (frames[t][v * PIXELS + y * WIDTH + x] - 100) / 64;
+        }
+        v2v_model_forward(model, volume[0], volume[1], padded);
+        for (int i = 0; i < VOXELS; i++) {
+            int z = i / PIXELS, y = i / WIDTH % HEIGHT, x = i % WIDTH;
+            for (int b = 0; b < 2; b++) {
+                expected[b][t][i] = 64 * volume[b][z * PADDED + y * PADDED_WIDTH + x];
+            }
+        }
+    }
+    v2v_model_destroy(&model);
+}
+
+static int setup(void **state)
+{
+    (void)state;
+    for (int64_t i = 0; i < FRAMES * SAMPLES; i++) { /* whole counts: exact in float32 */
+        frames[i / SAMPLES][i % SAMPLES] = (float)(100 + v2v_random_below(3, 0, (uint64_t)i, 64));
+    }
+    expect();
+    for (int b = 0; b < 2; b++) { /* something to compare */
+        assert_true(v2v_sum_of_squares(&expected[b][0][0], FRAMES * VOXELS) > 0);
+    }
+    return 0;
+}
+
+static struct v2v_recording *recording_file(const char *folder)
+{
+    char path[1024];
+    struct v2v_recording_writer *writer = NULL;
+    struct v2v_recording *recording = NULL;
+    const struct v2v_recording_info info = {
+        .frames = FRAMES, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
+    const struct v2v_input_settings settings = {.views = VIEWS};
+    snprintf(path, sizeof path, "%s/recording.h5", folder);
+    assert_ok(v2v_recording_create(&writer, path, &info, test_world()));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        int64_t count = v2v_comm_rank(test_world()) == 0 ? VIEWS : 0;
+        assert_ok(v2v_recording_write(writer, frames[t], t, 0, count));
+    }
+    assert_ok(v2v_recording_finish(&writer));
+    assert_ok(v2v_recording_open(&recording, path, &settings, test_world()));
+    return recording;
+}
+
+/** Reconstruct into `path`; `broken` plants a NaN in the weights of the last rank with a model. */
+static enum v2v_status reconstruct(const char *folder, const char *path, int branches, int broken)
+{
+    struct v2v_grid grid;
+    struct v2v_model *model = NULL;
+    struct v2v_volume_writer *writer = NULL;
+    struct v2v_recording *recording = recording_file(folder);
+    const struct v2v_volume_info info = {
+        .frames = FRAMES, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
+    unsigned datasets = 1u << V2V_VOLUME_MEAN | 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
+    assert_ok(v2v_grid_create(&grid, test_world(), branches));
+    if (!grid.idle) {
+        model = model_of(grid.branch_size == 1   ? V2V_BRANCH_BOTH
+                         : grid.branch_rank == 0 ? V2V_BRANCH_1
+                                                 : V2V_BRANCH_2);
+        if (broken && grid.data_rank == grid.data_size - 1 &&
+            grid.branch_rank == grid.branch_size - 1) {
+            v2v_model_weights(model)[0] = NAN;
+        }
+    }
+    assert_ok(v2v_volume_create(&writer, path, &info, datasets, NULL, 0, test_world()));
+    enum v2v_status rc = v2v_reconstruct(model, recording, &scaling, writer, 1, &grid);
+    if (rc == V2V_OK) {
+        assert_ok(v2v_volume_finish(&writer));
+    }
+    v2v_volume_abandon(&writer);
+    v2v_recording_close(&recording);
+    v2v_model_destroy(&model);
+    v2v_grid_destroy(&grid);
+    return rc;
+}
+
+static void assert_dataset(const char *path, const char *dataset, const float *reference)
+{
+    int64_t count = 0;
+    double *values = test_h5_read(path, dataset, &count);
+    assert_int_equal(count, FRAMES * VOXELS);
+    /* One network on one machine with one thread count repeats its bits; what may differ is the
+     * division by the gain: exact for a power of two. */
+    for (int64_t i = 0; i < count; i++) {
+        if (values[i] != (double)reference[i]) {
+            fail_msg("%s: voxel %lld is %.9g, one rank makes it %.9g", dataset, (long long)i,
+                     values[i], (double)reference[i]);
+        }
+    }
+    test_release(values);
+}
+
+static void compare(int branches)
+{
+    static float mean[FRAMES * VOXELS];
+    char path[1024];
+    const char *folder = test_folder(test_world());
+    snprintf(path, sizeof path, "%s/volume.h5", folder);
+    assert_ok(reconstruct(folder, path, branches, 0));
+    for (int64_t i = 0; i < FRAMES * VOXELS; i++) {
+        mean[i] = 0.5f * (&expected[0][0][0])[i] + 0.5f * (&expected[1][0][0])[i];
+    }
+    assert_dataset(path, "/branch1", &expected[0][0][0]);
+    assert_dataset(path, "/branch2", &expected[1][0][0]);
+    assert_dataset(path, "/volume", mean);
+    int64_t count = 0;
+    double *done = test_h5_read(path, "/done", &count);
+    assert_int_equal(count, FRAMES);
+    for (int64_t t = 0; t < count; t++) {
+        assert_true(done[t] != 0);
+    }
+    test_release(done);
+}
+
+static void frames_shared_by_ranks_give_one_ranks_volumes(void **state)
+{
+    (void)state;
+    compare(1);
+}
+
+static void branches_shared_by_ranks_give_one_ranks_volumes(void **state)
+{
+    (void)state;
+    if (v2v_comm_size(test_world()) < 2) {
+        skip();
+    }
+    compare(2);
+}
+
+static void a_nan_of_one_rank_ends_all_and_names_the_frame(void **state)
+{
+    (void)state;
+    char path[1024];
+    const char *folder = test_folder(test_world());
+    snprintf(path, sizeof path, "%s/volume.h5", folder);
+    assert_int_equal(reconstruct(folder, path, 0, 1), V2V_E_NUMERIC);
+    assert_non_null(strstr(v2v_status_message(), "NaN or Inf at slice"));
+    assert_non_null(strstr(v2v_status_message(), "frame "));
+}
+
+static void a_request_to_one_rank_stops_all(void **state)
+{
+    (void)state;
+    char path[1024];
+    const char *folder = test_folder(test_world());
+    snprintf(path, sizeof path, "%s/volume.h5", folder);
+    if (v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1) {
+        v2v_stop_request(); /* for good: this test stays the last one */
+    }
+    assert_int_equal(reconstruct(folder, path, 0, 0), V2V_STOPPED);
+}
+
+int main(int argc, char **argv)
+{
+#define WITH(test) cmocka_unit_test_setup(test, setup)
+    const struct CMUnitTest tests[] = {
+        WITH(frames_shared_by_ranks_give_one_ranks_volumes),
+        WITH(branches_shared_by_ranks_give_one_ranks_volumes),
+        WITH(a_nan_of_one_rank_ends_all_and_names_the_frame),
+        WITH(a_request_to_one_rank_stops_all),
+    };
+    return test_mpi_main(tests, argc, argv);
+}

@@ -1,0 +1,306 @@
+#include "small_optics.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/optics/projector.h"
+#include "v2v3d/recon/rld.h"
+
+#include <string.h>
+
+enum { HEIGHT = 24, WIDTH = 28, PIXELS = HEIGHT * WIDTH };
+enum { VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
+
+static struct v2v_psf_file psf;
+static struct v2v_projector *projector; /* of this rank alone: all slices */
+static float truth[VOXELS], views[SAMPLES];
+
+static int setup(void **state)
+{
+    (void)state;
+    psf = small_psf();
+    for (int64_t i = 0; i < VOXELS; i++) { /* a few bright points */
+        int bright = v2v_random_below(11, 0, (uint64_t)i, 60) == 0;
+        truth[i] = bright ? (float)(1 + v2v_random_uniform(11, 1, (uint64_t)i)) : 0;
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+    return 0;
+}
+
+/** A run over the ranks of comm; `volume` gets all slices on all of them. */
+static enum v2v_status run(float volume[VOXELS], const float recorded[SAMPLES], int64_t iterations,
+                           const struct v2v_comm *comm)
+{
+    struct v2v_rld *rld = NULL;
+    float *mine = NULL;
+    assert_ok(v2v_rld_create(&rld, &psf, HEIGHT, WIDTH, 0.5, comm));
+    struct v2v_part slices = v2v_rld_slices(rld);
+    assert_ok(V2V_ALLOC(mine, "test", slices.count * PIXELS));
+    size_t peak = v2v_mem_peak(), held = v2v_mem_held();
+    enum v2v_status rc = v2v_rld_run(rld, mine, recorded, iterations);
+    assert_true(v2v_mem_held() == held && v2v_mem_peak() == peak); /* no allocation in the run */
+    memset(volume, 0, VOXELS * sizeof *volume);
+    memcpy(volume + slices.first * PIXELS, mine, (size_t)(slices.count * PIXELS) * sizeof *mine);
+    v2v_par_sum_f32(comm, volume, VOXELS);
+    v2v_mem_free(mine);
+    v2v_rld_destroy(&rld);
+    return rc;
+}
+
+/** One view of the plain twin, in double precision: view = A_v volume, or volume = A_v^T view. */
+static void plain_view(double view[PIXELS], double volume[VOXELS], int v, int adjoint)
+{
+    memset(adjoint ? volume : view, 0, (adjoint ? VOXELS : PIXELS) * sizeof(double));
+    for (int i = 0; i < VOXELS; i++) {
+        int z = i / PIXELS, y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const float *taps = psf.data + (v * SLICES + z) * KERNEL_HEIGHT * KERNEL_WIDTH;
+        for (int k = 0; k < KERNEL_HEIGHT * KERNEL_WIDTH; k++) { /* centre ceil(K/2)-1: 4 and 5 */
+            int row = y + k / KERNEL_WIDTH - 4, column = x + k % KERNEL_WIDTH - 5;
+            if (row >= 0 && row < HEIGHT && column >= 0 && column < WIDTH) {
+                double *pixel = view + row * WIDTH + column;
+                *(adjoint ? volume + i : pixel) += (double)taps[k] * (adjoint ? *pixel : volume[i]);
+            }
+        }
+    }
+}
+
+/** REFERENCE.md 7 on the true views, by plain loops. */
+static void plain_rld(double x[VOXELS], int64_t iterations)
+{
+    static double seen[VIEWS][VOXELS], correction[VOXELS], ratio[PIXELS];
+    double sum = 0, sensitivity = 0;
+    for (int v = 0; v < VIEWS; v++) {
+        for (int i = 0; i < PIXELS; i++) {
+            ratio[i] = 1;
+            sum += views[v * PIXELS + i] > 0 ? views[v * PIXELS + i] : 0;
+        }
+        plain_view(ratio, seen[v], v, 1);
+        for (int i = 0; i < VOXELS; i++) {
+            sensitivity += seen[v][i];
+        }
+    }
+    for (int i = 0; i < VOXELS; i++) {
+        x[i] = sum / sensitivity;
+    }
+    for (int64_t step = 0; step < iterations * VIEWS; step++) {
+        int v = (int)(step % VIEWS);
+        plain_view(ratio, x, v, 0);
+        for (int i = 0; i < PIXELS; i++) {
+            ratio[i] = fmax(views[v * PIXELS + i], 0) / fmax(ratio[i], 1e-6 * sum / SAMPLES);
+        }
+        plain_view(ratio, correction, v, 1);
+        for (int i = 0; i < VOXELS; i++) {
+            x[i] *= seen[v][i] > 1e-4 ? 0.5 + 0.5 * correction[i] / seen[v][i] : 1;
+        }
+    }
+}
+
+static void volume_equals_the_plain_definition(void **state)
+{
+    (void)state;
+    static double plain[VOXELS];
+    static float volume[VOXELS];
+    for (int64_t n = 0; n <= 4; n += 2) {
+        plain_rld(plain, n);
+        assert_ok(run(volume, views, n, test_world()));
+        /* 4n updates, each with two float32 transforms of 10 levels x eps 6e-8; times four because
+         * the round-off of a bright pixel weighs more in a dim one. */
+        assert_true(test_relative_l2_to_double(volume, plain, VOXELS) < 1e-6 + 2e-5 * (double)n);
+    }
+}
+
+/** |views - A volume| / |views| */
+static double residual_of(const float volume[VOXELS])
+{
+    static float projection[SAMPLES];
+    v2v_projector_forward(projector, projection, volume, NULL, VIEWS);
+    return test_relative_l2(projection, views, SAMPLES);
+}
+
+static void residual_falls_with_every_iteration_on_clean_views(void **state)
+{
+    (void)state;
+    static float volume[VOXELS];
+    double last = 0;
+    for (int64_t n = 0; n <= 6; n++) {
+        assert_ok(run(volume, views, n, test_world()));
+        double residual = residual_of(volume);
+        assert_true(n == 0 || residual < last);
+        last = residual;
+    }
+}
+
+static void a_constant_scene_is_found_at_once_and_kept(void **state)
+{
+    (void)state;
+    static float constant[VOXELS], volume[VOXELS], flat[SAMPLES];
+    for (int64_t i = 0; i < VOXELS; i++) {
+        constant[i] = 3;
+    }
+    v2v_projector_forward(projector, flat, constant, NULL, VIEWS);
+    for (int64_t n = 0; n <= 4; n += 2) {
+        assert_ok(run(volume, flat, n, test_world()));
+        /* Each of the 4n updates carries the round-off of two transforms (10 levels x eps 6e-8);
+         * at the border that is divided by a sensitivity some ten times below the mean. */
+        assert_true(test_relative_l2(volume, constant, VOXELS) < 1e-6 + 4e-6 * (double)n);
+    }
+}
+
+static void any_number_of_ranks_gives_the_same_volume(void **state)
+{
+    (void)state;
+    static float together[VOXELS], alone[VOXELS];
+    assert_ok(run(together, views, 5, test_world()));
+    assert_ok(run(alone, views, 5, NULL));
+    /* 20 updates, each with sums over slices in another order: eps 6e-8 x 20, times ten for
+     * ratios of dim pixels. */
+    assert_true(test_relative_l2(together, alone, VOXELS) < 1e-5);
+}
+
+static void scaled_views_give_the_scaled_volume(void **state)
+{
+    (void)state;
+    static const double scales[] = {0x1p20, 0x1p-20, 1e6, 1e-6, 1e30, 1e-30};
+    static float volume[VOXELS], scaled[VOXELS], recorded[SAMPLES];
+    assert_ok(run(volume, views, 4, test_world()));
+    for (int k = 0; k < 6; k++) {
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            recorded[i] = (float)(views[i] * scales[k]);
+        }
+        assert_ok(run(scaled, recorded, 4, test_world()));
+        for (int64_t i = 0; i < VOXELS; i++) {
+            scaled[i] = (float)(scaled[i] / scales[k]);
+        }
+        if (k < 2) { /* powers of two round nowhere */
+            assert_memory_equal(scaled, volume, sizeof volume);
+        } else { /* the views' own rounding, eps 6e-8, through 16 updates */
+            assert_true(test_relative_l2(scaled, volume, VOXELS) < 1e-5);
+        }
+    }
+}
+
+static void negative_samples_count_as_zero(void **state)
+{
+    (void)state;
+    static float clipped[SAMPLES], negative[SAMPLES], a[VOXELS], b[VOXELS];
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        clipped[i] = i % 3 == 0 ? 0 : views[i];
+        negative[i] = i % 3 == 0 ? -views[i] : views[i];
+    }
+    assert_ok(run(a, clipped, 3, test_world()));
+    assert_ok(run(b, negative, 3, test_world()));
+    assert_memory_equal(a, b, sizeof a);
+}
+
+static void dark_views_give_a_dark_volume(void **state)
+{
+    (void)state;
+    static float dark[SAMPLES], volume[VOXELS];
+    dark[5] = -1;
+    assert_ok(run(volume, dark, 3, test_world()));
+    for (int64_t i = 0; i < VOXELS; i++) {
+        assert_true(volume[i] == 0);
+    }
+}
+
+static void lone_and_hot_pixels_leave_the_volume_finite_and_positive(void **state)
+{
+    (void)state;
+    static float recorded[SAMPLES], volume[VOXELS];
+    static const float values[] = {1e-37f, 1, 1e36f};
+    for (int k = 0; k < 3; k++) {
+        memset(recorded, 0, sizeof recorded);
+        recorded[PIXELS + 3] = values[k];
+        recorded[2 * PIXELS + PIXELS / 2] = values[k];
+        assert_ok(run(volume, recorded, 20, test_world()));
+        for (int64_t i = 0; i < VOXELS; i++) {
+            assert_true(isfinite(volume[i]) && volume[i] >= 0);
+        }
+    }
+}
+
+static void slices_that_no_view_sees_stay_empty(void **state)
+{
+    (void)state;
+    static float volume[VOXELS];
+    const int64_t blind = 2, taps = KERNEL_HEIGHT * KERNEL_WIDTH;
+    for (int64_t v = 0; v < VIEWS; v++) {
+        memset(psf.data + (v * SLICES + blind) * taps, 0, (size_t)taps * sizeof(float));
+    }
+    assert_ok(run(volume, views, 3, test_world()));
+    v2v_psf_file_fini(&psf);
+    psf = small_psf();
+    double others = 0;
+    for (int64_t i = 0; i < VOXELS; i++) {
+        others += volume[i];
+        assert_true(i / PIXELS != blind || volume[i] == 0);
+    }
+    assert_true(others > 0);
+}
+
+static void a_nan_in_the_views_is_named(void **state)
+{
+    (void)state;
+    static float recorded[SAMPLES], volume[VOXELS];
+    memcpy(recorded, views, sizeof recorded);
+    recorded[PIXELS + 2 * WIDTH + 7] = NAN;
+    assert_int_equal(run(volume, recorded, 3, test_world()), V2V_E_NUMERIC);
+    assert_non_null(strstr(v2v_status_message(), "view 1, row 2, column 7"));
+}
+
+/** The example of the header. */
+static enum v2v_status example(float *volume, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_rld *rld = NULL;
+    V2V_TRY(v2v_rld_create(&rld, &psf, HEIGHT, WIDTH, 0.5, comm));
+    V2V_TRY(v2v_rld_run(rld, volume, views, 10));
+done:
+    v2v_rld_destroy(&rld);
+    return rc;
+}
+
+static void the_headers_example_runs(void **state)
+{
+    (void)state;
+    static float volume[VOXELS];
+    assert_ok(example(volume, test_world()));
+}
+
+static void a_request_to_one_rank_stops_all(void **state)
+{
+    (void)state;
+    static float volume[VOXELS];
+    if (v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1) {
+        v2v_stop_request(); /* for good: this test stays the last one */
+    }
+    assert_int_equal(run(volume, views, 3, test_world()), V2V_STOPPED);
+}
+
+int main(int argc, char **argv)
+{
+#define WITH(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+    const struct CMUnitTest tests[] = {
+        WITH(volume_equals_the_plain_definition),
+        WITH(residual_falls_with_every_iteration_on_clean_views),
+        WITH(a_constant_scene_is_found_at_once_and_kept),
+        WITH(any_number_of_ranks_gives_the_same_volume),
+        WITH(scaled_views_give_the_scaled_volume),
+        WITH(negative_samples_count_as_zero),
+        WITH(dark_views_give_a_dark_volume),
+        WITH(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
+        WITH(slices_that_no_view_sees_stay_empty),
+        WITH(a_nan_in_the_views_is_named),
+        WITH(the_headers_example_runs),
+        WITH(a_request_to_one_rank_stops_all),
+    };
+    return test_mpi_main(tests, argc, argv);
+}

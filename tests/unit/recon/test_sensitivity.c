@@ -1,0 +1,71 @@
+#include "support.h"
+
+#include "recon/sensitivity.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/optics/projector.h"
+
+#include <math.h>
+
+/** A set of random taps: nothing symmetric, nothing normalised. */
+static struct v2v_psf_file random_psf(int64_t height, int64_t width)
+{
+    struct v2v_psf_file psf = {2, 3, height, width, 0, 0, NULL};
+    int64_t count = 2 * 3 * height * width;
+    assert_ok(V2V_ALLOC(psf.data, "test", count));
+    for (int64_t i = 0; i < count; i++) {
+        psf.data[i] = (float)v2v_random_uniform(3, 0, (uint64_t)i);
+    }
+    return psf;
+}
+
+static void compare(int64_t height, int64_t width, int64_t kernel_height, int64_t kernel_width)
+{
+    struct v2v_psf_file psf = random_psf(kernel_height, kernel_width);
+    struct v2v_projector *projector = NULL;
+    struct v2v_sensitivity sensitivity;
+    float *ones = NULL, *adjoint = NULL;
+    double *row = NULL;
+    assert_ok(v2v_projector_create(&projector, &psf, height, width, NULL));
+    struct v2v_part slices = v2v_projector_slices(projector);
+    assert_ok(v2v_sensitivity_init(&sensitivity, &psf, slices, height, width));
+    assert_ok(V2V_ALLOC(ones, "test", height * width));
+    assert_ok(V2V_ALLOC(adjoint, "test", slices.count * height * width));
+    assert_ok(V2V_ALLOC(row, "test", width));
+    for (int64_t i = 0; i < height * width; i++) {
+        ones[i] = 1;
+    }
+    for (int32_t v = 0; v < psf.views; v++) {
+        v2v_projector_adjoint(projector, adjoint, ones, &v, 1);
+        for (int64_t i = 0; i < slices.count * height; i++) {
+            v2v_sensitivity_row(&sensitivity, row, v, i / height, i % height);
+            for (int64_t x = 0; x < width; x++) {
+                /* Two float32 transforms of at most 2^12 points, 12 levels of eps 6e-8 each, on
+                 * sums of at most kernel_height * kernel_width taps below 1. */
+                double bound = 24 * 6e-8 * (double)(kernel_height * kernel_width);
+                assert_true(fabs(row[x] - (double)adjoint[i * width + x]) < bound);
+            }
+        }
+    }
+    v2v_mem_free(row);
+    v2v_mem_free(adjoint);
+    v2v_mem_free(ones);
+    v2v_sensitivity_fini(&sensitivity);
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+}
+
+static void sensitivity_is_the_adjoint_of_ones(void **state)
+{
+    (void)state;
+    compare(20, 24, 7, 7);
+    compare(20, 24, 8, 5);
+    compare(9, 6, 16, 13); /* kernels larger than the frame */
+    compare(1, 30, 5, 4);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sensitivity_is_the_adjoint_of_ones)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
