@@ -1,0 +1,96 @@
+/** The program `v2v3d`: one file a command, one row a command in the table of main.c.
+ *
+ *  Purpose: parse the command line, settle configuration, threads and watchdog, call the library,
+ *  print. No numerics live here.
+ *  Invariants: results go to stdout, everything else to stderr, both from rank 0; a failure is
+ *  agreed over ranks and printed once; all ranks leave with the same exit code; a failed command
+ *  leaves no output behind.
+ */
+#ifndef V2V_CLI_COMMAND_H
+#define V2V_CLI_COMMAND_H
+
+#include "cli/options.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/par/comm.h"
+
+/** What a running command knows of its surroundings. */
+struct v2v_session {
+    struct v2v_comm *world;
+    struct v2v_config config; /**< resolved: defaults, preset, file, command line */
+    int force, quiet;
+    int threads;              /**< of this rank */
+    const char *command_line; /**< for provenance */
+};
+
+struct v2v_command {
+    const char *name;                 /**< "project", or two words: "psf info" */
+    const char *summary;              /**< one line */
+    const struct v2v_option *options; /**< closed by {0} */
+    size_t bytes;                     /**< of the arguments struct: struct v2v_common first */
+    const char *const *preset;        /**< settings over the defaults, NULL-terminated; or NULL */
+    /** @kind Collective(world). @return agreed or not: the caller agrees again */
+    enum v2v_status (*run)(const void *arguments, struct v2v_session *session);
+};
+
+/** Run the words of one command line (without the program's name).
+ *  @kind Collective(world). @return agreed; the message begins with the command's name */
+enum v2v_status v2v_cli_run(int argc, char *const *argv, struct v2v_comm *world) V2V_MUST_CHECK;
+
+/** The whole program: starts and ends MPI. @return the exit code. */
+int v2v_cli_main(int argc, char **argv);
+
+extern const struct v2v_command v2v_command_check;
+extern const struct v2v_command v2v_command_convert;
+extern const struct v2v_command v2v_command_deconvolve;
+extern const struct v2v_command v2v_command_demo;
+extern const struct v2v_command v2v_command_evaluate;
+extern const struct v2v_command v2v_command_info;
+extern const struct v2v_command v2v_command_init;
+extern const struct v2v_command v2v_command_preview;
+extern const struct v2v_command v2v_command_project;
+extern const struct v2v_command v2v_command_psf_info;
+extern const struct v2v_command v2v_command_psf_simulate;
+extern const struct v2v_command v2v_command_reconstruct;
+extern const struct v2v_command v2v_command_simulate;
+extern const struct v2v_command v2v_command_train;
+extern const struct v2v_command v2v_command_weights_info;
+extern const struct v2v_command v2v_command_weights_init;
+
+/* Rows that several tables share. */
+#define V2V_OPTION_FILE(type, field, word, is_required, text)                                      \
+    {                                                                                              \
+        .name = (word), .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "FILE",     \
+        .help = (text), .required = (is_required)                                                  \
+    }
+#define V2V_OPTION_OUTPUT(type, field, text)                                                       \
+    {                                                                                              \
+        .name = "output", .letter = 'o', .kind = V2V_OPTION_TEXT, .at = offsetof(type, field),     \
+        .value = "FILE", .help = (text), .required = 1                                             \
+    }
+#define V2V_OPTION_SET(word, setting, values, text)                                                \
+    {                                                                                              \
+        .name = (word), .kind = V2V_OPTION_SETTING, .key = (setting), .value = (values),           \
+        .help = (text)                                                                             \
+    }
+#define V2V_OPTION_SWITCH(type, field, word, text)                                                 \
+    {                                                                                              \
+        .name = (word), .kind = V2V_OPTION_FLAG, .at = offsetof(type, field), .help = (text)       \
+    }
+#define V2V_OPTION_PSF(type, field, is_required)                                                   \
+    V2V_OPTION_FILE(type, field, "psf", is_required,                                               \
+                    "point spread functions: folder of psf_1.tif .. or HDF5 /psf")
+#define V2V_OPTION_NORMALIZE                                                                       \
+    V2V_OPTION_SET("normalize", "psf.normalize", "view|none",                                      \
+                   "PSFs: each view sums to 1, or as they are")
+#define V2V_OPTIONS_PAGES                                                                          \
+    V2V_OPTION_SET("views", "input.views", "V", "TIFF input: views of a frame; 0: as the PSFs"),   \
+        V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
+                       "TIFF input: page of the first frame's first view"),                        \
+        V2V_OPTION_SET("stride", "input.stride", "S",                                              \
+                       "TIFF input: pages from frame to frame; 1: sliding window")
+#define V2V_OPTION_OFFSET                                                                          \
+    V2V_OPTION_SET("offset", "input.offset", "none|auto|N", "subtracted from the counts")
+#define V2V_OPTION_GAIN                                                                            \
+    V2V_OPTION_SET("gain", "input.gain", "none|auto|N", "multiplied on, divided out again")
+
+#endif

@@ -1,0 +1,211 @@
+#include "cli/steps.h"
+#include "cli/threads.h"
+#include "cli/versions.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/fft/fft2.h"
+#include "v2v3d/op/conv.h"
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+struct arguments {
+    struct v2v_common common;
+};
+
+static const struct v2v_option options[] = {{0}};
+
+/* Every rank contributes rank + 1: small integers, exact in float. */
+static enum v2v_status all_reduce(double *error, const struct v2v_session *session)
+{
+    enum { COUNT = 100000 };
+    enum v2v_status rc = V2V_OK;
+    float *x = NULL;
+    float ranks = (float)v2v_comm_size(session->world);
+    rc = V2V_ALLOC(x, "check.sum", COUNT);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    for (int i = 0; i < COUNT; i++) {
+        x[i] = (float)(v2v_comm_rank(session->world) + 1);
+    }
+    v2v_par_sum_f32(session->world, x, COUNT);
+    for (int i = 0; i < COUNT; i++) {
+        *error = fmax(*error, fabs((double)(x[i] - ranks * (ranks + 1.0f) / 2.0f)));
+    }
+done:
+    v2v_mem_free(x);
+    return rc;
+}
+
+/* A transform there and back. */
+static enum v2v_status transform(double *error, const struct v2v_session *session)
+{
+    enum { NY = 60, NX = 126 };
+    enum v2v_status rc = V2V_OK;
+    struct v2v_fft2 *fft = NULL;
+    float *image = NULL;
+    struct v2v_complex *spectrum = NULL;
+    (void)session;
+    V2V_TRY(V2V_ALLOC(image, "check.image", NY * NX));
+    V2V_TRY(V2V_ALLOC(spectrum, "check.spectrum", NY * (NX / 2 + 1)));
+    V2V_TRY(v2v_fft2_create(&fft, NY, NX));
+    for (int i = 0; i < NY * NX; i++) {
+        image[i] = (float)v2v_random_rule("check", 1, (uint64_t)i);
+    }
+    v2v_fft2_forward(fft, spectrum, image);
+    v2v_fft2_inverse(fft, image, spectrum);
+    for (int i = 0; i < NY * NX; i++) {
+        double back = (double)image[i] / (NY * NX);
+        *error = fmax(*error, fabs(back - v2v_random_rule("check", 1, (uint64_t)i)));
+    }
+done:
+    v2v_fft2_destroy(&fft);
+    v2v_mem_free(spectrum);
+    v2v_mem_free(image);
+    return rc;
+}
+
+enum { CHANNELS = 48, SIDE = 24 }; /* more than what our own kernel takes */
+
+/* One output pixel by plain loops in double precision. */
+static double plain_pixel(const float *in, const float *weight, float bias, int y, int x)
+{
+    double sum = bias;
+    for (int c = 0; c < CHANNELS; c++) {
+        for (int k = 0; k < 9; k++) {
+            int sy = y + k / 3 - 1, sx = x + k % 3 - 1;
+            if (sy >= 0 && sy < SIDE && sx >= 0 && sx < SIDE) {
+                sum += (double)in[(c * SIDE + sy) * SIDE + sx] * weight[c * 9 + k];
+            }
+        }
+    }
+    return sum;
+}
+
+static enum v2v_status convolve(double *error, int backend)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_conv *conv = NULL;
+    float *in = NULL, *out = NULL, *weight = NULL, bias[CHANNELS] = {0};
+    struct v2v_conv_spec spec = {.batch = 1,
+                                 .in = CHANNELS,
+                                 .out = CHANNELS,
+                                 .height = SIDE,
+                                 .width = SIDE,
+                                 .kernel = 3,
+                                 .stride = 1,
+                                 .slope = 1.0f,
+                                 .backend = backend};
+    V2V_TRY(V2V_ALLOC(in, "check.in", CHANNELS * SIDE * SIDE));
+    V2V_TRY(V2V_ALLOC(out, "check.out", CHANNELS * SIDE * SIDE));
+    V2V_TRY(V2V_ALLOC(weight, "check.weight", CHANNELS * CHANNELS * 9));
+    for (int i = 0; i < CHANNELS * SIDE * SIDE; i++) {
+        in[i] = (float)v2v_random_rule("in", 1, (uint64_t)i);
+    }
+    for (int i = 0; i < CHANNELS * CHANNELS * 9; i++) {
+        weight[i] = (float)v2v_random_rule("weight", 1, (uint64_t)i);
+    }
+    V2V_TRY(v2v_conv_create(&conv, &spec));
+    v2v_conv_set_weights(conv, weight, bias);
+    v2v_conv_forward(conv, out, in);
+    for (int i = 0; i < CHANNELS * SIDE * SIDE; i++) {
+        int o = i / (SIDE * SIDE), y = i / SIDE % SIDE, x = i % SIDE;
+        double expected = plain_pixel(in, weight + o * CHANNELS * 9, bias[o], y, x);
+        *error = fmax(*error, fabs(out[i] - expected));
+    }
+done:
+    v2v_conv_destroy(&conv);
+    v2v_mem_free(weight);
+    v2v_mem_free(out);
+    v2v_mem_free(in);
+    return rc;
+}
+
+static enum v2v_status convolve_onednn(double *error, const struct v2v_session *session)
+{
+    (void)session;
+    return convolve(error, V2V_BACKEND_ONEDNN);
+}
+
+static enum v2v_status convolve_openblas(double *error, const struct v2v_session *session)
+{
+    (void)session;
+    return convolve(error, V2V_BACKEND_OPENBLAS);
+}
+
+/* Bounds: the sums are exact integers; a transform of N = 7560 loses about log2(N) roundings of
+ * values up to sqrt(N) and is divided by N; a convolution adds 9 * 48 products below 1, Winograd
+ * transforms lose up to 10 times more. */
+static const struct {
+    const char *name;
+    enum v2v_status (*run)(double *error, const struct v2v_session *session);
+    double bound;
+} checks[] = {{"sum over ranks", all_reduce, 0.0},
+              {"Fourier transform", transform, 16 * FLT_EPSILON},
+              {"convolution, oneDNN", convolve_onednn, 10 * 9 * CHANNELS *FLT_EPSILON},
+              {"convolution, OpenBLAS", convolve_openblas, 9 * CHANNELS *FLT_EPSILON}};
+enum { CHECKS = sizeof checks / sizeof checks[0] };
+
+/* The instruction sets that decide the speed, as the kernel lists them. */
+static void print_processor(void)
+{
+    static const char *const sets[] = {"avx2", "fma", "avx512f", "avx512_bf16", "amx_bf16", "sve"};
+    char line[8192];
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    printf("instruction sets:");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL) {
+        if (strncmp(line, "flags", 5) != 0 && strncmp(line, "Features", 8) != 0) {
+            continue;
+        }
+        for (size_t i = 0; i < sizeof sets / sizeof sets[0]; i++) {
+            const char *found = strstr(line, sets[i]);
+            if (found != NULL && strchr(" \n", found[strlen(sets[i])]) != NULL) {
+                printf(" %s", sets[i]);
+            }
+        }
+        break;
+    }
+    printf("\n");
+    if (file != NULL) {
+        fclose(file);
+    }
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    int on_root = v2v_step_on_root(session), failed = 0;
+    int64_t cores[2] = {v2v_cli_cores(), v2v_cli_neighbours(session->world)};
+    (void)arguments;
+    v2v_par_max_i64(session->world, cores, 2);
+    if (on_root) {
+        printf("v2v3d %s\n%d ranks x %d threads; %lld cores for %lld ranks of a host\n%s\n",
+               V2V_VERSION, v2v_comm_size(session->world), session->threads, (long long)cores[0],
+               (long long)cores[1], V2V_LIBRARY_VERSIONS);
+        print_processor();
+    }
+    for (int i = 0; i < CHECKS; i++) {
+        double error = 0.0;
+        rc = checks[i].run(&error, session);
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        v2v_par_max_f64(session->world, &error, 1);
+        int is_bad = !(error <= checks[i].bound);
+        failed += is_bad;
+        if (on_root) {
+            printf("%-22s  %s, error %.2g (at most %.2g)\n", checks[i].name,
+                   is_bad ? "FAILED" : "ok", error, checks[i].bound);
+        }
+    }
+    if (failed > 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "%d of %d checks failed", failed, (int)CHECKS));
+    }
+done:
+    return rc;
+}
+
+const struct v2v_command v2v_command_check = {.name = "check",
+                                              .summary = "self-test of a machine or cluster",
+                                              .options = options,
+                                              .bytes = sizeof(struct arguments),
+                                              .run = run};

@@ -1,0 +1,204 @@
+#include "cli/content.h"
+#include "cli/steps.h"
+
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/tiff.h"
+
+struct arguments {
+    struct v2v_common common;
+    const char *input, *output;
+    int kind; /* enum v2v_content */
+    int64_t slices;
+};
+
+static const struct v2v_option options[] = {
+    V2V_OPTION_FILE(struct arguments, input, "input", 1, "volume, recording or PSFs"),
+    V2V_OPTION_OUTPUT(struct arguments, output, "file to write: .h5 or .tif"),
+    {.name = "kind",
+     .kind = V2V_OPTION_CHOICE,
+     .at = offsetof(struct arguments, kind),
+     .value = "auto|volume|recording|psf",
+     .help = "of the content; a TIFF stack with --views is a recording, else a volume",
+     .initial = "auto"},
+    {.name = "slices",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, slices),
+     .value = "Z",
+     .help = "of a frame, for TIFF volumes that do not say",
+     .least = 1,
+     .most = 1e6},
+    V2V_OPTIONS_PAGES,
+    {0}};
+
+static enum v2v_status convert_volume(const struct arguments *given,
+                                      const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *volume = NULL;
+    struct v2v_volume_writer *writer = NULL;
+    float *slices = NULL;
+    struct v2v_attribute attributes[] = {{.name = "program", .text = "v2v3d " V2V_VERSION},
+                                         {.name = "command_line", .text = session->command_line}};
+    V2V_TRY(v2v_volume_open(&volume, given->input, given->slices, session->world));
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    struct v2v_part mine =
+        v2v_par_part(info->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    rc =
+        V2V_ALLOC(slices, "convert.slices", v2v_mem_product(mine.count, info->height, info->width));
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_volume_create(&writer, given->output, info, 1u << V2V_VOLUME_MEAN, attributes, 2,
+                              session->world));
+    for (int64_t t = 0; t < info->frames; t++) {
+        v2v_step_beat(session, "convert: a frame");
+        rc = v2v_volume_read(volume, slices, t, mine.first, mine.count);
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        V2V_TRY(v2v_step_write_slices(session, writer, slices, t, mine));
+    }
+    V2V_TRY(v2v_volume_finish(&writer));
+done:
+    v2v_volume_abandon(&writer);
+    v2v_mem_free(slices);
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+/* Rank 0: the frames of a recording as an ImageJ hyperstack, views as channels. */
+static enum v2v_status recording_to_tiff(const char *output, struct v2v_recording *recording,
+                                         float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_tiff_writer *writer = NULL;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    int64_t pixels = info->height * info->width;
+    struct v2v_tiff_info tiff = {.pages = info->frames * info->views,
+                                 .height = info->height,
+                                 .width = info->width,
+                                 .channels = info->views,
+                                 .slices = 1,
+                                 .frames = info->frames,
+                                 .bits = 32,
+                                 .is_float = 1,
+                                 .type_max = 1.0,
+                                 .pixel_size_um = info->pixel_size_um,
+                                 .frame_interval_s = info->frame_interval_s};
+    V2V_TRY(v2v_tiff_create(&writer, output, &tiff));
+    for (int64_t t = 0; t < info->frames; t++) {
+        V2V_TRY(v2v_recording_read(recording, views, t));
+        for (int64_t v = 0; v < info->views; v++) {
+            V2V_TRY(v2v_tiff_write_page(writer, views + v * pixels));
+        }
+    }
+    V2V_TRY(v2v_tiff_finish(&writer));
+done:
+    v2v_tiff_abandon(&writer);
+    return rc;
+}
+
+/* Frames go round the ranks; those without one in a round write nothing. */
+static enum v2v_status recording_to_hdf5(const char *output, struct v2v_recording *recording,
+                                         float *views, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording_writer *writer = NULL;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    int64_t ranks = v2v_comm_size(session->world);
+    V2V_TRY(v2v_recording_create(&writer, output, info, session->world));
+    for (int64_t first = 0; first < info->frames; first += ranks) {
+        int64_t t = first + v2v_comm_rank(session->world);
+        int is_mine = t < info->frames;
+        v2v_step_beat(session, "convert: a frame");
+        if (is_mine) {
+            rc = v2v_recording_read(recording, views, t);
+        }
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        V2V_TRY(v2v_recording_write(writer, views, is_mine ? t : 0, 0, is_mine ? info->views : 0));
+    }
+    V2V_TRY(v2v_recording_finish(&writer));
+done:
+    v2v_recording_abandon(&writer);
+    return rc;
+}
+
+static enum v2v_status convert_recording(const struct arguments *given,
+                                         const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording *recording = NULL;
+    float *views = NULL;
+    V2V_TRY(v2v_recording_open(&recording, given->input, &session->config.input, session->world));
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    rc = V2V_ALLOC(views, "convert.views", v2v_mem_product(info->views, info->height, info->width));
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    if (v2v_step_is_hdf5_name(given->output)) {
+        V2V_TRY(recording_to_hdf5(given->output, recording, views, session));
+    } else {
+        if (v2v_step_on_root(session)) {
+            rc = recording_to_tiff(given->output, recording, views);
+        }
+        V2V_TRY(v2v_par_agree(session->world, rc));
+    }
+done:
+    v2v_mem_free(views);
+    v2v_recording_close(&recording);
+    return rc;
+}
+
+static enum v2v_status convert_psf(const struct arguments *given, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    if (!v2v_step_is_hdf5_name(given->output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: PSFs are written as HDF5 (.h5) only", given->output));
+    }
+    V2V_TRY(v2v_psf_file_read(&psf, given->input, session->world));
+    if (v2v_step_on_root(session)) {
+        rc = v2v_psf_file_write(&psf, given->output);
+    }
+done:
+    v2v_psf_file_fini(&psf);
+    return v2v_par_agree(session->world, rc);
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    enum v2v_content content = (enum v2v_content)given->kind;
+    if (!v2v_step_is_hdf5_name(given->output) && !v2v_step_is_tiff_name(given->output)) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_USAGE, "%s: the output's name must end in .h5 or .tif", given->output));
+    }
+    V2V_TRY(v2v_step_output(session, given->output, &given->input, 1));
+    if (content == V2V_CONTENT_AUTO) {
+        V2V_TRY(v2v_content_of(&content, given->input, session));
+    }
+    switch (content) {
+    case V2V_CONTENT_TIFF:
+        V2V_TRY(session->config.input.views > 0 ? convert_recording(given, session)
+                                                : convert_volume(given, session));
+        break;
+    case V2V_CONTENT_VOLUME:
+        V2V_TRY(convert_volume(given, session));
+        break;
+    case V2V_CONTENT_RECORDING:
+        V2V_TRY(convert_recording(given, session));
+        break;
+    case V2V_CONTENT_PSF:
+        V2V_TRY(convert_psf(given, session));
+        break;
+    case V2V_CONTENT_WEIGHTS:
+    case V2V_CONTENT_AUTO:
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: weights have one format only", given->input));
+    }
+    v2v_log(V2V_LOG_INFO, "%s: written", given->output);
+done:
+    return rc;
+}
+
+const struct v2v_command v2v_command_convert = {.name = "convert",
+                                                .summary =
+                                                    "TIFF <-> HDF5: volumes, recordings, PSFs",
+                                                .options = options,
+                                                .bytes = sizeof(struct arguments),
+                                                .run = run};

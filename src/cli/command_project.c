@@ -1,0 +1,117 @@
+#include "cli/projection.h"
+#include "cli/steps.h"
+
+#include "v2v3d/base/log.h"
+
+struct arguments {
+    struct v2v_common common;
+    const char *psf, *volume, *input, *output;
+    int adjoint;
+};
+
+static const struct v2v_option options[] = {
+    V2V_OPTION_PSF(struct arguments, psf, 1),
+    V2V_OPTION_FILE(struct arguments, volume, "volume", 0, "volume to project"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --adjoint: recording"),
+    V2V_OPTION_OUTPUT(struct arguments, output, "recording (with --adjoint: volume) to write"),
+    V2V_OPTION_SWITCH(struct arguments, adjoint, "adjoint", "back-project a recording instead"),
+    V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
+    V2V_OPTION_NORMALIZE,
+    V2V_OPTIONS_PAGES,
+    {0}};
+
+static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,
+                               const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *volume = NULL;
+    struct v2v_projection p = {0};
+    struct v2v_recording_writer *writer = NULL;
+    struct v2v_progress progress;
+    V2V_TRY(v2v_step_volume(session, &volume, given->volume, psf));
+    struct v2v_recording_info info = v2v_step_recording_of(v2v_volume_info(volume), psf);
+    V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
+    struct v2v_part out =
+        v2v_par_part(info.views, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    V2V_TRY(v2v_recording_create(&writer, given->output, &info, session->world));
+    v2v_progress_begin(&progress, "project", 0, info.frames);
+    for (int64_t t = 0; t < info.frames; t++) {
+        v2v_step_beat(session, "project: a frame");
+        rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        v2v_projector_forward(p.projector, p.views, p.slices, NULL, info.views);
+        V2V_TRY(
+            v2v_recording_write(writer, p.views + out.first * p.pixels, t, out.first, out.count));
+        v2v_progress_step(&progress, t + 1, NULL);
+    }
+    v2v_progress_end(&progress);
+    V2V_TRY(v2v_recording_finish(&writer));
+done:
+    v2v_recording_abandon(&writer);
+    v2v_projection_fini(&p);
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+static enum v2v_status adjoint(const char *input, const struct arguments *given,
+                               const struct v2v_session *session, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording *recording = NULL;
+    struct v2v_projection p = {0};
+    struct v2v_volume_writer *writer = NULL;
+    struct v2v_provenance provenance = {0};
+    struct v2v_progress progress;
+    V2V_TRY(v2v_step_recording(session, &recording, input, psf));
+    struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), psf);
+    V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
+    V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL,
+                                &(struct v2v_scaling){.offset = 0.0, .gain = 1.0}));
+    V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
+                              provenance.count, session->world));
+    v2v_progress_begin(&progress, "back-project", 0, info.frames);
+    for (int64_t t = 0; t < info.frames; t++) {
+        v2v_step_beat(session, "back-project: a frame");
+        rc = v2v_recording_read(recording, p.views, t);
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        v2v_projector_adjoint(p.projector, p.slices, p.views, NULL, psf->views);
+        V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
+        v2v_progress_step(&progress, t + 1, NULL);
+    }
+    v2v_progress_end(&progress);
+    V2V_TRY(v2v_volume_finish(&writer));
+done:
+    v2v_volume_abandon(&writer);
+    v2v_provenance_fini(&provenance);
+    v2v_projection_fini(&p);
+    v2v_recording_close(&recording);
+    return rc;
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    const char *recording = given->input != NULL ? given->input : given->volume;
+    if (given->adjoint ? recording == NULL : given->volume == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--%s FILE is missing", given->adjoint ? "input" : "volume"));
+    }
+    if (!given->adjoint && given->input != NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input goes with --adjoint"));
+    }
+    V2V_TRY(v2v_step_output(session, given->output,
+                            (const char *const[]){given->psf, given->volume, given->input}, 3));
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    V2V_TRY(given->adjoint ? adjoint(recording, given, session, &psf)
+                           : forward(given, session, &psf));
+done:
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_project = {.name = "project",
+                                                .summary = "views of a volume, or the adjoint",
+                                                .options = options,
+                                                .bytes = sizeof(struct arguments),
+                                                .run = run};

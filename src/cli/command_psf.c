@@ -1,0 +1,85 @@
+#include "cli/psf_report.h"
+#include "cli/steps.h"
+
+#include "v2v3d/base/log.h"
+#include "v2v3d/optics/psf.h"
+#include "v2v3d/optics/shifts.h"
+#include <inttypes.h>
+
+struct simulate_arguments {
+    struct v2v_common common;
+    const char *output;
+};
+
+static const struct v2v_option simulate_options[] = {
+    V2V_OPTION_OUTPUT(struct simulate_arguments, output, "PSFs to write, HDF5"), {0}};
+
+static enum v2v_status simulate(const void *arguments, struct v2v_session *session)
+{
+    const struct simulate_arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    V2V_TRY(v2v_step_output(session, given->output, NULL, 0));
+    if (v2v_step_on_root(session)) {
+        rc = v2v_psf_simulate(&psf, &session->config.optics);
+        if (rc == V2V_OK) {
+            rc = v2v_psf_file_write(&psf, given->output);
+        }
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_log(V2V_LOG_INFO,
+            "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels",
+            given->output, psf.views, psf.slices, psf.height, psf.width);
+done:
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_psf_simulate = {
+    .name = "psf simulate",
+    .summary = "point spread functions of a needle-beam microscope (section optics)",
+    .options = simulate_options,
+    .bytes = sizeof(struct simulate_arguments),
+    .run = simulate};
+
+struct info_arguments {
+    struct v2v_common common;
+    const char *psf;
+};
+
+static const struct v2v_option info_options[] = {{.name = "psf",
+                                                  .kind = V2V_OPTION_OPERAND,
+                                                  .at = offsetof(struct info_arguments, psf),
+                                                  .value = "PSF",
+                                                  .help = "folder of psf_1.tif .. or HDF5 /psf",
+                                                  .required = 1},
+                                                 V2V_OPTION_NORMALIZE,
+                                                 {0}};
+
+/* Sums of 1 would tell nothing. */
+static const char *const info_preset[] = {"psf.normalize=none", NULL};
+
+static enum v2v_status info(const void *arguments, struct v2v_session *session)
+{
+    const struct info_arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    struct v2v_shifts shifts = {0};
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    V2V_TRY(v2v_shifts_from_psf(&shifts, &psf));
+    if (v2v_step_on_root(session)) {
+        rc = v2v_psf_report(stdout, given->psf, &psf, &shifts);
+    }
+done:
+    v2v_shifts_fini(&shifts);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_psf_info = {
+    .name = "psf info",
+    .summary = "support, energy by slice, centroids and shifts of a PSF set",
+    .options = info_options,
+    .bytes = sizeof(struct info_arguments),
+    .preset = info_preset,
+    .run = info};

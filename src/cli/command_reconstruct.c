@@ -1,0 +1,131 @@
+#include "cli/steps.h"
+
+#include "v2v3d/nn/model.h"
+#include "v2v3d/optics/shifts.h"
+#include "v2v3d/recon/network.h"
+#include <string.h>
+
+struct arguments {
+    struct v2v_common common;
+    const char *psf, *weights, *input, *output, *skip;
+    int branches, precision;
+};
+
+static const struct v2v_option options[] = {
+    V2V_OPTION_PSF(struct arguments, psf, 1),
+    V2V_OPTION_FILE(struct arguments, weights, "weights", 1, "of the trained network"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 1, "recording"),
+    V2V_OPTION_OUTPUT(struct arguments, output, "volume to write: .h5, or .tif (mean only)"),
+    V2V_OPTION_SWITCH(struct arguments, branches, "branches",
+                      "write /branch1 and /branch2 beside their mean"),
+    {.name = "precision",
+     .kind = V2V_OPTION_CHOICE,
+     .at = offsetof(struct arguments, precision),
+     .value = "f32|bf16",
+     .help = "of the convolutions",
+     .initial = "f32"},
+    {.name = "skip",
+     .kind = V2V_OPTION_TEXT,
+     .at = offsetof(struct arguments, skip),
+     .value = "off",
+     .help = "tolerance for skipping what the scene does not need",
+     .initial = "off"},
+    V2V_OPTION_OFFSET,
+    V2V_OPTION_GAIN,
+    V2V_OPTION_NORMALIZE,
+    V2V_OPTIONS_PAGES,
+    {0}};
+
+static enum v2v_status check(const struct arguments *given, const struct v2v_session *session)
+{
+    const struct v2v_recon_settings *recon = &session->config.recon;
+    if (given->precision != V2V_PRECISION_F32 || recon->precision != V2V_PRECISION_F32) {
+        return V2V_FAIL(V2V_E_USAGE, "--precision bf16 is not there yet, only f32");
+    }
+    if (strcmp(given->skip, "off") != 0 || recon->skip.mode == V2V_NUMBER_GIVEN) {
+        return V2V_FAIL(V2V_E_USAGE, "--skip with a tolerance is not there yet, only off");
+    }
+    if (given->branches && !v2v_step_is_hdf5_name(given->output)) {
+        return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
+                        given->output);
+    }
+    return V2V_OK;
+}
+
+/* Local: the network with its weights; this rank holds the branches that the grid gives it. */
+static enum v2v_status load_model(struct v2v_model **model, const char *path,
+                                  const struct v2v_weights_info *info,
+                                  const struct v2v_session *session, const struct v2v_psf_file *psf,
+                                  const struct v2v_grid *grid)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_shifts shifts = {0};
+    struct v2v_model_spec spec = {.views = info->views,
+                                  .slices = info->slices,
+                                  .width = info->width,
+                                  .features = info->features,
+                                  .branches = grid->branch_size == 1   ? V2V_BRANCH_BOTH
+                                              : grid->branch_rank == 0 ? V2V_BRANCH_1
+                                                                       : V2V_BRANCH_2,
+                                  .backend = session->config.model.backend,
+                                  .volume_scale = info->volume_scale};
+    V2V_TRY(v2v_shifts_from_psf(&shifts, psf));
+    V2V_TRY(v2v_model_create(model, &spec, &shifts));
+    V2V_TRY(v2v_weights_file_read(v2v_model_weights(*model), path, "weights",
+                                  v2v_model_fields(*model)));
+done:
+    v2v_shifts_fini(&shifts);
+    return rc;
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    struct v2v_recording *recording = NULL;
+    struct v2v_grid grid = {0};
+    struct v2v_weights_info network;
+    struct v2v_model *model = NULL;
+    struct v2v_scaling scaling;
+    struct v2v_provenance provenance = {0};
+    struct v2v_volume_writer *writer = NULL;
+    unsigned datasets = 1u << V2V_VOLUME_MEAN;
+    V2V_TRY(check(given, session));
+    V2V_TRY(v2v_step_output(session, given->output,
+                            (const char *const[]){given->psf, given->weights, given->input}, 3));
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
+    V2V_TRY(v2v_grid_create(&grid, session->world, (int)session->config.parallel.branches));
+    V2V_TRY(v2v_step_weights_info(session, &network, given->weights, &psf));
+    if (!grid.idle) {
+        rc = load_model(&model, given->weights, &network, session, &psf, &grid);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
+    V2V_TRY(v2v_provenance_init(&provenance, session, &psf, given->weights, &scaling));
+    struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), &psf);
+    if (given->branches) {
+        datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
+    }
+    V2V_TRY(v2v_volume_create(&writer, given->output, &info, datasets, provenance.item,
+                              provenance.count, session->world));
+    v2v_step_announce(session);
+    V2V_TRY(v2v_reconstruct(model, recording, &scaling, writer, given->branches, &grid));
+    V2V_TRY(v2v_volume_finish(&writer));
+done:
+    v2v_volume_abandon(&writer);
+    v2v_provenance_fini(&provenance);
+    v2v_model_destroy(&model);
+    v2v_grid_destroy(&grid);
+    v2v_recording_close(&recording);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_reconstruct = {
+    .name = "reconstruct",
+    .summary = "volumes of a recording by the trained network",
+    .options = options,
+    .bytes = sizeof(struct arguments),
+    .run = run};

@@ -1,0 +1,130 @@
+#include "cli/steps.h"
+
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/train/train.h"
+#include <inttypes.h>
+
+struct arguments {
+    struct v2v_common common;
+    const char *psf, *weights, *folder;
+    struct v2v_words inputs;
+    int resume;
+    double max_time_s;
+};
+
+static const struct v2v_option options[] = {
+    V2V_OPTION_PSF(struct arguments, psf, 1),
+    {.name = "input",
+     .kind = V2V_OPTION_LIST,
+     .at = offsetof(struct arguments, inputs),
+     .value = "FILE...",
+     .help = "recordings to learn from",
+     .required = 1},
+    {.name = "output",
+     .letter = 'o',
+     .kind = V2V_OPTION_TEXT,
+     .at = offsetof(struct arguments, folder),
+     .value = "FOLDER",
+     .help = "of the run: weights.h5, metrics.jsonl, config.yaml",
+     .required = 1},
+    V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
+                    "start from these; they decide width and features"),
+    V2V_OPTION_SWITCH(struct arguments, resume, "resume", "go on where the run in FOLDER stopped"),
+    {.name = "max-time",
+     .kind = V2V_OPTION_DURATION,
+     .at = offsetof(struct arguments, max_time_s),
+     .value = "TIME",
+     .help = "checkpoint and stop (exit code 85) after 90s, 20m, 3h"},
+    V2V_OPTION_SET("steps", "train.steps", "N", "steps in all"),
+    V2V_OPTION_SET("seed", "train.seed", "N", "of crops and fresh weights"),
+    V2V_OPTION_OFFSET,
+    V2V_OPTION_GAIN,
+    V2V_OPTION_NORMALIZE,
+    V2V_OPTIONS_PAGES,
+    {0}};
+
+/* The network is what the weights that training starts from say. */
+static void adopt(struct v2v_config *config, const struct v2v_weights_info *info)
+{
+    config->model.width = info->width;
+    config->model.features = info->features;
+    config->model.volume_scale = info->volume_scale;
+}
+
+/* A resumed run keeps its network even when it was started from --weights; a checkpoint that
+ * cannot be read is left to training, which knows the older generation. */
+static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_weights_info info = {0};
+    if (v2v_step_on_root(session)) {
+        static const char *const generations[] = {"weights.h5", "weights.prev.h5"};
+        for (int i = 0; i < 2 && info.width == 0; i++) {
+            char path[V2V_PATH_BYTES];
+            rc = v2v_text_format(path, sizeof path, "%s/%s", given->folder, generations[i]);
+            if (rc == V2V_OK && v2v_file_exists(path) &&
+                v2v_weights_file_info(&info, path) != V2V_OK) {
+                info.width = 0;
+            }
+        }
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_broadcast(session->world, &info, (int64_t)sizeof info, 0);
+    if (info.width > 0) {
+        adopt(&session->config, &info);
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    struct v2v_recording **recordings = NULL;
+    struct v2v_train_report report = {0};
+    struct v2v_weights_info info;
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    if (given->weights != NULL) {
+        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));
+        adopt(&session->config, &info);
+    }
+    if (given->resume) {
+        V2V_TRY(adopt_checkpoint(given, session));
+    }
+    rc = V2V_ALLOC(recordings, "train.recordings", given->inputs.count);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    for (int64_t i = 0; i < given->inputs.count; i++) {
+        V2V_TRY(v2v_step_recording(session, &recordings[i], given->inputs.item[i], &psf));
+    }
+    struct v2v_train_job job = {.config = &session->config,
+                                .psf = &psf,
+                                .recordings = recordings,
+                                .recording_count = given->inputs.count,
+                                .folder = given->folder,
+                                .weights = given->weights,
+                                .resume = given->resume,
+                                .force = session->force,
+                                .max_time_s = given->max_time_s};
+    v2v_step_announce(session);
+    V2V_TRY(v2v_train_run(&job, &report, session->world));
+    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
+            report.steps, report.last_total, report.seconds);
+done:
+    for (int64_t i = 0; recordings != NULL && i < given->inputs.count; i++) {
+        v2v_recording_close(&recordings[i]);
+    }
+    v2v_mem_free(recordings);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_train = {
+    .name = "train",
+    .summary = "fit the network to noisy recordings, view to view",
+    .options = options,
+    .bytes = sizeof(struct arguments),
+    .run = run};

@@ -1,0 +1,113 @@
+#include "cli/steps.h"
+
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/nn/rule.h"
+#include "v2v3d/nn/schema.h"
+#include <inttypes.h>
+
+struct init_arguments {
+    struct v2v_common common;
+    const char *psf, *output;
+    int rule;
+    int64_t seed;
+};
+
+static const struct v2v_option init_options[] = {
+    V2V_OPTION_PSF(struct init_arguments, psf, 1),
+    V2V_OPTION_OUTPUT(struct init_arguments, output, "weights to write"),
+    V2V_OPTION_SET("width", "model.width", "N", "channels of the U-Nets; the paper's n = 128"),
+    V2V_OPTION_SET("features", "model.features", "N", "features of a view"),
+    {.name = "rule",
+     .kind = V2V_OPTION_CHOICE,
+     .at = offsetof(struct init_arguments, rule),
+     .value = "kaiming|hash",
+     .help = "how numbers are drawn",
+     .initial = "kaiming"},
+    {.name = "seed",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct init_arguments, seed),
+     .value = "N",
+     .help = "of the numbers",
+     .initial = "1",
+     .least = 0,
+     .most = 1e15},
+    {0}};
+
+/* Rank 0 alone: draw and write. */
+static enum v2v_status write_weights(const struct init_arguments *given,
+                                     const struct v2v_config *config,
+                                     const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_fields fields = {0};
+    float *weights = NULL;
+    struct v2v_model_spec spec = {.views = psf->views,
+                                  .slices = psf->slices,
+                                  .width = config->model.width,
+                                  .features = config->model.features,
+                                  .branches = V2V_BRANCH_BOTH};
+    struct v2v_weights_info info = {.width = spec.width,
+                                    .features = spec.features,
+                                    .views = spec.views,
+                                    .slices = spec.slices,
+                                    .volume_scale = config->model.volume_scale,
+                                    .split = "even-odd"};
+    V2V_TRY(v2v_model_schema(&fields, &spec));
+    V2V_TRY(V2V_ALLOC(weights, "weights.init", fields.total));
+    V2V_TRY(v2v_rule_weights(&fields, weights, given->rule, given->seed));
+    V2V_TRY(v2v_weights_file_write(given->output, &info, &fields, weights, NULL, NULL, NULL, NULL));
+done:
+    v2v_mem_free(weights);
+    v2v_fields_fini(&fields);
+    return rc;
+}
+
+static enum v2v_status init(const void *arguments, struct v2v_session *session)
+{
+    const struct init_arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    V2V_TRY(v2v_step_output(session, given->output, &given->psf, 1));
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    if (v2v_step_on_root(session)) {
+        rc = write_weights(given, &session->config, &psf);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " views, %" PRId64 " slices, width %" PRId64,
+            given->output, psf.views, psf.slices, session->config.model.width);
+done:
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_weights_init = {.name = "weights init",
+                                                     .summary = "fresh weights, by rule",
+                                                     .options = init_options,
+                                                     .bytes = sizeof(struct init_arguments),
+                                                     .run = init};
+
+struct info_arguments {
+    struct v2v_common common;
+    const char *weights;
+};
+
+static const struct v2v_option info_options[] = {{.name = "weights",
+                                                  .kind = V2V_OPTION_OPERAND,
+                                                  .at = offsetof(struct info_arguments, weights),
+                                                  .value = "WEIGHTS",
+                                                  .help = "weight file or checkpoint",
+                                                  .required = 1},
+                                                 {0}};
+
+static enum v2v_status info(const void *arguments, struct v2v_session *session)
+{
+    const struct info_arguments *given = arguments;
+    return v2v_step_print_weights(session, given->weights);
+}
+
+const struct v2v_command v2v_command_weights_info = {.name = "weights info",
+                                                     .summary = "what a weight file is made for",
+                                                     .options = info_options,
+                                                     .bytes = sizeof(struct info_arguments),
+                                                     .run = info};

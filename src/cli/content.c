@@ -1,0 +1,103 @@
+#include "cli/content.h"
+
+#include "cli/steps.h"
+#include "v2v3d/io/tiff.h"
+#include <string.h>
+
+static enum v2v_status open_weights(const char *path, const struct v2v_session *session)
+{
+    struct v2v_weights_info info;
+    enum v2v_status rc = V2V_OK;
+    if (v2v_step_on_root(session)) {
+        rc = v2v_weights_file_info(&info, path);
+    }
+    return v2v_par_agree(session->world, rc);
+}
+
+static enum v2v_status open_volume(const char *path, const struct v2v_session *session)
+{
+    struct v2v_volume *volume = NULL;
+    enum v2v_status rc = v2v_volume_open(&volume, path, 0, session->world);
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+static enum v2v_status open_recording(const char *path, const struct v2v_session *session)
+{
+    struct v2v_recording *recording = NULL;
+    enum v2v_status rc =
+        v2v_recording_open(&recording, path, &session->config.input, session->world);
+    v2v_recording_close(&recording);
+    return rc;
+}
+
+static enum v2v_status open_psf(const char *path, const struct v2v_session *session)
+{
+    struct v2v_psf_file psf = {0};
+    enum v2v_status rc = v2v_psf_file_read(&psf, path, session->world);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+static const struct {
+    enum v2v_content content;
+    enum v2v_status (*open)(const char *path, const struct v2v_session *session);
+} kinds[] = {{V2V_CONTENT_VOLUME, open_volume},
+             {V2V_CONTENT_RECORDING, open_recording},
+             {V2V_CONTENT_WEIGHTS, open_weights},
+             {V2V_CONTENT_PSF, open_psf}};
+enum { KINDS = sizeof kinds / sizeof kinds[0] };
+
+/* Rank 0: what the first bytes and the file system say. */
+static enum v2v_status look(enum v2v_content *content, const char *path)
+{
+    static const char hdf5[] = "\211HDF\r\n\032\n";
+    char start[sizeof hdf5 - 1] = "";
+    enum v2v_status rc = V2V_OK;
+    FILE *file = NULL;
+    struct v2v_tiff *tiff = NULL;
+    if (v2v_file_is_folder(path)) {
+        *content = V2V_CONTENT_PSF;
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_file_check_input(path));
+    file = fopen(path, "rb");
+    int is_hdf5 = file != NULL && fread(start, 1, sizeof start, file) == sizeof start &&
+                  memcmp(start, hdf5, sizeof start) == 0;
+    if (!is_hdf5) {
+        V2V_TRY(v2v_tiff_open(&tiff, path));
+        *content = V2V_CONTENT_TIFF;
+    }
+done:
+    v2v_tiff_close(&tiff);
+    if (file != NULL) {
+        fclose(file);
+    }
+    return rc;
+}
+
+enum v2v_status v2v_content_of(enum v2v_content *content, const char *path,
+                               const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t found = V2V_CONTENT_AUTO;
+    if (v2v_step_on_root(session)) {
+        enum v2v_content seen = V2V_CONTENT_AUTO;
+        rc = look(&seen, path);
+        found = seen;
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_max_i64(session->world, &found, 1);
+    *content = (enum v2v_content)found;
+    for (int i = 0; i < KINDS && *content == V2V_CONTENT_AUTO; i++) {
+        if (kinds[i].open(path, session) == V2V_OK) {
+            *content = kinds[i].content;
+        }
+    }
+    if (*content == V2V_CONTENT_AUTO) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: HDF5 without a readable /volume, /views, /weights or /psf", path));
+    }
+done:
+    return rc;
+}

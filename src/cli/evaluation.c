@@ -1,0 +1,174 @@
+#include "cli/evaluation.h"
+
+#include "cli/projection.h"
+#include "cli/steps.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/eval/metrics.h"
+#include <inttypes.h>
+
+const char *const v2v_figure_names[V2V_FIGURE_COUNT] = {
+    "psnr", "ssim", "background_truth", "background_volume", "scale", "residual"};
+
+static enum v2v_status allocate(struct v2v_evaluation *evaluation, int first, int last)
+{
+    enum v2v_status rc = V2V_OK;
+    for (int f = first; f <= last; f++) {
+        V2V_TRY(V2V_ALLOC(evaluation->value[f], "evaluate.figures", evaluation->frames));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status check_shapes(const struct v2v_evaluation_job *job,
+                                    const struct v2v_volume_info *truth,
+                                    const struct v2v_volume_info *volume)
+{
+    if (truth->slices == volume->slices && truth->height == volume->height &&
+        truth->width == volume->width) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_INPUT,
+                    "%s is %" PRId64 " x %" PRId64 " x %" PRId64 " voxels, but %s is %" PRId64
+                    " x %" PRId64 " x %" PRId64,
+                    job->truth, truth->slices, truth->height, truth->width, job->volume,
+                    volume->slices, volume->height, volume->width);
+}
+
+/* Local: scores of frame t, which shows frame t mod T of the truth as `simulate` does. */
+static enum v2v_status score_frame(struct v2v_evaluation *evaluation, struct v2v_volume *truth,
+                                   struct v2v_volume *volume, float *a, float *b, int64_t t,
+                                   int fit_scale)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_scores scores;
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    V2V_TRY(v2v_volume_read(truth, a, t % v2v_volume_info(truth)->frames, 0, info->slices));
+    V2V_TRY(v2v_volume_read(volume, b, t, 0, info->slices));
+    V2V_TRY(v2v_scores_of(&scores, a, b, info->slices, info->height, info->width, fit_scale));
+    evaluation->value[V2V_FIGURE_PSNR][t] = scores.psnr;
+    evaluation->value[V2V_FIGURE_SSIM][t] = scores.ssim;
+    evaluation->value[V2V_FIGURE_BACKGROUND_TRUTH][t] = scores.background_truth;
+    evaluation->value[V2V_FIGURE_BACKGROUND_VOLUME][t] = scores.background_volume;
+    evaluation->value[V2V_FIGURE_SCALE][t] = scores.scale;
+done:
+    return rc;
+}
+
+static enum v2v_status score(struct v2v_evaluation *evaluation,
+                             const struct v2v_evaluation_job *job, struct v2v_volume *volume,
+                             const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *truth = NULL;
+    float *a = NULL, *b = NULL;
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    int64_t voxels = info->slices * info->height * info->width;
+    V2V_TRY(v2v_volume_open(&truth, job->truth, info->slices, session->world));
+    V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
+    rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(a, "evaluate.truth", voxels);
+    }
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(b, "evaluate.volume", voxels);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    int64_t ranks = v2v_comm_size(session->world);
+    for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
+        v2v_step_beat(session, "evaluate: a frame");
+        rc = score_frame(evaluation, truth, volume, a, b, t, job->fit_scale);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    for (int f = V2V_FIGURE_PSNR; f <= V2V_FIGURE_SCALE; f++) {
+        v2v_par_sum_f64(session->world, evaluation->value[f], info->frames);
+    }
+done:
+    v2v_mem_free(b);
+    v2v_mem_free(a);
+    v2v_volume_close(&truth);
+    return rc;
+}
+
+/* The views again from the volume, compared with those of the recording less its offset. */
+static enum v2v_status residual(struct v2v_evaluation *evaluation,
+                                const struct v2v_evaluation_job *job, struct v2v_volume *volume,
+                                const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    struct v2v_recording *recording = NULL;
+    struct v2v_projection p = {0};
+    struct v2v_scaling scaling;
+    float *views = NULL;
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    V2V_TRY(v2v_step_psf(session, &psf, job->psf));
+    V2V_TRY(v2v_step_recording(session, &recording, job->input, &psf));
+    const struct v2v_recording_info *shown = v2v_recording_info(recording);
+    if (info->slices != psf.slices || info->height != shown->height ||
+        info->width != shown->width || info->frames != shown->frames) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: %" PRId64 " frames, %" PRId64 " slices of %" PRId64 " x %" PRId64
+                         " do not go with %s and its PSFs: %" PRId64 " frames, %" PRId64
+                         " slices of %" PRId64 " x %" PRId64,
+                         job->volume, info->frames, info->slices, info->height, info->width,
+                         job->input, shown->frames, psf.slices, shown->height, shown->width));
+    }
+    V2V_TRY(v2v_step_offset(session, &scaling, recording));
+    V2V_TRY(v2v_projection_init(&p, session, &psf, info->height, info->width));
+    rc = allocate(evaluation, V2V_FIGURE_RESIDUAL, V2V_FIGURE_RESIDUAL);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(views, "evaluate.views", psf.views * p.pixels);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    for (int64_t t = 0; t < info->frames; t++) {
+        v2v_step_beat(session, "evaluate: a frame's residual");
+        rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
+        if (rc == V2V_OK) {
+            rc = v2v_recording_read(recording, views, t);
+        }
+        V2V_TRY(v2v_par_agree(session->world, rc));
+        v2v_scaling_apply(&scaling, views, psf.views * p.pixels);
+        v2v_projector_forward(p.projector, p.views, p.slices, NULL, psf.views);
+        evaluation->value[V2V_FIGURE_RESIDUAL][t] =
+            v2v_residual(views, p.views, psf.views * p.pixels, NULL);
+    }
+done:
+    v2v_mem_free(views);
+    v2v_projection_fini(&p);
+    v2v_recording_close(&recording);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
+                                   const struct v2v_evaluation_job *job,
+                                   const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *volume = NULL;
+    *evaluation = (struct v2v_evaluation){0};
+    V2V_TRY(v2v_volume_open(&volume, job->volume, job->slices, session->world));
+    evaluation->frames = v2v_volume_info(volume)->frames;
+    if (job->truth != NULL) {
+        V2V_TRY(score(evaluation, job, volume, session));
+    }
+    if (job->psf != NULL) {
+        V2V_TRY(residual(evaluation, job, volume, session));
+    }
+    for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
+        for (int64_t t = 0; evaluation->value[f] != NULL && t < evaluation->frames; t++) {
+            evaluation->mean[f] += evaluation->value[f][t] / (double)evaluation->frames;
+        }
+    }
+done:
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+void v2v_evaluation_fini(struct v2v_evaluation *evaluation)
+{
+    for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
+        v2v_mem_free(evaluation->value[f]);
+    }
+    *evaluation = (struct v2v_evaluation){0};
+}

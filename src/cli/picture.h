@@ -1,0 +1,23 @@
+/** Pictures: one frame of a volume; several side by side; a curve. */
+#ifndef V2V_CLI_PICTURE_H
+#define V2V_CLI_PICTURE_H
+
+#include "v2v3d/eval/preview.h"
+#include "v2v3d/io/volume.h"
+
+/** Pixels a slice that make voxels look as they are, 2 when sizes are not stated. @kind Local */
+int v2v_picture_z_zoom(const struct v2v_volume_info *info);
+
+/** Maximum projections of frame t of an open volume. @kind Local */
+enum v2v_status v2v_picture_frame(struct v2v_canvas *canvas, struct v2v_volume *volume, int64_t t,
+                                  int z_zoom, double low, double high) V2V_MUST_CHECK;
+
+/** `count` pictures in a row, each under its label. @kind Local */
+enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
+                                const char *const *labels, int64_t count) V2V_MUST_CHECK;
+
+/** y against its index, on a logarithmic axis, with its first and last value. @kind Local */
+enum v2v_status v2v_picture_curve(struct v2v_canvas *canvas, const double *y, int64_t count,
+                                  const char *title) V2V_MUST_CHECK;
+
+#endif

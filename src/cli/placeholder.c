@@ -1,1 +1,0 @@
-typedef int v2v_cli_is_empty;

@@ -1,0 +1,160 @@
+#include "cli/psf_report.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
+#include <inttypes.h>
+#include <math.h>
+
+/* One PSF slice in figures. */
+struct slice_figures {
+    double energy;
+    double y, x;     /* centroid, pixels from the PSF's centre */
+    double border;   /* energy in the outermost ring */
+    int64_t support; /* pixels of the brightest that hold 99.9 % of the energy */
+};
+
+static double largest_of(const float *x, int64_t count)
+{
+    double largest = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        largest = fmax(largest, x[i]);
+    }
+    return largest;
+}
+
+/* Pixels that hold 99.9 % of the energy: those above the highest of 4096 logarithmic levels (24
+ * octaves, float32's resolution) that leaves at most 0.1 % below it. */
+static int64_t support_of(const float *slice, int64_t count, double energy)
+{
+    enum { LEVELS = 4096, OCTAVES = 24 };
+    double held[LEVELS] = {0};
+    int64_t pixels[LEVELS] = {0};
+    double top = largest_of(slice, count);
+    for (int64_t i = 0; i < count; i++) {
+        if (slice[i] > 0.0f) {
+            double down = log2(top / slice[i]) * (LEVELS / OCTAVES);
+            int level = down < LEVELS - 1 ? (int)down : LEVELS - 1;
+            held[level] += slice[i];
+            pixels[level]++;
+        }
+    }
+    double sum = 0.0;
+    int64_t support = 0;
+    for (int level = 0; level < LEVELS && sum < 0.999 * energy; level++) {
+        sum += held[level];
+        support += pixels[level];
+    }
+    return support;
+}
+
+static struct slice_figures measure(const float *slice, int64_t height, int64_t width)
+{
+    struct slice_figures f = {0};
+    int64_t cy = (height + 1) / 2 - 1, cx = (width + 1) / 2 - 1; /* REFERENCE.md 2 */
+    for (int64_t y = 0; y < height; y++) {
+        for (int64_t x = 0; x < width; x++) {
+            double value = slice[y * width + x];
+            int on_border = y == 0 || x == 0 || y == height - 1 || x == width - 1;
+            f.energy += value;
+            f.y += value * (double)(y - cy);
+            f.x += value * (double)(x - cx);
+            f.border += on_border ? value : 0.0;
+        }
+    }
+    if (f.energy > 0.0) {
+        f.y /= f.energy;
+        f.x /= f.energy;
+        f.support = support_of(slice, height * width, f.energy);
+    }
+    return f;
+}
+
+static void print_views(FILE *stream, const struct slice_figures *figures, int64_t views,
+                        int64_t slices, const struct v2v_shifts *shifts)
+{
+    fprintf(stream, "\nview     sum  support, pixels   centroid y, first to last slice   centroid x"
+                    "            shifts dy, dx\n");
+    for (int64_t v = 0; v < views; v++) {
+        const struct slice_figures *row = figures + v * slices;
+        const int32_t *dy = shifts->dy + v * slices, *dx = shifts->dx + v * slices;
+        double sum = 0.0;
+        int64_t least = INT64_MAX, most = 0;
+        for (int64_t z = 0; z < slices; z++) {
+            sum += row[z].energy;
+            least = row[z].support < least ? row[z].support : least;
+            most = row[z].support > most ? row[z].support : most;
+        }
+        fprintf(stream,
+                "%4" PRId64 " %8.4g  %6" PRId64 " .. %-6" PRId64 "  %+8.2f .. %+8.2f             "
+                "%+8.2f .. %+8.2f   %+d .. %+d, %+d .. %+d\n",
+                v, sum, least, most, row[0].y, row[slices - 1].y, row[0].x, row[slices - 1].x,
+                dy[0], dy[slices - 1], dx[0], dx[slices - 1]);
+    }
+}
+
+static void print_slices(FILE *stream, const struct slice_figures *figures, int64_t views,
+                         int64_t slices)
+{
+    fprintf(stream, "\nslice  mean energy  largest support\n");
+    for (int64_t z = 0; z < slices; z++) {
+        double energy = 0.0;
+        int64_t most = 0;
+        for (int64_t v = 0; v < views; v++) {
+            const struct slice_figures *f = &figures[v * slices + z];
+            energy += f->energy / (double)views;
+            most = f->support > most ? f->support : most;
+        }
+        fprintf(stream, "%5" PRId64 "  %11.4g  %15" PRId64 "\n", z, energy, most);
+    }
+}
+
+static void print_warnings(FILE *stream, const struct slice_figures *figures,
+                           const struct v2v_psf_file *psf)
+{
+    double border = 0.0, energy = 0.0;
+    int64_t dark = 0, count = psf->views * psf->slices;
+    for (int64_t i = 0; i < count; i++) {
+        border += figures[i].border;
+        energy += figures[i].energy;
+        dark += figures[i].energy <= 0.0;
+    }
+    if (dark > 0) {
+        fprintf(stream, "warning: %" PRId64 " of %" PRId64 " slices are without energy\n", dark,
+                count);
+    }
+    if (border > 1e-3 * energy) {
+        fprintf(stream, "warning: %.2g of the energy lies on the border: the PSFs are cut off\n",
+                border / energy);
+    }
+    if (psf->height % 2 == 0 || psf->width % 2 == 0) {
+        fprintf(stream, "note: an even side; its centre is pixel ceil(K/2)-1\n");
+    }
+    if (psf->pixel_size_um <= 0.0 || psf->slice_spacing_um <= 0.0) {
+        fprintf(stream, "note: pixel size or slice spacing is not stated in the file\n");
+    }
+}
+
+enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_psf_file *psf,
+                               const struct v2v_shifts *shifts)
+{
+    enum v2v_status rc = V2V_OK;
+    struct slice_figures *figures = NULL;
+    int64_t pixels = psf->height * psf->width;
+    V2V_TRY(V2V_ALLOC(figures, "psf.figures", psf->views * psf->slices));
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        figures[i] = measure(psf->data + i * pixels, psf->height, psf->width);
+    }
+    fprintf(stream,
+            "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels\n", name,
+            psf->views, psf->slices, psf->height, psf->width);
+    fprintf(stream, "pixel size %g um, slice spacing %g um\n", psf->pixel_size_um,
+            psf->slice_spacing_um);
+    fprintf(stream, "mean slice energy of view 0: %.6g, largest shift %" PRId64 " pixels\n",
+            v2v_psf_energy_mean(psf), v2v_shifts_reach(shifts));
+    print_views(stream, figures, psf->views, psf->slices, shifts);
+    print_slices(stream, figures, psf->views, psf->slices);
+    print_warnings(stream, figures, psf);
+done:
+    v2v_mem_free(figures);
+    return rc;
+}

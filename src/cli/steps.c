@@ -1,0 +1,280 @@
+#include "cli/steps.h"
+
+#include "cli/versions.h"
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
+#include "v2v3d/par/watchdog.h"
+#include <errno.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+int v2v_step_on_root(const struct v2v_session *session)
+{
+    return v2v_comm_rank(session->world) == 0;
+}
+
+enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
+                                const char *const *inputs, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    enum { MOST = 64 };
+    const char *given[MOST];
+    int64_t n = 0;
+    for (int64_t i = 0; i < count && n < MOST; i++) {
+        if (inputs[i] != NULL) {
+            given[n++] = inputs[i];
+        }
+    }
+    if (v2v_step_on_root(session)) {
+        rc = v2v_file_check_output(path, session->force, given, n);
+    }
+    return v2v_par_agree(session->world, rc);
+}
+
+static int ends_in(const char *path, const char *ending)
+{
+    size_t length = strlen(path), tail = strlen(ending);
+    return length >= tail && strcasecmp(path + length - tail, ending) == 0;
+}
+
+int v2v_step_is_hdf5_name(const char *path)
+{
+    return ends_in(path, ".h5") || ends_in(path, ".hdf5");
+}
+
+int v2v_step_is_tiff_name(const char *path)
+{
+    return ends_in(path, ".tif") || ends_in(path, ".tiff");
+}
+
+enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
+                             const char *path)
+{
+    return v2v_psf_read(psf, path, session->config.psf.normalize, session->world);
+}
+
+enum v2v_status v2v_step_recording(const struct v2v_session *session,
+                                   struct v2v_recording **recording, const char *path,
+                                   const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_input_settings settings = session->config.input;
+    if (settings.views == 0) {
+        settings.views = psf->views;
+    }
+    V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
+    int64_t views = v2v_recording_info(*recording)->views;
+    if (views != psf->views) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
+                         path, views, psf->views));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
+                                const char *path, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_volume_open(volume, path, psf->slices, session->world));
+    int64_t slices = v2v_volume_info(*volume)->slices;
+    if (slices != psf->slices) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " slices, but the PSFs have %" PRId64, path,
+                         slices, psf->slices));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_weights_info(const struct v2v_session *session,
+                                      struct v2v_weights_info *info, const char *path,
+                                      const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = v2v_weights_file_info(info, path);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    if (info->views != psf->views || info->slices != psf->slices) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: made for %" PRId64 " views and %" PRId64
+                         " slices, but the PSFs have %" PRId64 " and %" PRId64,
+                         path, info->views, info->slices, psf->views, psf->slices));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_print_weights(const struct v2v_session *session, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_weights_info info;
+    if (!v2v_step_on_root(session)) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_weights_file_info(&info, path));
+    printf("%s: weights for %" PRId64 " views (split %s) and %" PRId64 " slices\n"
+           "width %" PRId64 ", %" PRId64 " features a view, volume scale %g, step %" PRId64 "\n",
+           path, info.views, info.split, info.slices, info.width, info.features, info.volume_scale,
+           info.step);
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_scaling *scaling,
+                                struct v2v_recording *recording)
+{
+    struct v2v_input_settings settings = session->config.input;
+    settings.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
+    return v2v_scaling_decide(scaling, recording, &settings, session->world);
+}
+
+void v2v_step_announce(const struct v2v_session *session)
+{
+    v2v_log(V2V_LOG_INFO, "%d ranks x %d threads", v2v_comm_size(session->world), session->threads);
+}
+
+/* A file's own figure, or the PSFs' when the file does not say. */
+static double stated(double own, double of_psf)
+{
+    return own > 0.0 ? own : of_psf;
+}
+
+struct v2v_volume_info v2v_step_volume_of(const struct v2v_recording_info *recording,
+                                          const struct v2v_psf_file *psf)
+{
+    return (struct v2v_volume_info){.frames = recording->frames,
+                                    .slices = psf->slices,
+                                    .height = recording->height,
+                                    .width = recording->width,
+                                    .pixel_size_um =
+                                        stated(recording->pixel_size_um, psf->pixel_size_um),
+                                    .slice_spacing_um = psf->slice_spacing_um,
+                                    .frame_interval_s = recording->frame_interval_s};
+}
+
+struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *volume,
+                                                const struct v2v_psf_file *psf)
+{
+    return (struct v2v_recording_info){.frames = volume->frames,
+                                       .views = psf->views,
+                                       .height = volume->height,
+                                       .width = volume->width,
+                                       .pixel_size_um =
+                                           stated(volume->pixel_size_um, psf->pixel_size_um),
+                                       .frame_interval_s = volume->frame_interval_s};
+}
+
+enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, int comments)
+{
+    size_t bytes = 0;
+    FILE *stream = open_memstream(text, &bytes);
+    if (stream == NULL) {
+        return V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
+    }
+    v2v_config_print(config, stream, comments);
+    return fclose(stream) == 0 ? V2V_OK
+                               : V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
+}
+
+/* CRC-32C of a file's bytes. */
+static enum v2v_status checksum_of_file(uint32_t *crc, const char *path)
+{
+    enum { CHUNK = 1 << 20 };
+    enum v2v_status rc = V2V_OK;
+    char *buffer = NULL;
+    FILE *file = NULL;
+    size_t got = 0;
+    V2V_TRY(V2V_ALLOC(buffer, "cli.checksum", CHUNK));
+    file = fopen(path, "rb");
+    if (file == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
+    }
+    *crc = 0;
+    while ((got = fread(buffer, 1, CHUNK, file)) > 0) {
+        *crc = v2v_file_crc32c(*crc, buffer, (int64_t)got);
+    }
+    if (ferror(file)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: cannot be read", path));
+    }
+done:
+    if (file != NULL) {
+        fclose(file);
+    }
+    v2v_mem_free(buffer);
+    return rc;
+}
+
+static void add_text(struct v2v_provenance *provenance, const char *name, const char *text)
+{
+    V2V_ASSERT(provenance->count < V2V_PROVENANCE_MOST);
+    provenance->item[provenance->count++] = (struct v2v_attribute){.name = name, .text = text};
+}
+
+static void add_number(struct v2v_provenance *provenance, const char *name, double number)
+{
+    V2V_ASSERT(provenance->count < V2V_PROVENANCE_MOST);
+    provenance->item[provenance->count++] = (struct v2v_attribute){.name = name, .number = number};
+}
+
+enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
+                                    const struct v2v_session *session,
+                                    const struct v2v_psf_file *psf, const char *weights,
+                                    const struct v2v_scaling *scaling)
+{
+    enum v2v_status rc = V2V_OK;
+    uint32_t crc = 0;
+    *provenance = (struct v2v_provenance){0};
+    rc = v2v_step_config_text(&provenance->config, &session->config, 0);
+    if (rc == V2V_OK && weights != NULL && v2v_step_on_root(session)) {
+        rc = checksum_of_file(&crc, weights);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_broadcast(session->world, &crc, (int64_t)sizeof crc, 0);
+    v2v_clock_iso8601(provenance->written, sizeof provenance->written);
+    v2v_par_broadcast(session->world, provenance->written, (int64_t)sizeof provenance->written, 0);
+    snprintf(provenance->weights_crc32c, sizeof provenance->weights_crc32c, "%08" PRIx32, crc);
+    crc = v2v_file_crc32c(
+        0, psf->data, psf->views * psf->slices * psf->height * psf->width * (int64_t)sizeof(float));
+    snprintf(provenance->psf_crc32c, sizeof provenance->psf_crc32c, "%08" PRIx32, crc);
+
+    add_text(provenance, "program", "v2v3d " V2V_VERSION);
+    add_text(provenance, "command_line", session->command_line);
+    add_text(provenance, "configuration", provenance->config);
+    add_text(provenance, "libraries", V2V_LIBRARY_VERSIONS);
+    add_text(provenance, "written", provenance->written);
+    add_number(provenance, "ranks", v2v_comm_size(session->world));
+    add_number(provenance, "threads", session->threads);
+    add_text(provenance, "psf_crc32c", provenance->psf_crc32c);
+    if (weights != NULL) {
+        add_text(provenance, "weights_crc32c", provenance->weights_crc32c);
+    }
+    add_number(provenance, "offset", scaling->offset);
+    add_number(provenance, "gain", scaling->gain);
+done:
+    return rc;
+}
+
+void v2v_provenance_fini(struct v2v_provenance *provenance)
+{
+    free(provenance->config);
+    provenance->config = NULL;
+}
+
+enum v2v_status v2v_step_write_slices(const struct v2v_session *session,
+                                      struct v2v_volume_writer *writer, const float *slices,
+                                      int64_t t, struct v2v_part mine)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices, t, mine.first, mine.count));
+    V2V_TRY(v2v_volume_mark_done(writer, v2v_step_on_root(session) ? t : -1));
+done:
+    return rc;
+}
+
+void v2v_step_beat(const struct v2v_session *session, const char *what)
+{
+    v2v_watchdog_arm(session->config.parallel.watchdog_s, what);
+}

@@ -1,0 +1,95 @@
+/** What several commands do in the same way: open inputs that fit the PSFs, guard outputs, tell
+ *  where a result came from. */
+#ifndef V2V_CLI_STEPS_H
+#define V2V_CLI_STEPS_H
+
+#include "cli/command.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/io/recording.h"
+#include "v2v3d/io/scaling.h"
+#include "v2v3d/io/volume.h"
+#include "v2v3d/io/weights_file.h"
+
+/** Is this the rank that prints? @kind Local */
+int v2v_step_on_root(const struct v2v_session *session);
+
+/** Refuse an output that exists (without --force), is one of the inputs (NULLs are skipped), or
+ *  lies where nothing can be written. Rank 0 looks. @kind Collective(world), agreed */
+enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
+                                const char *const *inputs, int64_t count) V2V_MUST_CHECK;
+
+/** Does the name end in one of .h5 .hdf5, or .tif .tiff? @kind Local */
+int v2v_step_is_hdf5_name(const char *path);
+int v2v_step_is_tiff_name(const char *path);
+
+/** PSFs as the configuration normalises them. @kind Collective(world), agreed */
+enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
+                             const char *path) V2V_MUST_CHECK;
+
+/** A recording whose view count is that of the PSFs (which TIFF input takes unless told
+ *  otherwise). @kind Collective(world), agreed */
+enum v2v_status v2v_step_recording(const struct v2v_session *session,
+                                   struct v2v_recording **recording, const char *path,
+                                   const struct v2v_psf_file *psf) V2V_MUST_CHECK;
+
+/** A volume whose slice count is that of the PSFs. @kind Collective(world), agreed */
+enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
+                                const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
+
+/** What a weight file says, after it was checked against the PSFs.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_step_weights_info(const struct v2v_session *session,
+                                      struct v2v_weights_info *info, const char *path,
+                                      const struct v2v_psf_file *psf) V2V_MUST_CHECK;
+
+/** Rank 0 prints what a weight file says. @kind Local */
+enum v2v_status v2v_step_print_weights(const struct v2v_session *session,
+                                       const char *path) V2V_MUST_CHECK;
+
+/** The recording's offset; gain 1: for what does not need a gain.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_scaling *scaling,
+                                struct v2v_recording *recording) V2V_MUST_CHECK;
+
+/** Log ranks x threads. @kind Local */
+void v2v_step_announce(const struct v2v_session *session);
+
+/** Frames and voxel size of a volume made from a recording. @kind Local */
+struct v2v_volume_info v2v_step_volume_of(const struct v2v_recording_info *recording,
+                                          const struct v2v_psf_file *psf);
+
+/** Frame and voxel size of a recording made from a volume. @kind Local */
+struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *volume,
+                                                const struct v2v_psf_file *psf);
+
+/** Attributes that tell how a volume was made; the texts live until _fini. */
+enum { V2V_PROVENANCE_MOST = 16 };
+struct v2v_provenance {
+    struct v2v_attribute item[V2V_PROVENANCE_MOST];
+    int64_t count;
+    char *config;
+    char psf_crc32c[16], weights_crc32c[16], written[32];
+};
+
+/** @kind Collective(world): rank 0 reads `weights` (may be NULL) for its checksum; agreed */
+enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
+                                    const struct v2v_session *session,
+                                    const struct v2v_psf_file *psf, const char *weights,
+                                    const struct v2v_scaling *scaling) V2V_MUST_CHECK;
+void v2v_provenance_fini(struct v2v_provenance *provenance);
+
+/** The resolved configuration as text, to be freed with free(). @kind Local */
+enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config,
+                                     int comments) V2V_MUST_CHECK;
+
+/** Write the slices of one frame that each rank holds, and mark the frame as done.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_step_write_slices(const struct v2v_session *session,
+                                      struct v2v_volume_writer *writer, const float *slices,
+                                      int64_t t, struct v2v_part mine) V2V_MUST_CHECK;
+
+/** Arm the watchdog anew: something was finished. `what` is a string literal. @kind Local */
+void v2v_step_beat(const struct v2v_session *session, const char *what);
+
+#endif

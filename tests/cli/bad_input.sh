@@ -1,0 +1,52 @@
+#!/usr/bin/env bash
+# Every broken input ends in a documented exit code, one clear line, no output, no hang.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+"$V2V_MAKE_BAD" "$folder" || exit 1
+cp "$root/configs/tiny.yaml" .
+printf 'train:\n  learning_rat: 1\n' >unknown.yaml
+printf 'train:\n  steps: 3\n  steps: 4\n' >duplicate.yaml
+printf 'train:\n  steps:\n' >missing.yaml
+printf 'train:\n  steps: -1\n' >range.yaml
+printf 'train:\n  learning_rate: 1e309\n' >infinite.yaml
+printf 'train:\n  learning_rate: 0,5\n' >comma.yaml
+printf 'trian:\n  steps: 3\n' >section.yaml
+printf 'train:\n  steps: 3\0\n' >nul.yaml
+printf 'train:\n\tsteps: 3\n' >tabs.yaml
+head -c 2000000 /dev/zero | tr '\0' '#' >large.yaml
+
+# What is good is read: a table in which everything is refused would prove little.
+works weights init --psf psf.h5 --width 4 -o weights.h5
+works preview good.tif -o fine.png
+works preview volume.h5 -o fine.png --force
+works psf info psf.h5
+works init -c tiny.yaml
+printf 'train:\r\n  steps: 3\r\n' >crlf.yaml
+works init -c crlf.yaml
+head -c 20000 weights.h5 >weights_cut.h5
+cp weights.h5 weights_flipped.h5
+# One byte in the middle: far behind the metadata at the start, inside the largest array.
+middle=$(($(stat -c %s weights.h5) / 2))
+printf '\125' | dd of=weights_flipped.h5 bs=1 seek="$middle" conv=notrunc 2>/dev/null
+cmp -s weights.h5 weights_flipped.h5 && printf '\252' |
+    dd of=weights_flipped.h5 bs=1 seek="$middle" conv=notrunc 2>/dev/null
+
+count=0
+while IFS= read -r line; do
+    case $line in '' | \#*) continue ;; esac
+    code=${line%% | *}
+    words=${line##* | }
+    pattern=${line#* | }
+    pattern=${pattern% | *}
+    read -r -a words <<<"$words"
+    refuses "$code" "$pattern" "${words[@]}"
+    count=$((count + 1))
+done <"$here/bad_input.tsv"
+[ "$count" -ge 90 ] || fail "only $count rows of bad_input.tsv were read"
+
+# A TIFF file cut at every sixteenth.
+for i in $(seq -w 1 15); do
+    refuses 65 "cut_$i.tif: " preview "cut_$i.tif" -o out.png
+done
+finish

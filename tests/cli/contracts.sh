@@ -1,0 +1,84 @@
+#!/usr/bin/env bash
+# The commands that others call, from optics to scores, without the network.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+cp "$root/configs/tiny.yaml" .
+"$V2V_MAKE_BAD" "$folder" || exit 1
+mkdir one many
+mv volume.h5 one/truth.h5
+
+works psf simulate -c tiny.yaml -o one/psf.h5
+works psf info one/psf.h5
+says '5 views, 7 slices of 31 x 31 pixels'
+works info one/psf.h5
+says 'PSFs, 5 views'
+
+works project --psf one/psf.h5 --volume one/truth.h5 -o lfi.h5 --reduce sum --normalize none
+works info lfi.h5
+says 'recording, 2 frames, 5 views of 64 x 64'
+works project --psf one/psf.h5 --volume one/truth.h5 -o mean.h5 --reduce mean --normalize none
+works project --psf one/psf.h5 --input lfi.h5 --adjoint -o adjoint.h5 --normalize none
+works info adjoint.h5
+says 'volume, 2 frames, 7 slices of 64 x 64'
+
+works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --noise gaussian:0.2 --seed 5 \
+    --frames 3
+works info rec.h5
+says 'recording, 3 frames'
+works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
+works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
+
+works deconvolve --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
+works evaluate --truth one/truth.h5 --volume rld.h5 --json
+for key in psnr ssim background_truth background_volume; do
+    says "\"$key\": -?[0-9]"
+done
+says '"fit_scale": 0'
+[ "$(wc -l <stdout)" -eq 1 ] || fail "more than one line of JSON: $(cat stdout)"
+works evaluate --truth one/truth.h5 --volume rld.h5 --psf one/psf.h5 --input rec.h5 --fit-scale
+says 'residual'
+says 'least-squares scale'
+works evaluate --volume rld.h5 --psf one/psf.h5 --input rec.h5
+works evaluate --truth one/truth.h5 --volume one/truth.h5
+says '^ mean +inf +1 '
+
+# There and back, and as an input like any other.
+works convert --input one/truth.h5 -o truth.tif
+works convert --input truth.tif -o again.h5
+same one/truth.h5 again.h5 /volume 0
+works evaluate --truth truth.tif --volume one/truth.h5
+says '^ mean +inf +1 '
+works convert --input rec.h5 -o rec.tif
+works convert --input rec.tif --views 5 -o rec_again.h5
+same rec.h5 rec_again.h5 /views 0
+works info rec.tif
+says 'TIFF, 15 pages'
+works deconvolve --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
+same rld.h5 from_tiff.h5 /volume 0
+works deconvolve --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
+works preview rld.h5 --frame 2 -o picture.png
+[ "$(head -c 4 picture.png | tail -c 3)" = PNG ] || fail 'preview wrote no PNG'
+
+# The same numbers from one rank: at most 5 views x 7 slices x 2 transforms of round-off each, of
+# values up to about 1 (float32: 6e-8 a step, some hundred steps).
+if [ "$ranks" -gt 1 ]; then
+    mv lfi.h5 mean.h5 adjoint.h5 rec.h5 rld.h5 many
+    ranks=1
+    works project --psf one/psf.h5 --volume one/truth.h5 -o lfi.h5 --reduce sum --normalize none
+    works project --psf one/psf.h5 --input many/lfi.h5 --adjoint -o adjoint.h5 --normalize none
+    works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --noise gaussian:0.2 --seed 5 \
+        --frames 3
+    works deconvolve --psf one/psf.h5 --input many/rec.h5 -o rld.h5 --iterations 2
+    same lfi.h5 many/lfi.h5 /views 1e-5
+    same adjoint.h5 many/adjoint.h5 /volume 1e-5
+    same rec.h5 many/rec.h5 /views 1e-5
+    same rld.h5 many/rld.h5 /volume 1e-4
+fi
+
+# Nothing is overwritten unasked.
+before=$(cksum <rec.h5)
+refuses 2 'rec.h5: exists' simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5
+[ "$before" = "$(cksum <rec.h5)" ] || fail 'a refused command changed rec.h5'
+works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --force
+finish

@@ -1,0 +1,92 @@
+# shellcheck shell=bash
+# What the scripts share. Each begins with:
+#   . "$(dirname "$0")/lib.sh"
+# and ends with `finish`. Called as NAME.sh PROGRAM RANKS.
+set -u
+program=$1
+ranks=$2
+limit=${V2V_CLI_LIMIT:-10} # seconds a failing command may take (RELIABILITY.md P6)
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+root=${V2V_ROOT:-$here/../..}
+folder=$(mktemp -d "${TMPDIR:-/tmp}/v2v3d-cli.XXXXXX")
+trap 'rm -rf "$folder"' EXIT
+cd "$folder" || exit 1
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+failures=0
+
+v2v3d() {
+    if [ "$ranks" -eq 1 ]; then
+        "$program" "$@"
+    else
+        mpirun --oversubscribe --bind-to none -n "$ranks" "$program" "$@"
+    fi
+}
+# As a command of its own, so that timeout can run it.
+export -f v2v3d
+export program ranks root here
+
+fail() {
+    echo "FAILED: $*"
+    failures=$((failures + 1))
+}
+
+# timed SECONDS words...: run the program with a limit; output in the files stdout and stderr.
+timed() {
+    local seconds=$1
+    shift
+    timeout -k 5 "$seconds" bash -c 'v2v3d "$@"' v2v3d "$@" >stdout 2>stderr </dev/null
+}
+
+# works words...: exit code 0, nothing left in memory.
+works() {
+    timed 100 "$@"
+    local code=$?
+    if [ $code -ne 0 ]; then
+        fail "v2v3d $* ended with $code: $(cat stderr)"
+    elif grep -q 'still held' stderr; then
+        fail "v2v3d $*: $(grep 'still held' stderr)"
+    fi
+}
+
+# refuses CODE PATTERN words...: that exit code, within the limit, exactly one line of error, which
+# matches PATTERN (extended), and no file whose name begins with "out".
+refuses() {
+    local wanted=$1 pattern=$2
+    shift 2
+    timed "$limit" "$@"
+    local code=$? lines
+    lines=$(grep -cE '^(v2v3d|error|warning)' stderr)
+    if [ $code -eq 124 ] || [ $code -eq 137 ]; then
+        fail "v2v3d $*: took longer than $limit s"
+    elif [ $code -ne "$wanted" ]; then
+        fail "v2v3d $*: exit code $code, not $wanted: $(cat stderr)"
+    elif [ "$lines" -ne 1 ]; then
+        fail "v2v3d $*: $lines lines of error: $(cat stderr)"
+    elif ! grep -E '^v2v3d' stderr | grep -qE -- "$pattern"; then
+        fail "v2v3d $*: no \"$pattern\" in: $(cat stderr)"
+    fi
+    if compgen -G 'out*' >/dev/null; then
+        fail "v2v3d $*: left $(echo out*) behind"
+        rm -rf out*
+    fi
+}
+
+# says PATTERN: the last command printed it.
+says() {
+    grep -qE -- "$1" stdout || fail "no \"$1\" in: $(cat stdout)"
+}
+
+# same FIRST SECOND DATASET BOUND: no element differs by more than BOUND. Without hdf5-tools the
+# comparison is left out.
+same() {
+    command -v h5diff >/dev/null || return 0
+    local different
+    different=$(h5diff -c -d "$4" "$1" "$2" "$3" "$3" 2>&1) ||
+        fail "$1 and $2 differ in $3: $different"
+}
+
+finish() {
+    [ "$failures" -eq 0 ] && exit 0
+    echo "$failures checks failed"
+    exit 1
+}

@@ -1,0 +1,62 @@
+#!/usr/bin/env bash
+# Weights, training, reconstruction: the contracts of the network's commands on a tiny scene.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+"$V2V_MAKE_BAD" "$folder" || exit 1
+cp "$root/configs/tiny.yaml" "$root/configs/golden.yaml" .
+
+works weights init --psf psf.h5 --width 4 --rule hash --seed 7 -o w.h5
+works weights info w.h5
+says 'width 4, 4 features'
+works info w.h5
+says '5 views .split even-odd. and 7 slices'
+
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.h5 --branches \
+    --offset none --gain none --normalize none --precision f32 --skip off
+works info volumes.h5
+says 'volume, 2 frames, 7 slices of 64 x 64'
+if command -v h5dump >/dev/null; then
+    for name in /volume /branch1 /branch2; do
+        h5dump -H -d "$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no $name"
+    done
+    for name in configuration command_line psf_crc32c weights_crc32c offset gain ranks; do
+        h5dump -a "/$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no attribute $name"
+    done
+fi
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
+if [ "$ranks" -gt 1 ]; then
+    # Branches on different ranks compute what one rank computes; only the mean is added elsewhere.
+    mv volumes.h5 many.h5
+    (ranks=1 && works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.h5 \
+        --branches --offset none --gain none --normalize none; exit "$failures") ||
+        failures=$((failures + 1))
+    same volumes.h5 many.h5 /volume 1e-5
+fi
+
+# The golden configuration takes the network from the weight file.
+works train -c golden.yaml --psf psf.h5 --input recording.h5 --weights w.h5 -o golden
+[ "$(wc -l <golden/metrics.jsonl)" -eq 3 ] || fail 'golden: not 3 lines of metrics'
+for key in step mse fft pos dc tv total grad_norm seconds; do
+    grep -q "\"$key\": " golden/metrics.jsonl || fail "metrics.jsonl has no $key"
+done
+works weights info golden/weights.h5
+says 'width 4,.* step 3'
+
+# A run is not overwritten; it goes on with --resume; several recordings follow one --input.
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 recording.h5 -o run
+works weights info run/weights.h5
+says 'step 4'
+timed 60 train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run
+[ $? -eq 2 ] || fail "a second run in the folder was not refused: $(cat stderr)"
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
+works weights info run/weights.h5
+says 'step 6'
+[ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
+
+# The time limit ends a run resumably.
+timed 100 train -c tiny.yaml --psf psf.h5 --input recording.h5 -o limited --steps 1000000 \
+    --max-time 1s
+[ $? -eq 85 ] || fail "--max-time did not end with 85: $(cat stderr)"
+works reconstruct --psf psf.h5 --weights limited/weights.h5 --input recording.h5 -o limited.h5
+finish

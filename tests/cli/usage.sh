@@ -1,0 +1,72 @@
+#!/usr/bin/env bash
+# What is printed and returned for help, versions and slips of the fingers.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+works --version
+says '^v2v3d [0-9]+\.[0-9]+\.[0-9]+$'
+[ "$(wc -l <stdout)" -eq 1 ] || fail "--version printed on more than one rank"
+works --help
+says 'Usage: v2v3d COMMAND'
+# Every command that the help lists has its own help, and names its usage in it.
+while read -r first second _; do
+    case $first in
+    psf | weights) command_line=("$first" "$second") ;;
+    *) command_line=("$first") ;;
+    esac
+    works "${command_line[@]}" --help
+    says "Usage: v2v3d ${command_line[*]} "
+    [ "$ranks" -gt 1 ] && break # the same text at any rank count
+done < <(sed -n 's/^  \([a-z]\)/\1/p' stdout)
+works project -h
+works init
+says '^  learning_rate: '
+works check
+says 'sum over ranks +ok'
+
+refuses 2 'a command is missing .see v2v3d --help'
+refuses 2 "unknown command 'projcet'; did you mean 'project'" projcet
+refuses 2 "unknown command 'psf nonsense'" psf nonsense
+refuses 2 'psf needs one more word' psf
+refuses 2 'unknown option --vloume; did you mean --volume.*see v2v3d project --help' \
+    project --vloume x
+refuses 2 'unknown option -x' project -x
+refuses 2 '--psf FILE is missing' project --volume v.h5 -o out.h5
+refuses 2 '--volume FILE is missing' project --psf p.h5 -o out.h5
+refuses 2 '--output FILE is missing' project --psf p.h5 --volume v.h5
+refuses 2 '--psf needs a value: FILE' project --volume v.h5 -o out.h5 --psf
+refuses 2 '--psf needs a value: FILE' project --psf --volume v.h5
+refuses 2 '--psf: empty value' project --psf ''
+refuses 2 '--json takes no value' evaluate --json=yes
+refuses 2 "'stray' is one word too many" project --psf p.h5 stray
+refuses 2 "--reduce: 'max' is not sum or mean" project --psf p --volume v -o out.h5 --reduce max
+refuses 2 "--rule: 'magic' is none of kaiming.hash" weights init --rule magic
+refuses 2 '--threads: -1 is outside' init --threads=-1
+refuses 2 '--iterations: ' deconvolve --iterations 0
+refuses 2 '--iterations: ' deconvolve --iterations 1e3
+refuses 2 '--weight: ' deconvolve --weight 0,5
+refuses 2 '--weight: ' deconvolve --weight nan
+refuses 2 '--frames: ' simulate --frames 0
+refuses 2 '--seed: ' simulate --seed -1
+refuses 2 "--max-time: 'soon' is no duration" train --max-time soon
+refuses 2 '--stop heldout is not there yet' deconvolve --psf p --input r -o out.h5 --stop heldout
+refuses 2 '--skip with a tolerance is not there yet' \
+    reconstruct --psf p --weights w --input r -o out.h5 --skip 0.01
+refuses 2 '--precision bf16 is not there yet' \
+    reconstruct --psf p --weights w --input r -o out.h5 --precision bf16
+refuses 2 '--branches needs an HDF5 output' \
+    reconstruct --psf p --weights w --input r -o out.tif --branches
+refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
+refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
+refuses 2 'end in .h5 or .tif' convert --input a.tif -o out.xyz
+refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
+refuses 78 "unknown section 'nonsense'" init --set nonsense.key=1
+refuses 78 'train.step' init --set train.step=1
+
+# The name of a program may hold spaces; a closed standard output is no failure.
+mkdir 'a folder'
+works init -o 'a folder/ünder a name.yaml'
+[ -s 'a folder/ünder a name.yaml' ] || fail 'init -o wrote nothing'
+timeout 60 bash -c "v2v3d init 2>stderr | head -1; exit \${PIPESTATUS[0]}" >stdout ||
+    fail "a closed pipe made init fail: $(cat stderr)"
+finish
