@@ -1,0 +1,106 @@
+# Sourced by the job scripts: runs v2v3d on the job's ranks, hands Slurm's warning on, and puts the
+# job back into the queue when the run can go on later.
+#
+#   V2V3D_PROGRAM        the program; default: build/release/v2v3d, else v2v3d of the PATH
+#   V2V3D_LAUNCHER       srun (default) or mpirun
+#   V2V3D_LAUNCHER_ARGS  more words for the launcher
+#   V2V3D_MAX_CRASHES    killed runs in a row after which the job is given up; default 5
+# shellcheck shell=bash
+set -uo pipefail
+
+default_program=$V2V3D_HOME/build/release/v2v3d
+[[ -x $default_program ]] || default_program=v2v3d
+program=${V2V3D_PROGRAM:-$default_program}
+
+# The words that start the program on every rank.
+launcher_words()
+{
+    local more=()
+    read -ra more <<<"${V2V3D_LAUNCHER_ARGS:-}"
+    case ${V2V3D_LAUNCHER:-srun} in
+    srun)
+        # a killed rank ends the others too
+        launcher=(srun --mpi=pmix --kill-on-bad-exit=1 "${more[@]}")
+        ;;
+    mpirun)
+        # unbound: by default every rank would have one core for all its threads
+        launcher=(mpirun --bind-to none "${more[@]}")
+        ;;
+    *)
+        echo "V2V3D_LAUNCHER is '$V2V3D_LAUNCHER': srun or mpirun" >&2
+        exit 78
+        ;;
+    esac
+}
+
+# Since Slurm 22.05 srun doesn't take the CPUs of a task over from sbatch by itself.
+thread_settings()
+{
+    if [[ -n ${SLURM_CPUS_PER_TASK:-} ]]; then
+        export SRUN_CPUS_PER_TASK=$SLURM_CPUS_PER_TASK
+        export OMP_NUM_THREADS=${OMP_NUM_THREADS:-$SLURM_CPUS_PER_TASK}
+    fi
+    if [[ $(id -u) -eq 0 ]]; then
+        export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+    fi
+}
+
+# Back into the queue. Slurm kills this script for it, so that nothing may follow; the sleep waits
+# for that.
+requeue() # REASON
+{
+    echo "job ${SLURM_JOB_ID:-?}: $1; back into the queue"
+    scontrol requeue "$SLURM_JOB_ID" && sleep 60
+}
+
+# Killed runs in a row, one line each, beside Slurm's own output file. Fails if it can't count.
+count_crash() # EXIT_CODE
+{
+    printf '%s exit %d restart %d\n' "$(date -u +%FT%TZ)" "$1" "${SLURM_RESTART_COUNT:-0}" \
+        >>"$crash_list" && crashes=$(wc -l <"$crash_list")
+}
+
+# v2v3d COMMAND --resume ARGUMENT...: a first run has nothing to resume and starts.
+run_job() # COMMAND [--] [ARGUMENT...]
+{
+    local command=$1 launcher=() pid='' forwarded rc crashes
+    local crash_list=v2v3d-${SLURM_JOB_ID:-0}.crashes
+    shift
+    [[ ${1:-} != -- ]] || shift
+    launcher_words
+    thread_settings
+
+    # Slurm sends USR1 to this script alone; both launchers hand it on to the ranks, which write a
+    # checkpoint and exit with 85.
+    trap 'forwarded=1; [[ -z $pid ]] || kill -USR1 "$pid"' USR1
+    "${launcher[@]}" "$program" "$command" --resume "$@" &
+    pid=$!
+    # a trapped USR1 ends wait with 128 + 10 while the launcher still runs
+    while :; do
+        forwarded=0
+        wait "$pid"
+        rc=$?
+        ((forwarded && rc == 138)) || break
+    done
+    trap '' USR1
+
+    case $rc in
+    85) # stopped after a checkpoint
+        rm -f "$crash_list"
+        requeue "stopped, resumable"
+        ;;
+    137 | 138 | 143 | 205) # KILL, USR1 before the program could catch it, TERM, a node lost
+        if ! count_crash "$rc"; then
+            echo "cannot write $crash_list: not requeued" >&2
+        elif ((crashes <= ${V2V3D_MAX_CRASHES:-5})); then
+            requeue "exit $rc, crash $crashes in a row"
+        else
+            echo "job ${SLURM_JOB_ID:-?}: $crashes crashes in a row: given up" >&2
+        fi
+        ;;
+    *)
+        rm -f "$crash_list"
+        ;;
+    esac
+    exit "$rc"
+}

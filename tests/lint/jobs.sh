@@ -1,0 +1,102 @@
+#!/bin/bash
+# The job scripts start the program with the right words and requeue exactly what can go on:
+# seen with a launcher, scontrol and sleep that only write down how they were called.
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+root=$PWD
+fake=$(mktemp -d)
+trap 'rm -rf "$fake"' EXIT
+
+cat >"$fake/launch" <<'END'
+#!/bin/bash
+trap 'exit 85' USR1
+printf '%s' "${0##*/}" >>calls
+printf ' [%s]' "$@" >>calls
+echo >>calls
+[[ $FAKE_EXIT == on-usr1 ]] || exit "$FAKE_EXIT"
+touch ready
+for ((tick = 0; tick < 300; tick++)); do command -p sleep 0.1; done
+exit 1
+END
+printf '#!/bin/bash\necho "scontrol $*" >>calls\n' >"$fake/scontrol"
+printf '#!/bin/bash\n' >"$fake/sleep"
+chmod +x "$fake"/*
+cp "$fake/launch" "$fake/srun"
+cp "$fake/launch" "$fake/mpirun"
+
+failures=0
+
+fail() # WHAT
+{
+    echo "jobs/$script.sbatch: $case_name: $1"
+    failures=$((failures + 1))
+}
+
+# Runs the script in its own folder, as Slurm's job 7 (from a spool copy, as Slurm does it).
+start() # FAKE_EXIT LAUNCHER ARGUMENT...
+{
+    cp "$root/jobs/$script.sbatch" "$fake/slurm_script"
+    PATH=$fake:$PATH FAKE_EXIT=$1 V2V3D_LAUNCHER=$2 V2V3D_HOME=$root V2V3D_PROGRAM=prog \
+        SLURM_JOB_ID=7 exec bash "$fake/slurm_script" "${@:3}" >output 2>&1
+}
+
+# case | exit code of the program | times | the script's exit code | requeues
+cases='
+done|0|1|0|0
+usage error|2|1|2|0
+bad input|65|1|65|0
+stopped after a checkpoint|85|1|85|1
+stopped more often than the cap|85|7|85|7
+killed rank|137|1|137|1
+terminated|143|1|143|1
+lost node|205|1|205|1
+killed again and again: five restarts|137|7|137|5
+'
+
+for script in train reconstruct; do
+    while IFS='|' read -r case_name code times expected requeues; do
+        [[ -n $case_name ]] || continue
+        rm -rf "$fake/job" && mkdir "$fake/job"
+        for ((i = 0; i < times; i++)); do
+            rc=0
+            (cd "$fake/job" && start "$code" srun -- --psf 'a b.h5') || rc=$?
+            [[ $rc -eq $expected ]] || fail "exit code $rc, expected $expected"
+        done
+        seen=$(grep -c '^scontrol requeue 7$' "$fake/job/calls") || true
+        [[ $seen -eq $requeues ]] || fail "$seen requeues, expected $requeues"
+        words="srun [--mpi=pmix] [--kill-on-bad-exit=1] [prog] [$script] [--resume] [--psf] [a b.h5]"
+        grep -qxF "$words" "$fake/job/calls" ||
+            fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
+    done <<<"$cases"
+
+    case_name="mpirun"
+    rm -rf "$fake/job" && mkdir "$fake/job"
+    (cd "$fake/job" && start 0 mpirun -o out) || fail "exit code $?"
+    words="mpirun [--bind-to] [none] [prog] [$script] [--resume] [-o] [out]"
+    grep -qxF "$words" "$fake/job/calls" ||
+        fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
+
+    case_name="unknown launcher"
+    rc=0
+    (cd "$fake/job" && start 0 poe) || rc=$?
+    [[ $rc -eq 78 ]] || fail "exit code $rc, expected 78"
+
+    case_name="USR1 reaches the program, which stops with 85"
+    rm -rf "$fake/job" && mkdir "$fake/job"
+    (cd "$fake/job" && start on-usr1 srun) &
+    job=$!
+    for ((tick = 0; tick < 100; tick++)); do
+        [[ ! -e $fake/job/ready ]] || break
+        sleep 0.1
+    done
+    kill -USR1 "$job"
+    rc=0
+    wait "$job" || rc=$?
+    [[ $rc -eq 85 ]] || fail "exit code $rc, expected 85"
+    grep -qx 'scontrol requeue 7' "$fake/job/calls" || fail "not requeued"
+
+    case_name="asks Slurm for warning, requeue and one log"
+    for line in --signal=B:USR1@180 --requeue --open-mode=append; do
+        grep -qx "#SBATCH $line" "$root/jobs/$script.sbatch" || fail "no #SBATCH $line"
+    done
+done
+[[ $failures -eq 0 ]]

@@ -1,0 +1,136 @@
+#!/bin/bash
+# Every lint passes a small clean tree and fails, with the right line, once a violation is planted.
+# shellcheck disable=SC2016 # the planted scripts expand, not this one
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+root=$PWD
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+failures=0
+
+# A tree with two rooms, one function each, and the real job scripts.
+clean_tree()
+{
+    rm -rf "$scratch/tree"
+    mkdir -p "$scratch"/tree/{src/{base,par,io},include/v2v3d/{base,par},tests/unit/base,tools,.ci}
+    cd "$scratch/tree"
+    cp "$root/.clang-format" .
+    cp -r "$root/jobs" .
+    printf 'v2v_room(base)\n' >src/base/CMakeLists.txt
+    printf 'v2v_room(par ROOMS base\n  LIBRARIES PkgConfig::MPI)\n' >src/par/CMakeLists.txt
+    printf 'v2v_room(io ROOMS base)\n' >src/io/CMakeLists.txt
+    printf '#ifndef A_H\n#define A_H\nint a(int x);\n#endif\n' >include/v2v3d/base/a.h
+    printf '#ifndef B_H\n#define B_H\n#include "v2v3d/base/a.h"\n#endif\n' >include/v2v3d/par/b.h
+    {
+        printf '#include "v2v3d/base/a.h"\n\n'
+        printf '/* exit(1), malloc(2),\n#include <mpi.h>\nin a comment are no calls */\n'
+        printf 'int a(int x)\n{\n    return x + (int)sizeof "system(\\"printf(\\")";\n}\n'
+    } >src/base/a.c
+    printf '#include <mpi.h>\n\n#include "v2v3d/par/b.h"\n' >src/par/b.c
+    printf '#!/bin/bash\necho "$1"\n' | tee tools/dev >.ci/run
+    printf 'int b;\n' >tests/unit/base/test_a.c
+}
+
+lines() # COUNT [FORMAT]: numbered lines of code
+{
+    seq -f "${2:-    x += %g;}" "$1"
+}
+
+# What each case plants.
+plant()
+{
+    case $1 in
+    spaces) echo 'int   c;' >>tests/unit/base/test_a.c ;;
+    undeclared_room) sed -i 's/ ROOMS base//' src/par/CMakeLists.txt ;;
+    upward_room) echo 'v2v_room(base ROOMS io)' >src/base/CMakeLists.txt ;;
+    unknown_room) echo 'v2v_room(attic)' >src/base/CMakeLists.txt ;;
+    include_upward) echo '#include "v2v3d/par/b.h"' >>src/base/a.c ;;
+    private_header) echo '#include "base/a.h"' >>src/par/b.c ;;
+    outside_header) echo '# include <mpi.h>' >>src/base/a.c ;;
+    outside_in_public) echo '#include <mpi.h>' >>include/v2v3d/par/b.h ;;
+    needs_another) echo 'size_t c(void);' >include/v2v3d/base/c.h ;;
+    no_guard) echo 'struct c { int d; };' >include/v2v3d/base/c.h ;;
+    not_cxx) printf '#pragma once\nint c(int new);\n' >include/v2v3d/base/c.h ;;
+    call) printf 'int c(void)\n{\n    /* */ %s (1);\n}\n' "$2" >src/base/c.c ;;
+    long_file) lines 651 'int x%g;' >src/base/c.c ;;
+    long_function) { printf 'void c(int x)\n{\n'; lines 81; echo '}'; } >src/base/c.c ;;
+    long_line) printf '/* %095d */\n' 0 >>tests/unit/base/test_a.c ;;
+    copied_block) { lines 8; printf '\n/* */ }\n'; lines 8 ' x  +=  %g;'; } >src/base/c.c ;;
+    copied_into_test) { lines 8 >src/base/c.c; lines 8 >tests/unit/base/test_c.c; } ;;
+    unquoted) echo 'rm $1' >>.ci/run ;;
+    unquoted_job) echo 'rm $1' >>jobs/train.sbatch ;;
+    no_requeue) sed -i 's/^    85)/    86)/' jobs/common.sh ;;
+    no_cap) sed -i 's/crashes <=/0 <=/' jobs/common.sh ;;
+    no_forward) sed -i '/^    trap .*kill -USR1/d' jobs/common.sh ;;
+    no_resume) sed -i 's/ --resume / /' jobs/common.sh ;;
+    late_signal) sed -i 's/@180/@1/' jobs/reconstruct.sbatch ;;
+    *) echo "no plant $1" && exit 2 ;;
+    esac
+}
+
+# lint | violation | what its report must say (a part of it)
+cases='
+format|spaces|tests/unit/base/test_a.c:2
+arrows|undeclared_room|include/v2v3d/par/b.h:3: room par includes v2v3d/base/a.h
+arrows|upward_room|src/base/CMakeLists.txt:1: room base names io, which is not below it
+arrows|unknown_room|src/base/CMakeLists.txt:1: room attic is on no floor
+arrows|include_upward|src/base/a.c:10: room base includes v2v3d/par/b.h
+arrows|private_header|src/par/b.c:4: base/a.h is private to room base
+arrows|outside_header|src/base/a.c:10: <mpi.h> belongs to
+arrows|outside_in_public|include/v2v3d/par/b.h:5: <mpi.h> belongs to
+headers|needs_another|include/v2v3d/base/c.h:1: does not compile alone: gcc
+headers|no_guard|include/v2v3d/base/c.h:1: does not compile alone: gcc
+headers|not_cxx|include/v2v3d/base/c.h:1: does not compile alone: g++
+sizes|long_file|src/base/c.c:651: 650 lines
+sizes|long_function|src/base/c.c:84: a function of 81 lines
+sizes|long_line|tests/unit/base/test_a.c:2: 101 columns
+duplicates|copied_block|src/base/c.c:11: 8 lines stand at src/base/c.c:1 already
+duplicates|copied_into_test|tests/unit/base/test_c.c:1: 8 lines stand at src/base/c.c:1 already
+shell|unquoted|.ci/run
+shell|unquoted_job|jobs/train.sbatch
+jobs|no_requeue|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
+jobs|no_cap|killed again and again: five restarts: 7 requeues
+jobs|no_forward|jobs/train.sbatch: USR1 reaches the program
+jobs|no_resume|[train] [--psf]
+jobs|late_signal|jobs/reconstruct.sbatch: asks Slurm
+'
+calls='atoi atol atof strcpy strcat sprintf vsprintf gets rand srand strtok system popen exit printf
+    malloc calloc free MPI_Abort'
+for call in $calls; do
+    cases+="banned|call $call|src/base/c.c:3: $call():"$'\n'
+done
+
+run() # LINT: its exit code; its report goes to a file
+{
+    local rc=0
+    bash "$lint_folder/$1.sh" "$PWD" >"$scratch/report" 2>&1 || rc=$?
+    return "$rc"
+}
+
+clean_tree
+for lint in format arrows headers banned sizes duplicates shell jobs; do
+    rc=0
+    run "$lint" || rc=$?
+    if [[ $rc -eq 77 ]]; then
+        echo "$lint: $(cat "$scratch/report")"
+        cases=$(grep -v "^$lint|" <<<"$cases")
+    elif [[ $rc -ne 0 ]]; then
+        echo "$lint fails on a clean tree:"
+        cat "$scratch/report"
+        failures=$((failures + 1))
+    fi
+done
+
+while IFS='|' read -r lint violation words; do
+    [[ -n $lint ]] || continue
+    clean_tree
+    # shellcheck disable=SC2086 # a violation is a name and perhaps a word
+    plant $violation
+    rc=0
+    run "$lint" || rc=$?
+    if [[ $rc -eq 0 ]] || ! grep -qF -- "$words" "$scratch/report"; then
+        echo "$lint, $violation: exit code $rc, expected a failure with \"$words\":"
+        cat "$scratch/report"
+        failures=$((failures + 1))
+    fi
+done <<<"$cases"
+[[ $failures -eq 0 ]]
