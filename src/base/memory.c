@@ -194,8 +194,8 @@ void v2v_mem_report(void)
     v2v_log(V2V_LOG_INFO, "memory: peak %.1f MiB, %.1f MiB held", mib * (double)peak,
             mib * (double)held);
     for (int64_t i = 0; i < count; i++) {
-        v2v_log(V2V_LOG_INFO, "memory: %12.1f MiB  %s", mib * (double)sorted[i].peak,
-                sorted[i].name);
+        v2v_log(V2V_LOG_INFO, "memory: %12.1f MiB  %s, %zu bytes held",
+                mib * (double)sorted[i].peak, sorted[i].name, sorted[i].held);
     }
 }
 

@@ -5,6 +5,8 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 struct arguments {
     struct v2v_common common;
@@ -79,6 +81,24 @@ done:
     return rc;
 }
 
+/* Rank 0: a run that failed before its first step leaves no folder behind that was not there. */
+static void discard_empty_run(const char *folder)
+{
+    static const char *const names[] = {"config.yaml", "metrics.jsonl", "lock"};
+    char path[V2V_PATH_BYTES];
+    struct stat state;
+    if (v2v_text_format(path, sizeof path, "%s/metrics.jsonl", folder) != V2V_OK ||
+        (stat(path, &state) == 0 && state.st_size > 0)) {
+        return;
+    }
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (v2v_text_format(path, sizeof path, "%s/%s", folder, names[i]) == V2V_OK) {
+            unlink(path);
+        }
+    }
+    rmdir(folder); /* fails, and should, when there is more in it */
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -87,6 +107,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_recording **recordings = NULL;
     struct v2v_train_report report = {0};
     struct v2v_weights_info info;
+    int is_new_folder = v2v_step_on_root(session) && !v2v_file_exists(given->folder);
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     if (given->weights != NULL) {
         V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));
@@ -110,7 +131,11 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                 .force = session->force,
                                 .max_time_s = given->max_time_s};
     v2v_step_announce(session);
-    V2V_TRY(v2v_train_run(&job, &report, session->world));
+    rc = v2v_train_run(&job, &report, session->world);
+    if (rc != V2V_OK && is_new_folder) {
+        discard_empty_run(given->folder);
+    }
+    V2V_TRY(rc);
     v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
             report.steps, report.last_total, report.seconds);
 done:

@@ -64,14 +64,14 @@ const struct v2v_key v2v_key_table[] = {
 
     WHOLE(optics, rings, 0, 16, 2, "rings of tilted views about the central one"),
     WHOLE(optics, views_per_ring, 1, 256, 6, "views of a ring"),
-    REAL(optics, numerical_aperture, 0.01, 1.9, 1.05, "of the objective: bounds the tilt"),
-    REAL(optics, needle_aperture, 0.005, 1.9, 0.35, "of one sub-aperture"),
+    REAL(optics, numerical_aperture, 0.01, 1.9, 0.95, "of the objective: bounds the tilt"),
+    REAL(optics, needle_aperture, 0.005, 1.9, 0.25, "of one sub-aperture"),
     REAL(optics, refractive_index, 1.0, 2.0, 1.33, "of the sample"),
     REAL(optics, wavelength_um, 0.1, 10.0, 0.92, "excitation, in vacuum, um"),
     REAL(optics, pixel_size_um, 0.01, 100.0, 0.5, "um"),
-    REAL(optics, slice_spacing_um, 0.01, 1000.0, 1.5, "um"),
+    REAL(optics, slice_spacing_um, 0.01, 1000.0, 0.5, "um"),
     WHOLE(optics, slices, 1, 1024, 39, "depth slices"),
-    WHOLE(optics, size, 3, 2048, 127, "pixels of a PSF's side"),
+    WHOLE(optics, size, 3, 2048, 63, "pixels of a PSF's side"),
 
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),

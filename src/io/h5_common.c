@@ -27,6 +27,20 @@ const char *v2v_h5_reason(char reason[V2V_H5_REASON_BYTES])
     if (reason[0] == '\0') {
         snprintf(reason, V2V_H5_REASON_BYTES, "HDF5 gives no reason");
     }
+    /* The POSIX driver tells time, file, descriptor and buffer as well: keep what the system said.
+     */
+    char *details = strstr(reason, ": time = ");
+    const char *message = strstr(reason, "error message = '");
+    if (details != NULL) {
+        *details = '\0';
+    }
+    if (details != NULL && message != NULL) {
+        message += strlen("error message = '");
+        const int length = (int)strcspn(message, "'");
+        memmove(details + 2, message, (size_t)length);
+        memcpy(details, ": ", 2);
+        details[2 + length] = '\0';
+    }
     /* Names in a broken file can carry anything, and a message is one line. */
     for (char *c = reason; *c != '\0'; c++) {
         *c = isprint((unsigned char)*c) ? *c : '?';
@@ -40,6 +54,17 @@ void v2v_h5_close(hid_t *id)
         H5Idec_ref(*id);
     }
     *id = H5I_INVALID_HID;
+}
+
+enum v2v_status v2v_h5_close_written(enum v2v_status rc, hid_t *set, const char *path,
+                                     const char *name)
+{
+    const hid_t own = *set;
+    *set = H5I_INVALID_HID;
+    if (own > 0 && H5Dclose(own) < 0 && rc == V2V_OK) {
+        return V2V_H5_FAIL(V2V_E_IO, path, name, "its last data can't be written");
+    }
+    return rc;
 }
 
 enum v2v_status v2v_h5_open(hid_t *file, const char *path)
@@ -376,7 +401,7 @@ enum v2v_status v2v_h5_put_text(hid_t file, const char *path, const char *name, 
     if (set < 0 || H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) < 0) {
         rc = V2V_H5_FAIL(V2V_E_IO, path, name, "the text can't be written");
     }
-    v2v_h5_close(&set);
+    rc = v2v_h5_close_written(rc, &set, path, name);
     v2v_h5_close(&space);
     v2v_h5_close(&type);
     return rc;

@@ -25,6 +25,12 @@ const char *v2v_h5_reason(char reason[V2V_H5_REASON_BYTES]);
 /** Close any kind of handle and mark it closed; accepts one that is not open (<= 0). */
 void v2v_h5_close(hid_t *id);
 
+/** Close a dataset that was written: its last data may go out, and fail, only now. Not open:
+ * V2V_OK. `rc` is what happened before, handed back when it is a failure already.
+ *  @kind Local. @return rc | V2V_E_IO */
+enum v2v_status v2v_h5_close_written(enum v2v_status rc, hid_t *set, const char *path,
+                                     const char *name) V2V_MUST_CHECK;
+
 /** Open to read with the plain POSIX driver, without file locks: read-only folders must do.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT */
 enum v2v_status v2v_h5_open(hid_t *file, const char *path) V2V_MUST_CHECK;

@@ -15,7 +15,7 @@
 #define MOST_ROUND_BYTES ((int64_t)256 << 20)
 
 /* After a failed collective HDF5 can wait for ever in the next one (RELIABILITY.md 4). */
-#define BROKEN_CLOSE_SECONDS 30.0
+#define BROKEN_CLOSE_SECONDS 10.0
 
 struct v2v_h5_writer {
     char path[V2V_PATH_BYTES], temporary[V2V_PATH_BYTES];
@@ -79,7 +79,7 @@ static enum v2v_status create_images(hid_t file, const char *path, const char *n
             0) {
         rc = V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created");
     }
-    v2v_h5_close(&set);
+    rc = v2v_h5_close_written(rc, &set, path, name);
     v2v_h5_close(&creation);
     v2v_h5_close(&space);
     return rc;
@@ -99,7 +99,7 @@ static enum v2v_status create_done(hid_t file, const char *path, int64_t frames)
             0) {
         rc = V2V_H5_FAIL(V2V_E_IO, path, "/done", "can't be created");
     }
-    v2v_h5_close(&set);
+    rc = v2v_h5_close_written(rc, &set, path, "/done");
     v2v_h5_close(&creation);
     v2v_h5_close(&space);
     return rc;
@@ -314,12 +314,11 @@ done:
  * The outcome is this rank's own. */
 static enum v2v_status close_file(struct v2v_h5_writer *writer)
 {
-    enum v2v_status rc = V2V_OK;
-    v2v_h5_close(&writer->done);
+    enum v2v_status rc = v2v_h5_close_written(V2V_OK, &writer->done, writer->path, "/done");
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
-        v2v_h5_close(&writer->set[i]);
+        rc = v2v_h5_close_written(rc, &writer->set[i], writer->path, "a dataset");
     }
-    if (writer->file > 0 && H5Fclose(writer->file) < 0) {
+    if (writer->file > 0 && H5Fclose(writer->file) < 0 && rc == V2V_OK) {
         rc = V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be closed");
     }
     writer->file = H5I_INVALID_HID;
@@ -352,13 +351,13 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
     if (own == NULL) {
         return;
     }
+    if (own->created && v2v_comm_rank(own->comm) == 0) {
+        unlink(own->temporary); /* before the close, which may not come back */
+    }
     if (own->broken) {
         v2v_watchdog_arm(BROKEN_CLOSE_SECONDS, "closing a file whose writing failed");
     }
-    /* What the close says is of no interest: the file goes away, or it is closed already. */
+    /* What the close says is of no interest: the file is gone, or it is closed already. */
     (void)!close_file(own);
-    if (own->created && v2v_comm_rank(own->comm) == 0) {
-        unlink(own->temporary);
-    }
     v2v_mem_free(own);
 }

@@ -197,7 +197,7 @@ static enum v2v_status write_dataset(const struct v2v_psf_file *file, hid_t h5, 
         V2V_TRY(v2v_h5_set_numbers(set, path, "slice_spacing_um", &file->slice_spacing_um, 1));
     }
 done:
-    v2v_h5_close(&set);
+    rc = v2v_h5_close_written(rc, &set, path, v2v_h5_psf.dataset);
     v2v_h5_close(&space);
     v2v_h5_close(&creation);
     return rc;

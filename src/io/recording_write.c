@@ -26,8 +26,7 @@ static enum v2v_status describe(hid_t file, const char *path, const void *contex
         }
     }
 done:
-    v2v_h5_close(&set);
-    return rc;
+    return v2v_h5_close_written(rc, &set, path, v2v_h5_views.dataset);
 }
 
 enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,

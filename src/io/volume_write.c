@@ -59,7 +59,7 @@ static enum v2v_status describe(hid_t file, const char *path, const void *contex
         if (description->datasets & (1u << i)) {
             set = H5Dopen2(file, dataset_name[i], H5P_DEFAULT);
             V2V_TRY(describe_dataset(set, path, description->info));
-            v2v_h5_close(&set);
+            V2V_TRY(v2v_h5_close_written(V2V_OK, &set, path, dataset_name[i]));
         }
     }
     for (int64_t i = 0; i < description->attribute_count; i++) {

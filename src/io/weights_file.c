@@ -270,7 +270,7 @@ static enum v2v_status write_field(hid_t group, const char *path, const struct v
     const int64_t bytes = field->count * (int64_t)sizeof *values;
     V2V_TRY(v2v_h5_set_integer(set, path, "crc32c", v2v_file_crc32c(0, values, bytes)));
 done:
-    v2v_h5_close(&set);
+    rc = v2v_h5_close_written(rc, &set, path, field->name);
     v2v_h5_close(&space);
     return rc;
 }

@@ -2,6 +2,7 @@
  * of work, one thread each; see direct_kernel.h. */
 #include "op/conv_backend.h"
 #include "op/direct_kernel.h"
+#include "op/simd.h"
 #include "v2v3d/base/memory.h"
 #include <omp.h>
 #include <string.h>
@@ -148,23 +149,22 @@ static void set_weights(void *opaque, const float *weight, const float *bias)
     }
 }
 
-/** Copy image rows [first, first + rows) of all channels behind `pad` zeros each; rows outside the
- *  image and the rest of each row are zero. Channels from `channels` on stay as they are: zero
- * since creation. */
+/** Copy image rows [first, first + rows) of all channels behind `pad` columns each; rows outside
+ * the image are zero. The columns before and behind the image are zero since creation: every use of
+ *  one buffer has the same pitch and pad. Channels from `channels` to a multiple of 4 hold
+ * anything: their sums are not read. */
 static void load(const struct state *state, float *strip, const float *image, int64_t channels,
                  int64_t first, int64_t rows, int64_t pad)
 {
     int64_t width = state->spec.width, height = state->spec.height;
     for (int64_t c = 0; c < channels; c++) {
         for (int64_t y = first; y < first + rows; y++, strip += state->pitch) {
-            if (y < 0 || y >= height) {
-                memset(strip, 0, (size_t)state->pitch * sizeof *strip);
-                continue;
+            if (y >= 0 && y < height) {
+                memcpy(strip + pad, image + (c * height + y) * width,
+                       (size_t)width * sizeof *strip);
+            } else {
+                memset(strip + pad, 0, (size_t)width * sizeof *strip);
             }
-            int64_t tail = state->pitch - pad - width;
-            memset(strip, 0, (size_t)pad * sizeof *strip);
-            memcpy(strip + pad, image + (c * height + y) * width, (size_t)width * sizeof *strip);
-            memset(strip + pad + width, 0, (size_t)tail * sizeof *strip);
         }
     }
 }
@@ -201,23 +201,34 @@ static void backward_data(void *opaque, float *din, const float *dout)
     convolve(state, &state->data, din, dout);
 }
 
+V2V_SIMD_CLONES
+static double lane_sum(const float *sums, int64_t lanes)
+{
+    double sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+    for (int64_t i = 0; i < lanes; i++) {
+        sum += (double)sums[i];
+    }
+    return sum;
+}
+
 /** Lanes and threads are added up in a fixed order. */
 static void add_sums(const struct state *state, float *dweight)
 {
     int64_t in = state->spec.in, k = state->spec.kernel, lanes = state->kernel->lanes;
-#pragma omp parallel for schedule(static)
-    for (int64_t index = 0; index < state->spec.out * in * k * k; index++) {
-        int64_t column = index % k, row = index / k % k, i = index / (k * k) % in;
-        int64_t o = index / (k * k * in);
-        int64_t block = (o / DIRECT_CHANNELS * in + i) * k + row;
-        int64_t place = (block * DIRECT_CHANNELS + o % DIRECT_CHANNELS) * k + column;
-        double sum = 0.0;
-        for (int t = 0; t < state->threads; t++) {
-            for (int64_t lane = 0; lane < lanes; lane++) {
-                sum += (double)state->sums[t * state->sum_floats + place * lanes + lane];
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t o = 0; o < state->spec.out; o++) {
+        for (int64_t i = 0; i < in; i++) {
+            for (int64_t tap = 0; tap < k * k; tap++) {
+                int64_t block = (o / DIRECT_CHANNELS * in + i) * k + tap / k;
+                int64_t place = (block * DIRECT_CHANNELS + o % DIRECT_CHANNELS) * k + tap % k;
+                double sum = 0.0;
+                for (int t = 0; t < state->threads; t++) {
+                    sum += lane_sum(state->sums + t * state->sum_floats + place * lanes, lanes);
+                }
+                dweight[(o * in + i) * k * k + tap] += (float)sum;
             }
         }
-        dweight[index] += (float)sum;
     }
 }
 

@@ -1,11 +1,12 @@
 #include "v2v3d/op/resample.h"
 #include "op/simd.h"
+#include "v2v3d/base/status.h"
 #include <string.h>
 
-/** The larger of two, or the NaN of either: a NaN must be seen downstream. */
+/** Larger, or NaN: a NaN must be seen downstream, and stays. */
 static inline int beats(float challenger, float best)
 {
-    return challenger > best || challenger != challenger;
+    return best == best && !(challenger <= best);
 }
 
 V2V_SIMD_CLONES
@@ -16,10 +17,7 @@ static void maxpool2_row(float *out, uint8_t *which, const float *top, const flo
         float candidates[] = {top[2 * x], top[2 * x + 1], bottom[2 * x], bottom[2 * x + 1]};
         int place = 0;
         for (int i = 1; i < 4; i++) {
-            place =
-                candidates[place] == candidates[place] && beats(candidates[i], candidates[place])
-                    ? i
-                    : place;
+            place = beats(candidates[i], candidates[place]) ? i : place;
         }
         out[x] = candidates[place];
         if (which != NULL) {
@@ -42,64 +40,108 @@ void v2v_maxpool2_forward(float *out, uint8_t *which, const float *in, int64_t p
     }
 }
 
+/** Row y % 2 of the windows of one row of dout; an odd column belongs to none. */
+static void maxpool2_backward_row(float *din, const float *dout, const uint8_t *which,
+                                  int64_t width, int row)
+{
+    for (int64_t x = 0; x < width / 2; x++) {
+        din[2 * x] = which[x] == 2 * row ? dout[x] : 0.0f;
+        din[2 * x + 1] = which[x] == 2 * row + 1 ? dout[x] : 0.0f;
+    }
+    if (width % 2 != 0) {
+        din[width - 1] = 0.0f;
+    }
+}
+
 void v2v_maxpool2_backward(float *din, const float *dout, const uint8_t *which, int64_t planes,
                            int64_t height, int64_t width)
 {
     int64_t rows = height / 2, columns = width / 2;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for collapse(2) schedule(static)
     for (int64_t c = 0; c < planes; c++) {
-        float *plane = din + c * height * width;
-        memset(plane, 0, (size_t)(height * width) * sizeof *plane);
-        for (int64_t y = 0; y < rows; y++) {
-            for (int64_t x = 0; x < columns; x++) {
-                int64_t from = (c * rows + y) * columns + x;
-                int place = which[from];
-                plane[(2 * y + place / 2) * width + 2 * x + place % 2] = dout[from];
+        for (int64_t y = 0; y < height; y++) {
+            float *to = din + (c * height + y) * width;
+            int64_t from = (c * rows + y / 2) * columns;
+            if (y / 2 < rows) {
+                maxpool2_backward_row(to, dout + from, which + from, width, (int)(y % 2));
+            } else {
+                memset(to, 0, (size_t)width * sizeof *to);
             }
         }
+    }
+}
+
+/** Columns of the input that are added up at a time: they lie on the stack. */
+enum { RUN = 1024 };
+
+/** Mean over `factor` rows of `count` columns. */
+V2V_SIMD_CLONES
+static void average_row(float *out, const float *in, int64_t stride, int64_t count, int factor)
+{
+    float sums[RUN];
+    memcpy(sums, in, (size_t)count * sizeof *sums);
+    for (int k = 1; k < factor; k++) {
+#pragma omp simd
+        for (int64_t x = 0; x < count; x++) {
+            sums[x] += in[k * stride + x];
+        }
+    }
+    float share = 1.0f / (float)(factor * factor);
+    for (int64_t x = 0; x < count / factor; x++) {
+        float sum = 0.0f;
+        for (int l = 0; l < factor; l++) {
+            sum += sums[x * factor + l];
+        }
+        out[x] = sum * share;
     }
 }
 
 void v2v_avgpool_forward(float *out, const float *in, int64_t planes, int64_t height, int64_t width,
                          int factor)
 {
+    V2V_ASSERT(factor >= 1 && factor <= RUN);
     int64_t rows = height / factor, columns = width / factor;
-    float share = 1.0f / (float)(factor * factor);
+    int64_t run = RUN / factor;
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t c = 0; c < planes; c++) {
         for (int64_t y = 0; y < rows; y++) {
             const float *block = in + (c * height + y * factor) * width;
-            for (int64_t x = 0; x < columns; x++) {
-                float sum = 0.0f;
-                for (int k = 0; k < factor; k++) {
-                    for (int l = 0; l < factor; l++) {
-                        sum += block[k * width + x * factor + l];
-                    }
-                }
-                out[(c * rows + y) * columns + x] = sum * share;
+            float *to = out + (c * rows + y) * columns;
+            for (int64_t x = 0; x < columns; x += run) {
+                int64_t count = columns - x < run ? columns - x : run;
+                average_row(to + x, block + x * factor, width, count * factor, factor);
             }
         }
     }
+}
+
+static void share_row(float *din, const float *dout, int64_t width, int factor)
+{
+    float share = 1.0f / (float)(factor * factor);
+    int64_t columns = width / factor;
+    for (int64_t x = 0; x < columns; x++) {
+        float value = dout[x] * share;
+        for (int l = 0; l < factor; l++) {
+            din[x * factor + l] = value;
+        }
+    }
+    memset(din + columns * factor, 0, (size_t)(width - columns * factor) * sizeof *din);
 }
 
 void v2v_avgpool_backward(float *din, const float *dout, int64_t planes, int64_t height,
                           int64_t width, int factor)
 {
     int64_t rows = height / factor, columns = width / factor;
-    float share = 1.0f / (float)(factor * factor);
-#pragma omp parallel for collapse(2) schedule(static)
+#pragma omp parallel for schedule(static)
     for (int64_t c = 0; c < planes; c++) {
         for (int64_t y = 0; y < height; y++) {
-            float *row = din + (c * height + y) * width;
-            memset(row, 0, (size_t)width * sizeof *row);
+            float *to = din + (c * height + y) * width;
             if (y / factor >= rows) {
-                continue;
-            }
-            const float *from = dout + (c * rows + y / factor) * columns;
-            for (int64_t x = 0; x < columns; x++) {
-                for (int l = 0; l < factor; l++) {
-                    row[x * factor + l] = from[x] * share;
-                }
+                memset(to, 0, (size_t)width * sizeof *to);
+            } else if (y % factor == 0) {
+                share_row(to, dout + (c * rows + y / factor) * columns, width, factor);
+            } else {
+                memcpy(to, to - width, (size_t)width * sizeof *to);
             }
         }
     }

@@ -73,22 +73,39 @@ int64_t v2v_shifts_reach(const struct v2v_shifts *shifts)
     return reach;
 }
 
-/* ||flip(a) - b|| / ||b|| of two PSFs [z,y,x], flipped about the centre pixel: k becomes 2c - k. Of
- * an even side the last pixel has no partner: it is compared with 0. */
+/* Twice the coordinate about which a set must be mirrored along an axis to become itself: that of
+ * its whole centroid, to half a pixel. It need not be the centre pixel: a set that lies d pixels
+ * off is mirrored to one that lies 2d pixels elsewhere, the same for all views, which is but a
+ * displacement of the unseen volume. (psf/2psam is exact about pixel 64 of 128, its centre is 63.)
+ */
+static int64_t mirror_of(const struct v2v_psf_file *psf, int axis)
+{
+    double total = 0, total_moment = 0;
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        double energy = 0, moment[2] = {0, 0};
+        slice_moments(&energy, &moment[0], &moment[1], psf->data + i * psf->height * psf->width,
+                      psf->height, psf->width);
+        total += energy;
+        total_moment += moment[axis];
+    }
+    return total > 0 ? (int64_t)nearbyint(2 * total_moment / total) : 0;
+}
+
+/* ||flip(a) - b|| / ||b|| of two PSFs [z,y,x], pixel k becoming mirror - k. A pixel whose partner
+ * lies outside is compared with 0. */
 static double flipped_distance(const float *a, const float *b, const struct v2v_psf_file *psf,
-                               int axis)
+                               int axis, int64_t mirror)
 {
     const int64_t height = psf->height, width = psf->width;
-    const int64_t twice_cy = 2 * v2v_psf_centre(height), twice_cx = 2 * v2v_psf_centre(width);
     double difference = 0, norm = 0;
     for (int64_t z = 0; z < psf->slices; z++) {
         const float *slice_a = a + z * height * width, *slice_b = b + z * height * width;
         for (int64_t y = 0; y < height; y++) {
             for (int64_t x = 0; x < width; x++) {
-                const int64_t from_y = axis == 0 ? twice_cy - y : y;
-                const int64_t from_x = axis == 1 ? twice_cx - x : x;
-                const double flipped =
-                    from_y < 0 || from_x < 0 ? 0.0 : slice_a[from_y * width + from_x];
+                const int64_t from_y = axis == 0 ? mirror - y : y;
+                const int64_t from_x = axis == 1 ? mirror - x : x;
+                const int inside = from_y >= 0 && from_y < height && from_x >= 0 && from_x < width;
+                const double flipped = inside ? slice_a[from_y * width + from_x] : 0.0;
                 const double value = slice_b[y * width + x];
                 difference += (flipped - value) * (flipped - value);
                 norm += value * value;
@@ -114,14 +131,15 @@ int v2v_shifts_flip_partner(int32_t *partner, const struct v2v_psf_file *psf, in
     const int64_t one_view = psf->slices * psf->height * psf->width;
 
     V2V_ASSERT(axis == 0 || axis == 1);
+    const int64_t mirror = mirror_of(psf, axis);
     for (int64_t v = 0; v < psf->views; v++) {
         double least = INFINITY;
         for (int64_t w = 0; w < psf->views; w++) {
             if (is_taken(partner, v, w)) {
                 continue;
             }
-            const double distance =
-                flipped_distance(psf->data + v * one_view, psf->data + w * one_view, psf, axis);
+            const double distance = flipped_distance(psf->data + v * one_view,
+                                                     psf->data + w * one_view, psf, axis, mirror);
             if (distance < least) {
                 least = distance;
                 partner[v] = (int32_t)w;

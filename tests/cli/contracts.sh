@@ -46,22 +46,23 @@ says '^ mean +inf +1 '
 # There and back, and as an input like any other.
 works convert --input one/truth.h5 -o truth.tif
 works convert --input truth.tif -o again.h5
-same one/truth.h5 again.h5 /volume 0
+same one/truth.h5 again.h5 /volume
 works evaluate --truth truth.tif --volume one/truth.h5
 says '^ mean +inf +1 '
 works convert --input rec.h5 -o rec.tif
 works convert --input rec.tif --views 5 -o rec_again.h5
-same rec.h5 rec_again.h5 /views 0
+same rec.h5 rec_again.h5 /views
 works info rec.tif
 says 'TIFF, 15 pages'
 works deconvolve --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
-same rld.h5 from_tiff.h5 /volume 0
+same rld.h5 from_tiff.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
 works preview rld.h5 --frame 2 -o picture.png
 [ "$(head -c 4 picture.png | tail -c 3)" = PNG ] || fail 'preview wrote no PNG'
 
-# The same numbers from one rank: at most 5 views x 7 slices x 2 transforms of round-off each, of
-# values up to about 1 (float32: 6e-8 a step, some hundred steps).
+# The same numbers from one rank: some hundred float32 additions and transforms of values up to 1
+# (6e-8 each) in another order. Deconvolution divides by the sensitivity and by the predicted view,
+# which fall to some thousandths in the corners of the frame: 1e-7 grows to 1e-4 there.
 if [ "$ranks" -gt 1 ]; then
     mv lfi.h5 mean.h5 adjoint.h5 rec.h5 rld.h5 many
     ranks=1
@@ -73,7 +74,7 @@ if [ "$ranks" -gt 1 ]; then
     same lfi.h5 many/lfi.h5 /views 1e-5
     same adjoint.h5 many/adjoint.h5 /volume 1e-5
     same rec.h5 many/rec.h5 /views 1e-5
-    same rld.h5 many/rld.h5 /volume 1e-4
+    same rld.h5 many/rld.h5 /volume 1e-3
 fi
 
 # Nothing is overwritten unasked.

@@ -105,6 +105,7 @@ static void write_tiff(const struct tiff *row)
         uint32_t tags = TAGS - (row->no_counts ? 1u : 0u);
         uint32_t data = (uint32_t)end + 2 + tags * 12 + 4;
         uint32_t bits = is_odd && row->odd_bits != 0 ? row->odd_bits : or_usual(row->bits, 16);
+        uint32_t count = WIDTH * HEIGHT * bits / 8;
         uint32_t width = or_usual(row->width, WIDTH);
         width = is_odd && row->odd_width != 0 ? row->odd_width : width;
         width = width == UINT32_MAX ? 0 : width;
@@ -117,11 +118,10 @@ static void write_tiff(const struct tiff *row)
         put_tag(bytes, &end, 277, or_usual(row->samples, 1));
         put_tag(bytes, &end, 278, or_usual(row->rows_per_strip, HEIGHT));
         if (!row->no_counts) {
-            put_tag(bytes, &end, 279, or_usual(row->byte_count, WIDTH * HEIGHT * bits / 8));
+            put_tag(bytes, &end, 279, or_usual(row->byte_count, count));
         }
         put_tag(bytes, &end, 284, or_usual(row->planar, 1));
         put_tag(bytes, &end, 339, or_usual(row->format, UNSIGNED));
-        uint32_t count = WIDTH * HEIGHT * bits / 8;
         put(bytes, &end, page < pages ? data + count : row->next, 4);
         for (uint32_t i = 0; i < count; i++) {
             put(bytes, &end, row->fill != 0 ? (uint32_t)row->fill : i * 7 % 251, 1);

@@ -8,7 +8,8 @@ extern "C" {
 #endif
 
 /** Pooling and upsampling of `planes` images [planes,y,x] (planes = batch * channels); sizes are
- * the input's. All @kind Local, deterministic; gradients of data are overwritten. */
+ * the input's. Odd rows and columns that fill no window take no part in pooling (their gradient is
+ * 0). All @kind Local, deterministic; gradients of data are overwritten. */
 
 /** Maximum over 2 x 2; `which` [planes,y/2,x/2] keeps the place 0..3 of the first maximum (NULL:
  * not kept). */

@@ -25,9 +25,11 @@ void v2v_shifts_fini(struct v2v_shifts *shifts);
 int64_t v2v_shifts_reach(const struct v2v_shifts *shifts);
 
 /** Which flips are physical: a flip of y (axis 0) or x (axis 1) is, when each view's flipped PSF is
- *  within `tolerance` (relative L2) of some view's PSF, one to one.
- *  @kind Local. @param partner [v]: the view that view v becomes. @return 1 when the flip is
- * physical */
+ *  within `tolerance` (relative L2) of some view's PSF, one to one. PSFs are flipped about the
+ *  centroid of the whole set, to half a pixel: where that is not the centre pixel, flipped views
+ *  belong to a flipped volume that is displaced as a whole.
+ *  @kind Local. @param partner [v]: the view that view v becomes
+ *  @return 1 when the flip is physical */
 int v2v_shifts_flip_partner(int32_t *partner, const struct v2v_psf_file *psf, int axis,
                             double tolerance);
 

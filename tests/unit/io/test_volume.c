@@ -344,6 +344,29 @@ static void the_real_volume_is_a_fraction_of_65535(void **state)
     v2v_volume_close(&volume);
 }
 
+static void a_file_in_a_read_only_folder_is_read(void **state)
+{
+    (void)state;
+    const char *real = test_shared("golden/projection.h5");
+    struct v2v_volume *volume = NULL;
+    int64_t count = 0;
+    if (real == NULL) {
+        skip();
+    }
+    double *expected = test_h5_read(real, "/volume", &count);
+    assert_ok(v2v_volume_open(&volume, real, 0, NULL));
+    float *slices = malloc((size_t)count * sizeof *slices);
+    assert_non_null(slices);
+    assert_int_equal(count, 39 * 64 * 64);
+    assert_ok(v2v_volume_read(volume, slices, 0, 0, 39));
+    for (int64_t i = 0; i < count; i++) {
+        assert_true(slices[i] == (float)expected[i]);
+    }
+    free(slices);
+    test_release(expected);
+    v2v_volume_close(&volume);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -357,6 +380,7 @@ int main(void)
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
         cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
         cmocka_unit_test(the_real_volume_is_a_fraction_of_65535),
+        cmocka_unit_test(a_file_in_a_read_only_folder_is_read),
     };
     return cmocka_run_group_tests_name("volume", tests, NULL, NULL);
 }

@@ -128,32 +128,58 @@ static void flip_that_maps_the_set_onto_itself_names_the_partners(void **state)
     v2v_mem_free(psf.data);
 }
 
-static void flip_about_the_centre_of_an_even_side_leaves_the_last_pixel_out(void **state)
+static void flip_compares_a_pixel_without_partner_with_zero(void **state)
 {
     struct v2v_psf_file psf;
     int32_t partner[1] = {-1};
     (void)state;
-    make_psf(&psf, 1, 1, 6, 6); /* centre 2: pixels 0..4 mirror, 5 has no partner */
-    *pixel(&psf, 0, 0, 2, 1) = *pixel(&psf, 0, 0, 2, 3) = 3;
+    make_psf(&psf, 1, 1, 6, 6);
+    *pixel(&psf, 0, 0, 2, 3) = *pixel(&psf, 0, 0, 2, 4) = 10;
     assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 1, 0), 1);
     assert_int_equal(partner[0], 0);
-    *pixel(&psf, 0, 0, 2, 5) = 4; /* compared with 0: 4 / sqrt(9 + 9 + 16) = 0.686 */
-    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 1, 0.68), 0);
-    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 1, 0.69), 1);
+    /* Centroid 70/21, twice that rounds to 7: pixel 0 becomes 7, outside. 1/sqrt(201) = 0.0705. */
+    *pixel(&psf, 0, 0, 2, 0) = 1;
+    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 1, 0.070), 0);
+    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 1, 0.071), 1);
+    v2v_mem_free(psf.data);
+}
+
+/* Two mirrored views that lie off the centre pixel by the same distance; then one of them alone. */
+static void flip_of_a_set_displaced_as_a_whole_is_physical(void **state)
+{
+    static const int32_t expected[] = {1, 0};
+    struct v2v_psf_file psf;
+    int32_t partner[2] = {-1, -1};
+    (void)state;
+    make_psf(&psf, 2, 1, 8, 8); /* centre 3; the set's 4 */
+    *pixel(&psf, 0, 0, 1, 3) = *pixel(&psf, 1, 0, 7, 3) = 1;
+    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 0, 0), 1);
+    assert_memory_equal(partner, expected, sizeof expected);
+    *pixel(&psf, 0, 0, 1, 3) = 0;
+    *pixel(&psf, 0, 0, 2, 4) = 1;
+    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 0, 0.5), 0);
     v2v_mem_free(psf.data);
 }
 
 static void flip_that_sends_two_views_to_one_is_not_physical(void **state)
 {
     struct v2v_psf_file psf;
+    int32_t partner[3] = {-1, -1, -1};
+    (void)state;
+    make_psf(&psf, 3, 1, 5, 5);
+    *pixel(&psf, 0, 0, 1, 2) = *pixel(&psf, 1, 0, 1, 2) = 1;
+    *pixel(&psf, 2, 0, 3, 2) = 2; /* views 0 and 1 are 0.5 from it, it is 1 from them */
+    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 0, 1.1), 0);
+    v2v_mem_free(psf.data);
+}
+
+static void equal_views_each_have_their_own_partner(void **state)
+{
+    struct v2v_psf_file psf;
     int32_t partner[2] = {-1, -1};
     (void)state;
     make_psf(&psf, 2, 1, 5, 5);
-    *pixel(&psf, 0, 0, 1, 2) = 1; /* flips to row 3 */
-    *pixel(&psf, 1, 0, 1, 2) = 1;
-    assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 0, 0.1), 0);
-    *pixel(&psf, 0, 0, 1, 2) = *pixel(&psf, 1, 0, 1, 2) = 0;
-    *pixel(&psf, 0, 0, 2, 2) = *pixel(&psf, 1, 0, 2, 2) = 1; /* equal views, each its own partner */
+    *pixel(&psf, 0, 0, 2, 2) = *pixel(&psf, 1, 0, 2, 2) = 1;
     assert_int_equal(v2v_shifts_flip_partner(partner, &psf, 0, 0.1), 1);
     assert_int_not_equal(partner[0], partner[1]);
     v2v_mem_free(psf.data);
@@ -168,8 +194,10 @@ int main(void)
         cmocka_unit_test(slice_without_energy_has_shift_zero),
         cmocka_unit_test(shifts_short_of_memory_hold_nothing),
         cmocka_unit_test(flip_that_maps_the_set_onto_itself_names_the_partners),
-        cmocka_unit_test(flip_about_the_centre_of_an_even_side_leaves_the_last_pixel_out),
+        cmocka_unit_test(flip_compares_a_pixel_without_partner_with_zero),
+        cmocka_unit_test(flip_of_a_set_displaced_as_a_whole_is_physical),
         cmocka_unit_test(flip_that_sends_two_views_to_one_is_not_physical),
+        cmocka_unit_test(equal_views_each_have_their_own_partner),
     };
     return cmocka_run_group_tests_name("optics.shifts", tests, NULL, NULL);
 }
