@@ -17,17 +17,29 @@ static void fill_hash(float *x, const struct v2v_field *field, double fan_in, in
     }
 }
 
-/* kaiming-uniform with a = sqrt(5): bound sqrt(6 / ((1 + 5) fan_in)) = 1/sqrt(fan_in), as the bias.
- */
-static void fill_kaiming(float *x, const struct v2v_field *field, double fan_in, int64_t seed)
+static void fill_uniform(float *x, const struct v2v_field *field, double bound, int64_t seed)
 {
-    double bound = 1.0 / sqrt(fan_in);
     uint64_t stream = v2v_random_fnv1a64(field->name);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < field->count; i++) {
         double u = v2v_random_uniform((uint64_t)seed, stream, (uint64_t)i);
         x[i] = (float)((2.0 * u - 1.0) * bound);
     }
+}
+
+/* kaiming-uniform with a = sqrt(5): sqrt(6 / ((1 + 5) fan_in)), and the same for the bias. */
+static double kaiming_bound(double fan_in)
+{
+    return 1.0 / sqrt(fan_in);
+}
+
+/* He et al. 2015 for a leaky ReLU of slope 0.01: a signal keeps its size through the layers, where
+ * PyTorch's default shrinks it to a third at each, to nothing after eighteen. Biases start at 0, the
+ * last layer small: training starts at an almost empty volume. */
+static double he_bound(const struct v2v_field *field, double fan_in, int is_bias)
+{
+    int last = strstr(field->name, "conv_final.4") != NULL;
+    return is_bias ? 0.0 : sqrt(6.0 / ((1.0 + 0.01 * 0.01) * fan_in)) * (last ? 0.1 : 1.0);
 }
 
 enum v2v_status v2v_rule_weights(const struct v2v_fields *fields, float *weights, int rule,
@@ -42,10 +54,13 @@ enum v2v_status v2v_rule_weights(const struct v2v_fields *fields, float *weights
         } else if (i == 0 || fields->item[i - 1].rank == 1) {
             return V2V_FAIL(V2V_E_INTERNAL, "%s: a bias must follow its weight", field->name);
         }
+        float *x = weights + field->offset;
         if (rule == V2V_RULE_HASH) {
-            fill_hash(weights + field->offset, field, fan_in, is_bias, seed);
+            fill_hash(x, field, fan_in, is_bias, seed);
+        } else if (rule == V2V_RULE_KAIMING) {
+            fill_uniform(x, field, kaiming_bound(fan_in), seed);
         } else {
-            fill_kaiming(weights + field->offset, field, fan_in, seed);
+            fill_uniform(x, field, he_bound(field, fan_in, is_bias), seed);
         }
     }
     return V2V_OK;

@@ -4,8 +4,11 @@
  *   KERNEL   the name of the table
  * No include guard: it is a template. */
 #include "op/direct_kernel.h"
+#include <string.h>
 
 typedef float vector __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
+
+typedef int32_t mask __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
 /** 16 sums with AVX-512's 32 registers, 8 with 16: more would spill, fewer would wait for the
  *  multiply-add's latency (4 cycles, 2 a cycle). */
@@ -46,17 +49,18 @@ convolve_tile(const struct direct_target *target, const struct direct_strip *str
     int64_t count = target->width - x < vectors * LANES ? target->width - x : vectors * LANES;
 #pragma GCC unroll 4
     for (int o = 0; o < DIRECT_CHANNELS; o++) {
-        float row[VECTORS * LANES];
+        float tail[VECTORS * LANES];
+        float *to = target->data + (channel + o) * target->plane + y * target->width + x;
+        int whole = channel + o < target->channels && count == vectors * LANES;
+        float *row = whole ? to : tail;
 #pragma GCC unroll 4
         for (int j = 0; j < vectors; j++) {
-            *(vector *)(row + j * LANES) = sum[o][j];
+            mask positive = sum[o][j] > 0.0f;
+            *(mask *)(row + j * LANES) =
+                ((mask)sum[o][j] & positive) | ((mask)(slope * sum[o][j]) & ~positive);
         }
-        if (channel + o < target->channels) {
-            float *to = target->data + (channel + o) * target->plane + y * target->width + x;
-#pragma omp simd
-            for (int64_t j = 0; j < count; j++) {
-                to[j] = row[j] > 0.0f ? row[j] : slope * row[j];
-            }
+        if (!whole && channel + o < target->channels) {
+            memcpy(to, tail, (size_t)count * sizeof *to);
         }
     }
 }

@@ -15,6 +15,7 @@
 
 #define NEWEST "weights.h5"
 #define PREVIOUS "weights.prev.h5"
+#define DAMAGED "weights.bad.h5"
 
 enum { ARENAS = 3, MAIN_RANK = 0, OTHER_BRANCH_RANK = 1 };
 
@@ -29,6 +30,22 @@ int v2v_checkpoint_exists(const char *folder)
     return path_in(newest, folder, NEWEST) == V2V_OK &&
            path_in(previous, folder, PREVIOUS) == V2V_OK &&
            (v2v_file_exists(newest) || v2v_file_exists(previous));
+}
+
+enum v2v_status v2v_checkpoint_forget(const char *folder)
+{
+    /* the previous one first: what a kill leaves in between is the newest */
+    static const char *const name[] = {PREVIOUS, NEWEST, DAMAGED};
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    for (size_t i = 0; i < sizeof name / sizeof *name; i++) {
+        V2V_TRY(path_in(path, folder, name[i]));
+        if (unlink(path) != 0 && errno != ENOENT) {
+            V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: cannot be removed: %s", path, strerror(errno)));
+        }
+    }
+done:
+    return rc;
 }
 
 /* ---- write ---- */
@@ -92,6 +109,7 @@ static enum v2v_status rotate(const char *folder)
                              strerror(errno)));
         }
     }
+    (void)unlink(between); /* rename() keeps it when both names are the same file already */
 done:
     return rc;
 }
@@ -178,11 +196,30 @@ done:
     return rc;
 }
 
+/* The previous generation was read: it becomes the newest one, what was damaged steps aside. Else
+ * the next rotation would put the damaged file in the place of the good one. Rank 0. */
+static enum v2v_status promote_previous(const char *folder)
+{
+    enum v2v_status rc = V2V_OK;
+    char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES], damaged[V2V_PATH_BYTES];
+    V2V_TRY(path_in(newest, folder, NEWEST));
+    V2V_TRY(path_in(previous, folder, PREVIOUS));
+    V2V_TRY(path_in(damaged, folder, DAMAGED));
+    if ((v2v_file_exists(newest) && rename(newest, damaged) != 0) ||
+        rename(previous, newest) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s cannot take its place: %s", newest, previous,
+                         strerror(errno)));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder, int64_t *step)
 {
     static const char *const generation[] = {NEWEST, PREVIOUS};
     enum v2v_status rc = V2V_OK, read = V2V_OK;
     char path[V2V_PATH_BYTES];
+    int main_rank = v2v_comm_rank(trainer->grid.world) == 0;
     for (size_t i = 0; i < sizeof generation / sizeof *generation; i++) {
         V2V_TRY(v2v_par_agree(trainer->grid.world, path_in(path, folder, generation[i])));
         int64_t there = v2v_file_exists(path);
@@ -192,9 +229,15 @@ enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *fol
         }
         read = v2v_par_agree(trainer->grid.world, read_file(trainer, path, step));
         if (read == V2V_OK) {
+            int promotes = i > 0 && main_rank;
+            V2V_TRY(
+                v2v_par_agree(trainer->grid.world, promotes ? promote_previous(folder) : V2V_OK));
             goto done;
         }
-        if (v2v_comm_rank(trainer->grid.world) == 0) {
+        if (read != V2V_E_INPUT) {
+            V2V_TRY(read); /* the file may be good: memory is short, the disk fails */
+        }
+        if (main_rank) {
             v2v_log(V2V_LOG_WARNING, "cannot resume from %s: %s", path, v2v_status_message());
         }
     }

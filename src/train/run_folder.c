@@ -41,12 +41,10 @@ done:
     return rc;
 }
 
-static enum v2v_status write_config(struct v2v_run_folder *folder, const struct v2v_config *config)
+static enum v2v_status print_config(struct v2v_run_folder *folder, const struct v2v_config *config)
 {
     enum v2v_status rc = V2V_OK;
-    char path[V2V_PATH_BYTES];
     size_t bytes = 0;
-    V2V_TRY(path_in(path, folder, "config.yaml"));
     FILE *stream = open_memstream(&folder->config_text, &bytes);
     if (stream == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
@@ -55,7 +53,6 @@ static enum v2v_status write_config(struct v2v_run_folder *folder, const struct 
     if (fclose(stream) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
     }
-    V2V_TRY(v2v_file_write_text(path, folder->config_text));
 done:
     return rc;
 }
@@ -67,14 +64,14 @@ static enum v2v_status enter_on_main_rank(struct v2v_run_folder *folder,
     if (v2v_file_exists(job->folder) && !v2v_file_is_folder(job->folder)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: is a file, not a folder", job->folder));
     }
+    V2V_TRY(v2v_file_make_folder(job->folder));
+    V2V_TRY(lock(folder));
     if (v2v_checkpoint_exists(job->folder) && !job->resume && !job->force) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
                          "%s: holds a run already; --resume goes on with it, --force starts anew",
                          job->folder));
     }
-    V2V_TRY(v2v_file_make_folder(job->folder));
-    V2V_TRY(lock(folder));
-    V2V_TRY(write_config(folder, job->config));
+    V2V_TRY(print_config(folder, job->config));
 done:
     return rc;
 }
@@ -83,20 +80,25 @@ enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct
                                      const struct v2v_comm *comm)
 {
     enum v2v_status mine = V2V_OK;
-    *folder = (struct v2v_run_folder){.path = job->folder};
+    *folder = (struct v2v_run_folder){.path = job->folder, .lock = -1};
     if (v2v_comm_rank(comm) == 0) {
         mine = enter_on_main_rank(folder, job);
     }
     return v2v_par_agree(comm, mine);
 }
 
-enum v2v_status v2v_run_folder_open_log(struct v2v_run_folder *folder, int64_t step)
+enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    if (folder->lock == 0) {
+    if (folder->lock < 0) {
         goto done; /* not rank 0 */
     }
+    if (step == 0) {
+        V2V_TRY(v2v_checkpoint_forget(folder->path));
+    }
+    V2V_TRY(path_in(path, folder, "config.yaml"));
+    V2V_TRY(v2v_file_write_text(path, folder->config_text));
     V2V_TRY(path_in(path, folder, METRICS));
     V2V_TRY(v2v_json_lines_cut(path, step));
     folder->log = fopen(path, "ae");
@@ -133,9 +135,9 @@ void v2v_run_folder_leave(struct v2v_run_folder *folder)
     if (folder->log != NULL) {
         (void)fclose(folder->log);
     }
-    if (folder->lock > 0) {
+    if (folder->lock >= 0) {
         (void)close(folder->lock);
     }
     free(folder->config_text); /* from open_memstream */
-    *folder = (struct v2v_run_folder){0};
+    *folder = (struct v2v_run_folder){.lock = -1};
 }

@@ -8,19 +8,21 @@
 
 struct v2v_run_folder {
     const char *path;
-    int lock;          /* descriptor of the locked file, 0: none */
+    int lock;          /* descriptor of the locked file, -1: none */
     FILE *log;         /* metrics.jsonl, rank 0 only */
     char *config_text; /* resolved configuration, rank 0 only; from open_memstream */
 };
 
-/* Make the folder, lock it against other runs and write config.yaml. Collective(comm), agreed.
+/* Make the folder and lock it against other runs. Collective(comm), agreed.
  * V2V_E_BUSY when another run holds it, V2V_E_USAGE when it has a run and neither resume nor force.
  */
 enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct v2v_train_job *job,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/* Open metrics.jsonl behind step `step`: lines of later steps are cut off. Local; rank 0 works. */
-enum v2v_status v2v_run_folder_open_log(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
+/* The run starts after step `step`; nothing in the folder has changed until here. At step 0 the
+ * checkpoints of an older run go; config.yaml is written; metrics.jsonl is opened and lines of
+ * later steps are cut off. Local; rank 0 works. */
+enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
 
 /* One line. Local; rank 0 works. */
 enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,

@@ -23,7 +23,7 @@ struct run {
     struct v2v_trainer trainer;
     struct v2v_progress progress;
     int64_t step;         /* steps done */
-    int64_t checkpointed; /* steps in the newest checkpoint, -1: none written */
+    int64_t checkpointed; /* steps in the newest checkpoint, -1: none */
     int not_finite;
     double started, last_checkpoint; /* seconds */
 };
@@ -37,7 +37,8 @@ static enum v2v_status set_weights(struct run *run)
                                       v2v_model_fields(model)));
     } else {
         V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model),
-                                 V2V_RULE_KAIMING, run->job->config->train.seed));
+                                 (int)run->job->config->train.init,
+                                 run->job->config->train.seed));
     }
 done:
     return rc;
@@ -51,11 +52,12 @@ static enum v2v_status start(struct run *run)
     if (run->job->resume) {
         V2V_TRY(v2v_checkpoint_read(&run->trainer, run->job->folder, &run->step));
         if (run->step > 0) {
+            run->checkpointed = run->step;
             v2v_log(V2V_LOG_INFO, "resuming after step %lld", (long long)run->step);
         }
     }
     v2v_model_weights_changed(run->trainer.model);
-    V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_open_log(&run->folder, run->step)));
+    V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_start(&run->folder, run->step)));
 done:
     return rc;
 }
@@ -101,7 +103,8 @@ static enum v2v_status judge(struct run *run, const struct v2v_step_result *resu
     run->not_finite++;
     if (v2v_comm_rank(run->comm) == 0) {
         v2v_log(V2V_LOG_WARNING,
-                "step %lld: loss %g, gradient norm %g: not finite, weights not stepped",
+                "step %lld: loss %g, gradient norm %g: not finite or too large, weights "
+                "not stepped",
                 (long long)run->step, result->terms[V2V_LOSS_TOTAL], result->grad_norm);
     }
     if (run->not_finite >= NOT_FINITE_IN_A_ROW) {

@@ -9,11 +9,11 @@
 
 enum { BRANCHES = 2 };
 
-/* The branches that this rank computes; an idle rank holds one without using it. */
+/* The branches that this rank computes; an idle rank holds the second without using it. */
 static unsigned held_branches(const struct v2v_grid *grid)
 {
     if (grid->branch_size == 1) {
-        return grid->idle ? V2V_BRANCH_1 : V2V_BRANCH_BOTH;
+        return V2V_BRANCH_BOTH;
     }
     return grid->branch_rank == 0 ? V2V_BRANCH_1 : V2V_BRANCH_2;
 }
@@ -158,7 +158,8 @@ static void share_result(struct v2v_trainer *trainer, struct v2v_step_result *re
     memcpy(result->terms, pool, sizeof result->terms);
     result->grad_norm = sqrt(pool[NORM]);
     result->votes = (int)pool[VOTES];
-    result->finite = isfinite(result->grad_norm) && isfinite(result->terms[V2V_LOSS_TOTAL]);
+    /* Adam squares every element in float32: where the whole sum fits, each square does */
+    result->finite = isfinite((float)pool[NORM]) && isfinite(result->terms[V2V_LOSS_TOTAL]);
 }
 
 static double learning_rate(const struct v2v_train_settings *settings, int64_t step)

@@ -25,7 +25,7 @@ struct v2v_trainer {
 struct v2v_step_result {
     double terms[V2V_LOSS_TERMS]; /* means over the batch */
     double grad_norm;
-    int finite; /* loss and gradient; the weights were stepped only then */
+    int finite; /* loss and squared gradient, in float32; the weights were stepped only then */
     int votes;  /* ranks that voted to stop */
 };
 

@@ -38,7 +38,7 @@ enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
 enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16 };
-enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH };
+enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 
 /** Where a recording's frames lie in a stack of pages. */
 struct v2v_input_settings {
@@ -81,6 +81,7 @@ struct v2v_train_settings {
     int64_t decay_at; /**< .. from this step on; 0: never */
     double beta1, beta2, epsilon;
     int64_t seed;
+    int init; /**< enum v2v_rule: fresh weights */
     double checkpoint_every_s;
     int64_t log_every;
 };

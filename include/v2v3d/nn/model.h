@@ -70,7 +70,8 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
  *  branch not held. @param views [v,y,x], of which only the held branches' views are read */
 void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views);
 
-/** Merge and repack after the weights were set or stepped. @kind Local. */
+/** Merge and repack after the weights were set or stepped; needless before v2v_model_plan, which
+ *  does it. @kind Local. */
 void v2v_model_weights_changed(struct v2v_model *model);
 
 /** Add to the gradients what the last forward makes of dL/dvolume. @kind Local. */

@@ -32,7 +32,7 @@ struct v2v_train_job {
     struct v2v_recording *const *recordings; /**< all with the PSFs' view count */
     int64_t recording_count;
     const char *folder;  /**< RUN: made when missing */
-    const char *weights; /**< start from this file; NULL: kaiming by train.seed */
+    const char *weights; /**< start from this file; NULL: train.init by train.seed */
     int resume;          /**< go on from RUN/weights.h5, or .prev when it is bad */
     int force;           /**< an older run in RUN may be overwritten */
     double max_time_s;   /**< checkpoint and stop after this; 0: no limit */
