@@ -1,5 +1,7 @@
 #include "cli/steps.h"
 
+#include "v2v3d/base/log.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/nn/model.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/recon/network.h"
@@ -8,7 +10,7 @@
 struct arguments {
     struct v2v_common common;
     const char *psf, *weights, *input, *output, *skip;
-    int branches, precision;
+    int branches, precision, resume;
 };
 
 static const struct v2v_option options[] = {
@@ -18,6 +20,8 @@ static const struct v2v_option options[] = {
     V2V_OPTION_OUTPUT(struct arguments, output, "volume to write: .h5, or .tif (mean only)"),
     V2V_OPTION_SWITCH(struct arguments, branches, "branches",
                       "write /branch1 and /branch2 beside their mean"),
+    V2V_OPTION_SWITCH(struct arguments, resume, "resume",
+                      "a complete output is left as it is; one that is not is computed anew"),
     {.name = "precision",
      .kind = V2V_OPTION_CHOICE,
      .at = offsetof(struct arguments, precision),
@@ -78,6 +82,17 @@ done:
     return rc;
 }
 
+/* Outputs get their names only when they are complete. Collective. */
+static int is_done(const struct arguments *given, const struct v2v_session *session)
+{
+    int done = given->resume && v2v_file_exists(given->output);
+    v2v_par_broadcast(session->world, &done, sizeof done, 0);
+    if (done) {
+        v2v_log(V2V_LOG_INFO, "%s is complete already", given->output);
+    }
+    return done;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -92,6 +107,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_volume_writer *writer = NULL;
     unsigned datasets = 1u << V2V_VOLUME_MEAN;
     V2V_TRY(check(given, session));
+    if (is_done(given, session)) {
+        goto done;
+    }
     V2V_TRY(v2v_step_output(session, given->output,
                             (const char *const[]){given->psf, given->weights, given->input}, 3));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));

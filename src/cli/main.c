@@ -281,6 +281,10 @@ int v2v_cli_main(int argc, char **argv)
     if (rc != V2V_OK && on_root) {
         fprintf(stderr, "%s\n", v2v_status_message());
     }
+    if (rc == V2V_E_IO && v2v_comm_size(world) > 1) {
+        /* after a failed close HDF5 1.10 can crash or wait in MPI_Finalize */
+        v2v_par_abort(v2v_status_exit_code(rc));
+    }
     v2v_par_finalize(&world);
     if (v2v_mem_held() != 0) {
         v2v_log(V2V_LOG_WARNING, "%zu bytes are still held at the end", v2v_mem_held());

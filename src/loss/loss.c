@@ -94,7 +94,10 @@ enum v2v_status v2v_loss_create(struct v2v_loss **loss, const struct v2v_loss_se
     enum v2v_status rc = V2V_OK;
     struct v2v_loss *self = NULL;
     const struct v2v_psf_file *psf = setup->psf;
+    const struct v2v_window *w = &setup->window;
     double factor = setup->reduce == V2V_REDUCE_MEAN ? 1.0 / (double)psf->slices : 1.0;
+    V2V_ASSERT(0 <= w->y0 && w->y0 < w->y1 && w->y1 <= setup->height);
+    V2V_ASSERT(0 <= w->x0 && w->x0 < w->x1 && w->x1 <= setup->width);
     V2V_TRY(V2V_ALLOC(self, "loss", 1));
     self->settings = *setup->settings;
     v2v_loss_weights(self->weight, setup->settings);

@@ -40,6 +40,9 @@ void v2v_layer_fini(struct v2v_layer *layer)
 
 void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_parameters *parameters)
 {
+    if (layer->conv == NULL) {
+        return; /* not planned yet: planning takes the weights */
+    }
     v2v_conv_set_weights(layer->conv,
                          v2v_parameter(parameters->fields, parameters->weights, layer->weight),
                          v2v_parameter(parameters->fields, parameters->weights, layer->bias));

@@ -28,7 +28,7 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                int64_t width, int backend, int training) V2V_MUST_CHECK;
 void v2v_layer_fini(struct v2v_layer *layer);
 
-/* The values of its parameters changed. */
+/* The values of its parameters changed. A layer that is not planned has nothing to renew. */
 void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_parameters *parameters);
 
 /* Gradients of the parameters from the layer's input and the gradient before its activation. */

@@ -34,8 +34,8 @@ static double kaiming_bound(double fan_in)
 }
 
 /* He et al. 2015 for a leaky ReLU of slope 0.01: a signal keeps its size through the layers, where
- * PyTorch's default shrinks it to a third at each, to nothing after eighteen. Biases start at 0, the
- * last layer small: training starts at an almost empty volume. */
+ * PyTorch's default shrinks it to a third at each, to nothing after eighteen. Biases start at 0,
+ * the last layer small: training starts at an almost empty volume. */
 static double he_bound(const struct v2v_field *field, double fan_in, int is_bias)
 {
     int last = strstr(field->name, "conv_final.4") != NULL;

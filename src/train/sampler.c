@@ -8,18 +8,23 @@
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
 
+#include <math.h>
 #include <string.h>
 
 /* Frames kept in memory: recordings up to this many bytes are read once. */
 #define KEPT_BYTES ((int64_t)2 << 30)
 
 enum { AXES = 2 };
-enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X };
+enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X, DRAWS };
 
 struct source {
     struct v2v_recording *recording; /* borrowed */
     struct v2v_scaling scaling;
     int64_t first; /* frame number of its frame 0 among all recordings' frames */
+};
+
+struct corner {
+    int64_t y, x; /* upper left pixel of a crop */
 };
 
 struct v2v_sampler {
@@ -228,6 +233,48 @@ static void copy_crop(float *out, const float *frame, const struct v2v_recording
     }
 }
 
+/* Sum of all views over a crop. */
+static double brightness(const float *frame, const struct v2v_recording_info *info,
+                         struct corner corner, int64_t height, int64_t width)
+{
+    double sum = 0.0;
+    for (int64_t row = 0; row < info->views * height; row++) {
+        int64_t v = row / height, y = corner.y + row % height;
+        const float *from = frame + (v * info->height + y) * info->width + corner.x;
+        float line = 0.0f;
+#pragma omp simd reduction(+ : line)
+        for (int64_t x = 0; x < width; x++) {
+            line += from[x];
+        }
+        sum += line;
+    }
+    return sum;
+}
+
+/* The brightest of the candidates: most crops of a sparse scene hold background only. */
+static struct corner choose_corner(const struct v2v_sampler *sampler, const float *frame,
+                                   const struct v2v_recording_info *info, uint64_t stream)
+{
+    uint64_t seed = (uint64_t)sampler->settings->seed;
+    int64_t height = sampler->height, width = sampler->width;
+    struct corner best = {0, 0};
+    double most = -INFINITY;
+    for (int64_t i = 0; i < sampler->settings->candidates; i++) {
+        uint64_t draw = (uint64_t)(i * DRAWS);
+        struct corner corner = {
+            v2v_random_below(seed, stream, draw + DRAW_Y, info->height - height + 1),
+            v2v_random_below(seed, stream, draw + DRAW_X, info->width - width + 1)};
+        double light = sampler->settings->candidates > 1
+                           ? brightness(frame, info, corner, height, width)
+                           : 0.0;
+        if (light > most) {
+            most = light;
+            best = corner;
+        }
+    }
+    return best;
+}
+
 /* View v, mirrored, becomes its partner. */
 static void flip(float *out, const float *in, const int32_t *partner, int axis, int64_t views,
                  int64_t height, int64_t width)
@@ -258,9 +305,8 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *views, int6
     if (sampler->settings->crop == 0) {
         v2v_pad_reflect(views, data, info->views, info->height, info->width, height, width);
     } else {
-        int64_t y = v2v_random_below(seed, stream, DRAW_Y, info->height - height + 1);
-        int64_t x = v2v_random_below(seed, stream, DRAW_X, info->width - width + 1);
-        copy_crop(views, data, info, y, x, height, width);
+        struct corner corner = choose_corner(sampler, data, info, stream);
+        copy_crop(views, data, info, corner.y, corner.x, height, width);
     }
     for (int axis = 0; axis < AXES; axis++) {
         if (sampler->flip[axis] &&

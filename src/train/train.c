@@ -37,8 +37,7 @@ static enum v2v_status set_weights(struct run *run)
                                       v2v_model_fields(model)));
     } else {
         V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model),
-                                 (int)run->job->config->train.init,
-                                 run->job->config->train.seed));
+                                 (int)run->job->config->train.init, run->job->config->train.seed));
     }
 done:
     return rc;

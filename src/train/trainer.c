@@ -119,6 +119,16 @@ static void run_sample(struct v2v_trainer *trainer, double *terms)
     }
 }
 
+static void scale_gradients(struct v2v_trainer *trainer, double factor)
+{
+    float *gradients = v2v_model_gradients(trainer->model);
+    int64_t total = v2v_model_fields(trainer->model)->total;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < total; i++) {
+        gradients[i] *= (float)factor;
+    }
+}
+
 /* Sum the gradients over the grid, the encoder's over all ranks, a U-Net's over its column, and
  * take the mean over the batch. Collective(world). */
 static void reduce_gradients(struct v2v_trainer *trainer)
@@ -129,11 +139,7 @@ static void reduce_gradients(struct v2v_trainer *trainer)
     v2v_par_sum_f32(grid->world, gradients, shared);
     v2v_par_sum_f32(grid->column, gradients + shared, total - shared);
     if (trainer->config->train.batch > 1) {
-        const float factor = 1.0f / (float)trainer->config->train.batch;
-#pragma omp parallel for simd schedule(static)
-        for (int64_t i = 0; i < total; i++) {
-            gradients[i] *= factor;
-        }
+        scale_gradients(trainer, 1.0 / (double)trainer->config->train.batch);
     }
 }
 
@@ -160,6 +166,16 @@ static void share_result(struct v2v_trainer *trainer, struct v2v_step_result *re
     result->votes = (int)pool[VOTES];
     /* Adam squares every element in float32: where the whole sum fits, each square does */
     result->finite = isfinite((float)pool[NORM]) && isfinite(result->terms[V2V_LOSS_TOTAL]);
+}
+
+/* Scale a gradient that is longer than train.clip_norm down to it. */
+static void clip_gradients(struct v2v_trainer *trainer, double norm)
+{
+    double most = trainer->config->train.clip_norm;
+    if (most <= 0.0 || norm <= most) {
+        return;
+    }
+    scale_gradients(trainer, most / norm);
 }
 
 static double learning_rate(const struct v2v_train_settings *settings, int64_t step)
@@ -196,6 +212,7 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
                                 .beta1 = settings->beta1,
                                 .beta2 = settings->beta2,
                                 .epsilon = settings->epsilon};
+        clip_gradients(trainer, result->grad_norm);
         v2v_adam_step(&adam, v2v_model_weights(trainer->model), trainer->m, trainer->v,
                       v2v_model_gradients(trainer->model), fields->total, step + 1);
         v2v_model_weights_changed(trainer->model);

@@ -11,6 +11,6 @@ for name in comparison.png loss.png results.txt results.json psf.h5 truth.h5 rec
     volume.h5 rld.h5 rld_best.h5 run/weights.h5 run/metrics.jsonl config.yaml; do
     [ -s "shown/$name" ] || fail "no $name"
 done
-timed 60 demo -c "$root/configs/tiny.yaml" -o shown
+timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" -o shown
 [ $? -eq 2 ] || fail "a second demo in the folder was not refused: $(cat stderr)"
 finish

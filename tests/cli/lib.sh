@@ -39,7 +39,7 @@ timed() {
 
 # works words...: exit code 0, nothing left in memory.
 works() {
-    timed 100 "$@"
+    timed "$((limit * 10))" "$@"
     local code=$?
     if [ $code -ne 0 ]; then
         fail "v2v3d $* ended with $code: $(cat stderr)"

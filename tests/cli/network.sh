@@ -47,7 +47,7 @@ says 'width 4,.* step 3'
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 recording.h5 -o run
 works weights info run/weights.h5
 says 'step 4'
-timed 60 train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run
+timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run
 [ $? -eq 2 ] || fail "a second run in the folder was not refused: $(cat stderr)"
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
 works weights info run/weights.h5
@@ -55,7 +55,7 @@ says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
 
 # The time limit ends a run resumably.
-timed 100 train -c tiny.yaml --psf psf.h5 --input recording.h5 -o limited --steps 1000000 \
+timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o limited --steps 1000000 \
     --max-time 1s
 [ $? -eq 85 ] || fail "--max-time did not end with 85: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights limited/weights.h5 --input recording.h5 -o limited.h5

@@ -30,6 +30,8 @@ refuses 2 "unknown command 'psf nonsense'" psf nonsense
 refuses 2 'psf needs one more word' psf
 refuses 2 'unknown option --vloume; did you mean --volume.*see v2v3d project --help' \
     project --vloume x
+# What follows happens on every rank alike, before anything is communicated.
+[ "$ranks" -eq 1 ] || finish
 refuses 2 'unknown option -x' project -x
 refuses 2 '--psf FILE is missing' project --volume v.h5 -o out.h5
 refuses 2 '--volume FILE is missing' project --psf p.h5 -o out.h5

@@ -15,7 +15,6 @@
 #include <stdio.h>
 
 enum { VIEWS = 5, SLICES = 4, KERNEL = 9, SIDE = 64, FRAMES = 2, PATH = 512 };
-enum { SAMPLES = VIEWS * SIDE * SIDE };
 
 struct scene {
     struct v2v_config config;
@@ -23,7 +22,8 @@ struct scene {
     struct v2v_recording *recording;
     struct v2v_comm *comm;
     const char *folder;
-    size_t held; /* bytes held before */
+    int64_t height, width; /* of the frames to record */
+    size_t held;           /* bytes held before */
 };
 
 /** Views whose kernels drift with depth, as tilted needles do. */
@@ -54,15 +54,16 @@ static inline void scene_record(struct scene *scene, const char *name,
     char path[PATH];
     struct v2v_recording_writer *writer = NULL;
     struct v2v_recording_info info = {
-        .frames = FRAMES, .views = VIEWS, .height = SIDE, .width = SIDE};
+        .frames = FRAMES, .views = VIEWS, .height = scene->height, .width = scene->width};
     struct v2v_input_settings input = {.views = VIEWS};
+    int64_t samples = VIEWS * scene->height * scene->width;
     float *views = NULL;
     int64_t mine = v2v_comm_rank(scene->comm) == 0 ? VIEWS : 0;
     snprintf(path, sizeof path, "%s/%s", scene->folder, name);
-    assert_ok(V2V_ALLOC(views, "test", SAMPLES));
+    assert_ok(V2V_ALLOC(views, "test", samples));
     assert_ok(v2v_recording_create(&writer, path, &info, scene->comm));
     for (int t = 0; t < FRAMES; t++) {
-        for (int64_t i = 0; i < SAMPLES; i++) {
+        for (int64_t i = 0; i < samples; i++) {
             views[i] = sample(t, i);
         }
         assert_ok(v2v_recording_write(writer, views, t, 0, mine));
@@ -77,7 +78,8 @@ static inline void scene_record(struct scene *scene, const char *name,
 static inline void scene_init(struct scene *scene, const char *folder, int64_t batch,
                               struct v2v_comm *comm)
 {
-    *scene = (struct scene){.comm = comm, .folder = folder, .held = v2v_mem_held()};
+    *scene = (struct scene){
+        .comm = comm, .folder = folder, .height = SIDE, .width = SIDE, .held = v2v_mem_held()};
     scene_psf(&scene->psf);
     v2v_config_defaults(&scene->config);
     scene->config.model.width = 4;

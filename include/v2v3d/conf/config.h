@@ -74,11 +74,13 @@ struct v2v_train_settings {
     int64_t batch;         /**< crops of one step over all ranks */
     int64_t crop;          /**< pixels of a side, a multiple of 32; 0: the whole frame */
     int64_t halo;          /**< ring of a crop that the views' loss leaves out, pixels */
+    int64_t candidates;    /**< positions of which the brightest becomes the crop; 1: any */
     int flips;             /**< bool: flips that map the view set onto itself */
     double flip_tolerance; /**< relative L2 distance of a flipped PSF to its partner */
     double learning_rate;
     double decay;     /**< learning rate factor .. */
     int64_t decay_at; /**< .. from this step on; 0: never */
+    double clip_norm; /**< a longer gradient is scaled down to it; 0: none is */
     double beta1, beta2, epsilon;
     int64_t seed;
     int init; /**< enum v2v_rule: fresh weights */

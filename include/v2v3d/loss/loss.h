@@ -11,7 +11,7 @@
  *                                     V2V_REDUCE_SUM, .height = 128, .width = 128,
  *                                     .window = {16, 112, 16, 112}};
  *      V2V_TRY(v2v_loss_create(&loss, &setup));
- *      v2v_loss_evaluate(loss, terms, 3, volume, dvolume, views);
+ *      v2v_loss_evaluate(loss, terms, 3, dvolume, volume, views);
  *  done:
  *      v2v_loss_destroy(&loss);
  */

@@ -103,8 +103,8 @@ static double slope_by_gradient(struct judged *j)
 }
 
 /* Central difference with step h = 1e-3: truncation about h^2, round-off of float sums 6e-8 / h =
- * 6e-5, and for terms with kinks the elements that cross theirs within h, about 1e-3 of them, in both
- * directions: all below 5e-3 of the slope. */
+ * 6e-5, and for terms with kinks the elements that cross theirs within h, about 1e-3 of them, in
+ * both directions: all below 5e-3 of the slope. */
 static void check_term(int profile, int term)
 {
     const double h = 1e-3;

@@ -1,0 +1,374 @@
+/* The two-branch network: its parameters, and what must not change its volumes. */
+#include "small_shifts.h"
+
+#include "v2v3d/nn/rule.h"
+#include "v2v3d/nn/schema.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { VIEWS = 5, SLICES = 4, SIDE = 64, WIDTH = 16, BRANCHES = 2 };
+enum { PIXELS = SIDE * SIDE, VOXELS = SLICES * PIXELS };
+
+static float views[VIEWS * PIXELS];
+
+static const struct v2v_model_spec small = {.views = VIEWS,
+                                            .slices = SLICES,
+                                            .width = WIDTH,
+                                            .features = 4,
+                                            .branches = V2V_BRANCH_BOTH,
+                                            .backend = V2V_BACKEND_ONEDNN,
+                                            .volume_scale = 1.0};
+
+static void fill(float *x, int64_t count, uint64_t stream)
+{
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = (float)(0.2 + 0.1 * v2v_random_normal(31, stream, (uint64_t)i));
+    }
+}
+
+static struct v2v_model *create(const struct v2v_model_spec *spec)
+{
+    struct v2v_model *model = NULL;
+    struct v2v_shifts shifts = small_shifts(spec->views, spec->slices);
+    assert_ok(v2v_model_create(&model, spec, &shifts));
+    assert_ok(
+        v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model), V2V_RULE_HASH, 7));
+    v2v_shifts_fini(&shifts);
+    return model;
+}
+
+/* Volumes of a network by the hash rule. */
+static void run(float *volume1, float *volume2, const struct v2v_model_spec *spec, int training)
+{
+    struct v2v_model *model = create(spec);
+    fill(views, VIEWS * PIXELS, 0);
+    assert_ok(v2v_model_plan(model, SIDE, SIDE, training));
+    v2v_model_forward(model, volume1, volume2, views);
+    v2v_model_destroy(&model);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* Round-off of two ways through the layers: 18 in a chain, sums of up to 9 * 8 * width products
+ * (9 * 140 in the first one), 6e-8 each. */
+static double round_off(int64_t width)
+{
+    return 18 * 6e-8 * sqrt(9.0 * 8.0 * (double)width + 9.0 * 140.0);
+}
+
+/* ---- parameters ---- */
+
+struct layer {
+    const char *name;
+    int64_t out, in, kernel;
+};
+
+static const struct layer encoder_layers[] = {
+    {"conv1.0", 4, 1, 3},
+    {"layer1.0.conv.0", 4, 4, 3},
+    {"layer1.0.conv.2", 4, 4, 3},
+    {"layer1.1.conv.0", 4, 4, 3},
+    {"layer1.1.conv.2", 4, 4, 3},
+    {"layer2.0.conv.0", 8, 4, 3},
+    {"layer2.0.conv.2", 8, 8, 3},
+    {"layer2.0.downsample.conv", 8, 4, 1},
+    {"layer2.1.conv.0", 8, 8, 3},
+    {"layer2.1.conv.2", 8, 8, 3},
+    {"layer3.0.conv.0", 16, 8, 3},
+    {"layer3.0.conv.2", 16, 16, 3},
+    {"layer3.0.downsample.conv", 16, 8, 1},
+    {"layer3.1.conv.0", 16, 16, 3},
+    {"layer3.1.conv.2", 16, 16, 3},
+    {"branch1.1.conv", 4, 16, 1},
+    {"branch2.1.conv", 4, 16, 1},
+    {"branch3.1.conv", 4, 16, 1},
+    {"lastconv.0.conv", 16, 28, 3},
+    {"lastconv.2", 4, 16, 1},
+};
+enum { ENCODER_LAYERS = sizeof encoder_layers / sizeof *encoder_layers };
+
+/* At width 128 for 39 slices; the first layer's input is the branch's. */
+static const struct layer unet_layers[] = {
+    {"init_conv.0", 1024, 0, 3},
+    {"init_conv.2", 512, 1024, 3},
+    {"init_conv.4", 256, 512, 3},
+    {"init_conv.6", 128, 256, 3},
+    {"encoder_1.conv.1", 128, 128, 3},
+    {"encoder_2.conv.1", 256, 128, 3},
+    {"encoder_3.conv.1", 384, 256, 3},
+    {"encoder_4.conv.1", 512, 384, 3},
+    {"upscale_2.upscale.1", 512, 512, 3},
+    {"decoder_1.decoder.1.upscale.1", 384, 896, 3},
+    {"decoder_2.decoder.1.upscale.1", 256, 640, 3},
+    {"decoder_3.decoder.1.upscale.1", 128, 384, 3},
+    {"decoder_4.decoder.1.upscale.1", 128, 256, 3},
+    {"conv_final.0", 256, 128, 3},
+    {"conv_final.2", 128, 256, 3},
+    {"conv_final.4", 39, 128, 3},
+};
+enum { UNET_LAYERS = sizeof unet_layers / sizeof *unet_layers };
+
+/* Weights and biases of these layers are in the table; their number. */
+static int64_t check_layers(const struct v2v_fields *fields, const char *prefix,
+                            const struct layer *layers, int count, int64_t first_in)
+{
+    char name[V2V_FIELD_NAME_BYTES];
+    int64_t parameters = 0;
+    for (int i = 0; i < count; i++) {
+        const struct layer *layer = &layers[i];
+        const int64_t in = layer->in > 0 ? layer->in : first_in;
+        const int64_t shape[4] = {layer->out, in, layer->kernel, layer->kernel};
+        snprintf(name, sizeof name, "%s.%s.weight", prefix, layer->name);
+        const struct v2v_field *weight = v2v_fields_find(fields, name);
+        assert_non_null(weight);
+        assert_int_equal(weight->rank, 4);
+        assert_memory_equal(weight->shape, shape, sizeof shape);
+        snprintf(name, sizeof name, "%s.%s.bias", prefix, layer->name);
+        const struct v2v_field *bias = v2v_fields_find(fields, name);
+        assert_non_null(bias);
+        assert_int_equal(bias->rank, 1);
+        assert_int_equal(bias->shape[0], layer->out);
+        parameters += weight->count + bias->count;
+    }
+    return parameters;
+}
+
+static void the_paper_network_has_the_published_parameters(void **state)
+{
+    (void)state;
+    struct v2v_fields fields = {0};
+    struct v2v_model_spec spec = {.views = 13,
+                                  .slices = 39,
+                                  .width = 128,
+                                  .features = 4,
+                                  .branches = V2V_BRANCH_BOTH,
+                                  .volume_scale = 1.0};
+    assert_ok(v2v_model_schema(&fields, &spec));
+    assert_int_equal(fields.count, 2 * (ENCODER_LAYERS + 2 * UNET_LAYERS));
+    assert_int_equal(check_layers(&fields, "feat_extract", encoder_layers, ENCODER_LAYERS, 0),
+                     15312);
+    /* 27.7 M and 26.2 M: 9 in out + out, summed by hand over REFERENCE.md 4 */
+    assert_int_equal(check_layers(&fields, "unet1", unet_layers, UNET_LAYERS, 7 * 4 * 39),
+                     27661095);
+    assert_int_equal(check_layers(&fields, "unet2", unet_layers, UNET_LAYERS, 6 * 4 * 39),
+                     26223399);
+    v2v_fields_fini(&fields);
+    spec.branches = V2V_BRANCH_2;
+    assert_ok(v2v_model_schema(&fields, &spec));
+    assert_int_equal(fields.count, 2 * (ENCODER_LAYERS + UNET_LAYERS));
+    assert_null(v2v_fields_find(&fields, "unet1.init_conv.0.weight"));
+    v2v_fields_fini(&fields);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void a_network_for_another_microscope_is_refused(void **state)
+{
+    (void)state;
+    struct v2v_model *model = NULL;
+    struct v2v_model_spec spec = small;
+    struct v2v_shifts shifts = small_shifts(VIEWS, SLICES);
+    spec.slices++;
+    assert_int_equal(v2v_model_create(&model, &spec, &shifts), V2V_E_INPUT);
+    spec = small;
+    shifts.views = spec.views = 1;
+    assert_int_equal(v2v_model_create(&model, &spec, &shifts), V2V_E_INPUT);
+    assert_null(model);
+    v2v_shifts_fini(&shifts);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* ---- volumes ---- */
+
+static void one_branch_alone_gives_the_bits_of_both(void **state)
+{
+    (void)state;
+    static float both[BRANCHES][VOXELS], alone[BRANCHES][VOXELS];
+    for (int training = 0; training < 2; training++) {
+        struct v2v_model_spec spec = small;
+        run(both[0], both[1], &spec, training);
+        spec.branches = V2V_BRANCH_1;
+        run(alone[0], NULL, &spec, training);
+        spec.branches = V2V_BRANCH_2;
+        run(NULL, alone[1], &spec, training);
+        assert_memory_equal(both, alone, sizeof both);
+    }
+}
+
+static void training_and_inference_plans_agree(void **state)
+{
+    (void)state;
+    static float trained[BRANCHES][VOXELS], inferred[BRANCHES][VOXELS];
+    run(trained[0], trained[1], &small, 1);
+    run(inferred[0], inferred[1], &small, 0);
+    for (int b = 0; b < BRANCHES; b++) {
+        assert_true(test_relative_l2(trained[b], inferred[b], VOXELS) <= round_off(WIDTH));
+    }
+}
+
+static void widths_features_and_libraries_agree(void **state)
+{
+    (void)state;
+    static float one[BRANCHES][VOXELS], other[BRANCHES][VOXELS];
+    for (int64_t width = 16; width <= 32; width += 16) {
+        for (int64_t features = 2; features <= 4; features += 2) {
+            struct v2v_model_spec spec = small;
+            spec.width = width;
+            spec.features = features;
+            run(one[0], one[1], &spec, 0);
+            spec.backend = V2V_BACKEND_OPENBLAS;
+            run(other[0], other[1], &spec, 0);
+            for (int b = 0; b < BRANCHES; b++) {
+                double error = test_relative_l2(one[b], other[b], VOXELS);
+                print_message("width %lld, %lld features: %.2e\n", (long long)width,
+                              (long long)features, error);
+                assert_true(error <= round_off(width));
+                assert_true(one[b][0] != one[b][VOXELS - 1]);
+            }
+        }
+    }
+}
+
+static void the_scale_multiplies_the_volume(void **state)
+{
+    (void)state;
+    static float one[BRANCHES][VOXELS], four[BRANCHES][VOXELS];
+    struct v2v_model_spec spec = small;
+    run(one[0], one[1], &spec, 0);
+    spec.volume_scale = 4.0; /* exact in float32 */
+    run(four[0], four[1], &spec, 0);
+    for (int64_t i = 0; i < VOXELS; i++) {
+        assert_true(four[0][i] == 4.0f * one[0][i] && four[1][i] == 4.0f * one[1][i]);
+    }
+}
+
+static void replanning_for_another_size_and_back_gives_the_same_bits(void **state)
+{
+    (void)state;
+    static float before[BRANCHES][VOXELS], after[BRANCHES][VOXELS];
+    struct v2v_model *model = create(&small);
+    fill(views, VIEWS * PIXELS, 0);
+    assert_ok(v2v_model_plan(model, SIDE, SIDE, 0));
+    v2v_model_forward(model, before[0], before[1], views);
+    assert_ok(v2v_model_plan(model, SIDE / 2, SIDE, 1));
+    v2v_model_forward(model, after[0], after[1], views);
+    assert_ok(v2v_model_plan(model, SIDE, SIDE, 0));
+    v2v_model_forward(model, after[0], after[1], views);
+    assert_memory_equal(before, after, sizeof before);
+    v2v_model_destroy(&model);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* ---- weights ---- */
+
+static void changed_weights_count_once_they_are_announced(void **state)
+{
+    (void)state;
+    static float fresh[BRANCHES][VOXELS], changed[BRANCHES][VOXELS];
+    run(fresh[0], fresh[1], &small, 0);
+    struct v2v_model *model = create(&small);
+    int64_t floats = v2v_model_fields(model)->total;
+    float *weights = v2v_model_weights(model);
+    v2v_model_weights_changed(model); /* nothing is planned yet */
+    for (int64_t i = 0; i < floats; i++) {
+        weights[i] *= 0.5f;
+    }
+    assert_ok(v2v_model_plan(model, SIDE, SIDE, 0));
+    v2v_model_forward(model, changed[0], changed[1], views);
+    assert_true(changed[0][0] != fresh[0][0] && changed[1][0] != fresh[1][0]);
+    for (int64_t i = 0; i < floats; i++) {
+        weights[i] *= 2.0f;
+    }
+    v2v_model_weights_changed(model);
+    v2v_model_forward(model, changed[0], changed[1], views);
+    assert_memory_equal(changed, fresh, sizeof fresh);
+    v2v_model_destroy(&model);
+}
+
+/* The encoder's gradient of both branches is the sum of the branches' own; a U-Net's is its own. */
+static void gradients_of_the_branches_add_up(void **state)
+{
+    (void)state;
+    static float volume[BRANCHES][VOXELS], dvolume[BRANCHES][VOXELS];
+    struct v2v_model_spec spec = small;
+    struct v2v_model *both = create(&spec), *one[BRANCHES];
+    const struct v2v_fields *fields = v2v_model_fields(both);
+    fill(views, VIEWS * PIXELS, 0);
+    fill(dvolume[0], VOXELS, 1);
+    fill(dvolume[1], VOXELS, 2);
+    assert_ok(v2v_model_plan(both, SIDE, SIDE, 1));
+    v2v_model_forward(both, volume[0], volume[1], views);
+    v2v_model_backward(both, dvolume[0], dvolume[1]);
+    for (int b = 0; b < BRANCHES; b++) {
+        spec.branches = 1u << b;
+        one[b] = create(&spec);
+        assert_ok(v2v_model_plan(one[b], SIDE, SIDE, 1));
+        v2v_model_forward(one[b], volume[0], volume[1], views);
+        v2v_model_backward(one[b], dvolume[0], dvolume[1]);
+    }
+    int64_t shared = v2v_fields_find(fields, "unet1.init_conv.0.weight")->offset;
+    float *sum = v2v_model_gradients(one[0]);
+    const float *second = v2v_model_gradients(one[1]);
+    const float *gradients = v2v_model_gradients(both);
+    int64_t first_unet = v2v_model_fields(one[0])->total - shared;
+    assert_memory_equal(gradients + shared, sum + shared, (size_t)first_unet * sizeof *sum);
+    assert_memory_equal(gradients + shared + first_unet, second + shared,
+                        (size_t)(fields->total - shared - first_unet) * sizeof *sum);
+    for (int64_t i = 0; i < shared; i++) {
+        sum[i] += second[i];
+    }
+    /* sums over the 5 * 64 * 64 pixels of all views in another order, through up to 18 layers */
+    assert_true(test_relative_l2(gradients, sum, shared) <= 18 * 6e-8 * sqrt(5.0 * PIXELS));
+    v2v_model_destroy(&both);
+    v2v_model_destroy(&one[0]);
+    v2v_model_destroy(&one[1]);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* The example of model.h at a smaller size. */
+static enum v2v_status header_example(float *volume1, float *volume2, const float *seen)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model *model = NULL;
+    struct v2v_shifts shifts = small_shifts(VIEWS, SLICES);
+    struct v2v_model_spec spec = {.views = VIEWS,
+                                  .slices = SLICES,
+                                  .width = 8,
+                                  .features = 4,
+                                  .branches = V2V_BRANCH_BOTH,
+                                  .volume_scale = 1.0};
+    V2V_TRY(v2v_model_create(&model, &spec, &shifts));
+    V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model), V2V_RULE_HASH, 7));
+    V2V_TRY(v2v_model_plan(model, SIDE, SIDE, 0));
+    v2v_model_forward(model, volume1, volume2, seen);
+done:
+    v2v_model_destroy(&model);
+    v2v_shifts_fini(&shifts);
+    return rc;
+}
+
+static void header_example_gives_two_volumes(void **state)
+{
+    (void)state;
+    static float volume[BRANCHES][VOXELS];
+    fill(views, VIEWS * PIXELS, 0);
+    assert_ok(header_example(volume[0], volume[1], views));
+    assert_true(volume[0][VOXELS / 2] != 0.0f && volume[1][VOXELS / 2] != 0.0f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_paper_network_has_the_published_parameters),
+        cmocka_unit_test(a_network_for_another_microscope_is_refused),
+        cmocka_unit_test(one_branch_alone_gives_the_bits_of_both),
+        cmocka_unit_test(training_and_inference_plans_agree),
+        cmocka_unit_test(widths_features_and_libraries_agree),
+        cmocka_unit_test(the_scale_multiplies_the_volume),
+        cmocka_unit_test(replanning_for_another_size_and_back_gives_the_same_bits),
+        cmocka_unit_test(changed_weights_count_once_they_are_announced),
+        cmocka_unit_test(gradients_of_the_branches_add_up),
+        cmocka_unit_test(header_example_gives_two_volumes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
