@@ -1,13 +1,15 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/base/memory.h"
-#include <float.h>
 
-/* REFERENCE.md 1: cameras that store signed counts as unsigned ones put their zero here. */
+/* REFERENCE.md 1: cameras that store signed counts as unsigned ones put their zero here. The
+ * reference subtracts it whenever the maximum is above; here the mean must be above too, or a
+ * recording that merely uses all of its 16 bits (mean 6000, maximum 62835) would become negative
+ * almost everywhere. */
 #define SIGNED_ZERO 32767.0
 #define TARGET_MEAN 0.2
 
 struct statistics {
-    double mean, maximum;
+    double mean;
 };
 
 /* Sums by frame, added in the order of the frames: the same bits at any rank count. */
@@ -20,7 +22,7 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
     const int64_t count = v2v_mem_product(info->views, image, 1);
     const struct v2v_part part =
         v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
-    double *sums = NULL, maximum = -DBL_MAX;
+    double *sums = NULL;
     float *views = NULL;
     rc = V2V_ALLOC(sums, "io.scaling", info->frames);
     if (rc == V2V_OK) {
@@ -30,13 +32,10 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
         rc = v2v_recording_read(recording, views, t);
         for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
             sums[t] += views[i];
-            maximum = views[i] > maximum ? views[i] : maximum;
         }
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_sum_f64(comm, sums, info->frames);
-    v2v_par_max_f64(comm, &maximum, 1);
-    statistics->maximum = maximum;
     statistics->mean = 0.0;
     for (int64_t t = 0; t < info->frames; t++) {
         statistics->mean += sums[t] / (double)count / (double)info->frames;
@@ -52,7 +51,7 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    struct statistics statistics = {0.0, 0.0};
+    struct statistics statistics = {0.0};
     scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
     scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
     if (settings->offset.mode == V2V_NUMBER_AUTO) {
@@ -62,7 +61,7 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
         V2V_TRY(measure(&statistics, recording, comm));
     }
-    if (guess && statistics.maximum > SIGNED_ZERO) {
+    if (guess && statistics.mean > SIGNED_ZERO) {
         scaling->offset = SIGNED_ZERO;
     }
     if (settings->gain.mode == V2V_NUMBER_AUTO) {

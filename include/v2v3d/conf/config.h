@@ -42,12 +42,11 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 
 /** Where a recording's frames lie in a stack of pages. */
 struct v2v_input_settings {
-    int64_t views;      /**< 0: as many as the PSF set has */
-    int64_t first_view; /**< page of the first frame's first view */
-    int64_t stride;     /**< pages from frame to frame; 0: `views` */
-    struct v2v_number
-        offset; /**< subtracted from the counts; auto: 32767 when the maximum is above */
-    struct v2v_number gain; /**< multiplied on; auto: the recording's mean becomes 0.2 */
+    int64_t views;            /**< 0: as many as the PSF set has */
+    int64_t first_view;       /**< page of the first frame's first view */
+    int64_t stride;           /**< pages from frame to frame; 0: `views` */
+    struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
+    struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
 };
 
 /** The needle-beam two-photon model of `psf simulate`. */

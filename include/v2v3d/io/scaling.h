@@ -16,7 +16,7 @@ struct v2v_scaling {
 };
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the
- * recording states, else 32767 when its maximum is above it, else 0; auto gain: the recording's
+ * recording states, else 32767 when its mean is above it, else 0; auto gain: the recording's
  * mean after the offset becomes 0.2 (REFERENCE.md 1). Reads all frames once when something is auto,
  * split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that is not

@@ -24,6 +24,7 @@ static struct v2v_recording *recording_of(const double values[8])
 }
 
 static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19}; /* mean 5 */
+static const double peaked[8] = {0, 0, 0, 0, 0, 0, 0, 40000}; /* mean 5000, all 16 bits used */
 static const double raised[8] = {32767, 32767, 32767, 32767, 32767, 32767, 32767, 32767 + 8};
 
 static void offset_and_gain_follow_their_modes(void **state)
@@ -36,6 +37,7 @@ static void offset_and_gain_follow_their_modes(void **state)
     } cases[] = {
         {dim, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.04},
         {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 32767, 0.2},
+        {peaked, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 0, 4e-5},
         {raised, {V2V_NUMBER_NONE, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.2 / 32768},
         {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_NONE, 0}, 32767, 1},
         {dim, {V2V_NUMBER_GIVEN, 3}, {V2V_NUMBER_AUTO, 0}, 3, 0.1},
