@@ -28,7 +28,7 @@ static const struct v2v_option options[] = {{.name = "output",
                                              .at = offsetof(struct arguments, max_time),
                                              .value = "TIME",
                                              .help = "most time for the training",
-                                             .initial = "200s"},
+                                             .initial = "260s"},
                                             {0}};
 
 enum v2v_status v2v_demo_path(char path[V2V_PATH_BYTES], const struct v2v_demo *demo,

@@ -151,10 +151,9 @@ done:
     return rc;
 }
 
-/* The number behind "total": of one line of metrics.jsonl; 0 when there is none. */
-static double total_of(const char *line)
+/* The number behind a key such as "\"total\":" in one line of metrics.jsonl; 0 without one. */
+static double number_of(const char *line, const char *key)
 {
-    static const char key[] = "\"total\":";
     const char *found = strstr(line, key);
     return found != NULL ? strtod(found + strlen(key), NULL) : 0.0;
 }
@@ -166,7 +165,7 @@ static enum v2v_status draw_loss(const struct v2v_demo *demo)
     FILE *file = NULL;
     char *line = NULL;
     size_t room = 0;
-    double *total = NULL;
+    double *total = NULL, step = 0.0;
     int64_t count = 0, most = demo->session->config.train.steps;
     struct v2v_canvas canvas = {0};
     V2V_TRY(V2V_ALLOC(total, "demo.loss", most));
@@ -176,9 +175,10 @@ static enum v2v_status draw_loss(const struct v2v_demo *demo)
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
     }
     while (count < most && getline(&line, &room, file) > 0) {
-        total[count++] = total_of(line);
+        total[count++] = number_of(line, "\"total\":");
+        step = number_of(line, "\"step\":");
     }
-    V2V_TRY(v2v_picture_curve(&canvas, total, count, "total loss, by line of metrics"));
+    V2V_TRY(v2v_picture_curve(&canvas, total, count, step, "total loss by step"));
     V2V_TRY(v2v_demo_path(path, demo, "loss.png"));
     V2V_TRY(v2v_png_write(path, canvas.rgb, canvas.height, canvas.width, 3));
 done:

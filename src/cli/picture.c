@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2 };
+enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2, ZOOM = 2 };
 static const uint32_t white = 0xffffff, grey = 0x808080, orange = 0xffa030;
 
 int v2v_picture_z_zoom(const struct v2v_volume_info *info)
@@ -34,11 +34,14 @@ done:
     return rc;
 }
 
+/* A part with each pixel repeated ZOOM x ZOOM. */
 static void blit(struct v2v_canvas *canvas, const struct v2v_canvas *part, int64_t y0, int64_t x0)
 {
-    for (int64_t y = 0; y < part->height; y++) {
-        memcpy(canvas->rgb + ((y0 + y) * canvas->width + x0) * 3, part->rgb + y * part->width * 3,
-               (size_t)(part->width * 3));
+    for (int64_t y = 0; y < part->height * ZOOM; y++) {
+        uint8_t *to = canvas->rgb + ((y0 + y) * canvas->width + x0) * 3;
+        for (int64_t x = 0; x < part->width * ZOOM; x++) {
+            memcpy(to + x * 3, part->rgb + (y / ZOOM * part->width + x / ZOOM) * 3, 3);
+        }
     }
 }
 
@@ -49,14 +52,14 @@ enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canv
     int64_t height = 0, width = GAP;
     for (int64_t i = 0; i < count; i++) {
         height = parts[i].height > height ? parts[i].height : height;
-        width += parts[i].width + GAP;
+        width += parts[i].width * ZOOM + GAP;
     }
-    V2V_TRY(v2v_canvas_init(canvas, height + LABEL_ROWS + GAP, width));
+    V2V_TRY(v2v_canvas_init(canvas, height * ZOOM + LABEL_ROWS + GAP, width));
     int64_t x = GAP;
     for (int64_t i = 0; i < count; i++) {
         v2v_canvas_text(canvas, GAP / 2, x, labels[i], LABEL_ZOOM, white);
         blit(canvas, &parts[i], LABEL_ROWS, x);
-        x += parts[i].width + GAP;
+        x += parts[i].width * ZOOM + GAP;
     }
 done:
     return rc;
@@ -70,7 +73,7 @@ static void label_value(struct v2v_canvas *canvas, int64_t y, int64_t x, double 
 }
 
 enum v2v_status v2v_picture_curve(struct v2v_canvas *canvas, const double *y, int64_t count,
-                                  const char *title)
+                                  double last, const char *title)
 {
     enum { HEIGHT = 320, WIDTH = 560, LEFT = 64, RIGHT = 16, TOP = 32, BOTTOM = 24 };
     enum v2v_status rc = V2V_OK;
@@ -102,7 +105,7 @@ enum v2v_status v2v_picture_curve(struct v2v_canvas *canvas, const double *y, in
     label_value(canvas, TOP, GAP / 2, high);
     label_value(canvas, HEIGHT - BOTTOM - GAP, GAP / 2, low);
     label_value(canvas, HEIGHT - BOTTOM + GAP, LEFT, 1.0);
-    label_value(canvas, HEIGHT - BOTTOM + GAP, WIDTH - LEFT, (double)count);
+    label_value(canvas, HEIGHT - BOTTOM + GAP, WIDTH - LEFT, last);
 done:
     return rc;
 }

@@ -12,12 +12,13 @@ int v2v_picture_z_zoom(const struct v2v_volume_info *info);
 enum v2v_status v2v_picture_frame(struct v2v_canvas *canvas, struct v2v_volume *volume, int64_t t,
                                   int z_zoom, double low, double high) V2V_MUST_CHECK;
 
-/** `count` pictures in a row, each under its label. @kind Local */
+/** `count` pictures in a row, twice as large, each under its label. @kind Local */
 enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
                                 const char *const *labels, int64_t count) V2V_MUST_CHECK;
 
-/** y against its index, on a logarithmic axis, with its first and last value. @kind Local */
+/** y against its index, on a logarithmic axis; `last` is written at the end of the x axis.
+ *  @kind Local */
 enum v2v_status v2v_picture_curve(struct v2v_canvas *canvas, const double *y, int64_t count,
-                                  const char *title) V2V_MUST_CHECK;
+                                  double last, const char *title) V2V_MUST_CHECK;
 
 #endif

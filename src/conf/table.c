@@ -100,7 +100,7 @@ const struct v2v_key v2v_key_table[] = {
     REAL(train, beta2, 0.0, 0.9999999, 0.999, "Adam: memory of the mean square"),
     REAL(train, epsilon, 1e-30, 1.0, 1e-8, "Adam: added to the root"),
     WHOLE(train, seed, 0, INT64_MAX, 1, "of crops, flips and initial weights"),
-    WORD(train, init, V2V_RULE_HE, "rule of fresh weights", "kaiming", "hash", "he"),
+    WORD(train, init, V2V_RULE_KAIMING, "rule of fresh weights", "kaiming", "hash", "he"),
     REAL(train, checkpoint_every_s, 0.0, 1e9, 600.0, "s; 0: after every step"),
     WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),
 

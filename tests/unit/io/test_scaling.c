@@ -23,7 +23,7 @@ static struct v2v_recording *recording_of(const double values[8])
     return recording;
 }
 
-static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19}; /* mean 5 */
+static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19};       /* mean 5 */
 static const double peaked[8] = {0, 0, 0, 0, 0, 0, 0, 40000}; /* mean 5000, all 16 bits used */
 static const double raised[8] = {32767, 32767, 32767, 32767, 32767, 32767, 32767, 32767 + 8};
 
