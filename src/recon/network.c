@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 
 /* Longest wait for one frame, seconds: 512 x 512 at full width takes minutes on two cores. */
@@ -25,11 +26,6 @@ struct job {
     float *branch[2];                    /* [z,y,x] in units of the recording; NULL likewise */
     float *mean;                         /* [z,y,x] */
 };
-
-static int64_t round_up(int64_t n)
-{
-    return (n + V2V_MODEL_GRID - 1) / V2V_MODEL_GRID * V2V_MODEL_GRID;
-}
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
 static int holds(const struct v2v_grid *grid, int b)
@@ -55,8 +51,8 @@ static enum v2v_status job_plan(struct job *job)
     job->slices = spec->slices;
     job->height = info->height;
     job->width = info->width;
-    job->padded_height = round_up(info->height);
-    job->padded_width = round_up(info->width);
+    job->padded_height = v2v_pad_size(info->height, V2V_MODEL_GRID);
+    job->padded_width = v2v_pad_size(info->width, V2V_MODEL_GRID);
     int64_t volume = v2v_mem_product(job->slices, job->height, job->width);
     V2V_TRY(V2V_ALLOC(job->recorded, "recon.views",
                       v2v_mem_product(job->views, job->height, job->width)));
@@ -84,31 +80,6 @@ static void job_fini(struct job *job)
     v2v_mem_free(job->mean);
     v2v_mem_free(job->padded);
     v2v_mem_free(job->recorded);
-}
-
-/** Place i of a line of n that is continued by reflection about its ends, which aren't repeated;
- *  to and fro as often as it takes. */
-static int64_t reflected(int64_t i, int64_t n)
-{
-    if (n == 1) {
-        return 0;
-    }
-    int64_t period = 2 * (n - 1), place = i % period;
-    return place < n ? place : period - place;
-}
-
-static void pad(struct job *job)
-{
-    for (int64_t v = 0; v < job->views; v++) {
-        for (int64_t y = 0; y < job->padded_height; y++) {
-            const float *in =
-                job->recorded + (v * job->height + reflected(y, job->height)) * job->width;
-            float *out = job->padded + (v * job->padded_height + y) * job->padded_width;
-            for (int64_t x = 0; x < job->padded_width; x++) {
-                out[x] = in[reflected(x, job->width)];
-            }
-        }
-    }
 }
 
 /** Cut the padding off branch b and bring it to the recording's units. */
@@ -146,7 +117,8 @@ static enum v2v_status compute(struct job *job, int64_t t)
     if (t >= 0) {
         V2V_TRY(v2v_recording_read(job->recording, job->recorded, t));
         v2v_scaling_apply(job->scaling, job->recorded, job->views * job->height * job->width);
-        pad(job);
+        v2v_pad_reflect(job->padded, job->recorded, job->views, job->height, job->width,
+                        job->padded_height, job->padded_width);
         v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
     }
     for (int b = 0; b < 2; b++) {
