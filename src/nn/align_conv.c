@@ -173,7 +173,8 @@ done:
 
 /* ---- full weights <-> merged weights ---- */
 
-/* Call visit for every full weight of output channel o that this region keeps. */
+/* Add the full weights of one output channel that this region keeps to their taps, or the taps back
+ * to the full weights: one is the adjoint of the other. */
 enum direction { FULL_TO_MERGED, MERGED_TO_FULL };
 
 static void add_channel(const struct v2v_align_conv *conv, const struct region *region,

@@ -13,7 +13,7 @@
 enum { STEPS = 4, LEVELS = 4 };
 
 /* The layers after the first, in the order of the computation; channels in units of the width n.
- * `half`: how often the input's sides have been halved. in 0: see the code; out -1: the slices. */
+ * `half`: how often the input's sides have been halved. An output of -1 is the slices. */
 enum {
     INIT2,
     INIT4,
