@@ -109,6 +109,17 @@ done:
     return rc;
 }
 
+/* Only where the parameters lie and the table of layers are taken over: nothing is planned yet. */
+enum v2v_status v2v_encoder_twin(struct v2v_encoder **twin, const struct v2v_encoder *encoder)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_ASSERT(encoder->batch == 0);
+    V2V_TRY(V2V_ALLOC(*twin, "encoder", 1));
+    **twin = *encoder;
+done:
+    return rc;
+}
+
 /* Every buffer of the workspace with its channels and the factor by which its sides are smaller. */
 struct slot {
     float **memory;

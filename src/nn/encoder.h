@@ -9,6 +9,9 @@ struct v2v_encoder;
 /* Declare the parameters (prefix "feat_extract"). */
 enum v2v_status v2v_encoder_create(struct v2v_encoder **encoder, struct v2v_fields *fields,
                                    int64_t features) V2V_MUST_CHECK;
+/* Another workspace for the same parameters. */
+enum v2v_status v2v_encoder_twin(struct v2v_encoder **twin,
+                                 const struct v2v_encoder *encoder) V2V_MUST_CHECK;
 void v2v_encoder_destroy(struct v2v_encoder **encoder);
 
 /* Workspace and primitives for `batch` views of [height,width] at once. */

@@ -17,9 +17,12 @@ struct v2v_model {
     int64_t ring; /* of zeros about the feature planes: the farthest tap */
     int64_t height, width;
     int training;
-    struct v2v_encoder *encoder;
-    struct v2v_unet *unet[BRANCHES]; /* NULL for a branch not held */
-    int32_t *views[BRANCHES];        /* network order */
+    /* One set of weights, a workspace for each branch's views: their gradients are summed branch by
+     * branch whether one rank holds both branches or two hold one each, to the same bits. NULL for
+     * a branch not held. */
+    struct v2v_encoder *encoder[BRANCHES];
+    struct v2v_unet *unet[BRANCHES];
+    int32_t *views[BRANCHES]; /* network order */
     int64_t view_count[BRANCHES];
     int32_t *held; /* views of all branches held, in batch order */
     int64_t held_count;
@@ -46,6 +49,12 @@ static int holds(const struct v2v_model *model, int branch)
     return (model->spec.branches >> branch & 1) != 0;
 }
 
+/* Without training its encoder takes all views, one after the other. */
+static int first_branch(const struct v2v_model *model)
+{
+    return holds(model, 0) ? 0 : 1;
+}
+
 static enum v2v_status list_views(struct v2v_model *model)
 {
     enum v2v_status rc = V2V_OK;
@@ -66,7 +75,11 @@ static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts 
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_model_spec *spec = &model->spec;
-    V2V_TRY(v2v_encoder_create(&model->encoder, &model->fields, spec->features));
+    int first = first_branch(model);
+    V2V_TRY(v2v_encoder_create(&model->encoder[first], &model->fields, spec->features));
+    if (first == 0 && holds(model, 1)) {
+        V2V_TRY(v2v_encoder_twin(&model->encoder[1], model->encoder[0]));
+    }
     for (int b = 0; b < BRANCHES; b++) {
         struct v2v_unet_spec unet = {.prefix = prefix[b],
                                      .views = model->views[b],
@@ -159,8 +172,8 @@ void v2v_model_destroy(struct v2v_model **model)
         return;
     }
     free_workspace(self);
-    v2v_encoder_destroy(&self->encoder);
     for (int b = 0; b < BRANCHES; b++) {
+        v2v_encoder_destroy(&self->encoder[b]);
         v2v_unet_destroy(&self->unet[b]);
         v2v_mem_free(self->views[b]);
     }
@@ -229,7 +242,6 @@ done:
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
 {
     enum v2v_status rc = V2V_OK;
-    int64_t batch = training ? model->held_count : 1;
     V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
     free_workspace(model);
     model->height = height;
@@ -239,8 +251,11 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     if (training && model->parameters.gradients == NULL) {
         V2V_TRY(V2V_ALLOC(model->parameters.gradients, "model.gradients", model->fields.total));
     }
-    V2V_TRY(v2v_encoder_plan(model->encoder, batch, height, width, model->spec.backend, training));
     for (int b = 0; b < BRANCHES; b++) {
+        if (model->encoder[b] != NULL && (training || b == first_branch(model))) {
+            V2V_TRY(v2v_encoder_plan(model->encoder[b], training ? model->view_count[b] : 1, height,
+                                     width, model->spec.backend, training));
+        }
         if (model->unet[b] != NULL) {
             V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0], height, width,
                                   training));
@@ -253,31 +268,42 @@ done:
 
 void v2v_model_weights_changed(struct v2v_model *model)
 {
-    v2v_encoder_weights_changed(model->encoder, &model->parameters);
     for (int b = 0; b < BRANCHES; b++) {
+        if (model->encoder[b] != NULL) {
+            v2v_encoder_weights_changed(model->encoder[b], &model->parameters);
+        }
         if (model->unet[b] != NULL) {
             v2v_unet_weights_changed(model->unet[b], &model->parameters);
         }
     }
 }
 
-static void encode(struct v2v_model *model, const float *views)
+static void encode_one_by_one(struct v2v_model *model, const float *views)
+{
+    struct v2v_encoder *encoder = model->encoder[first_branch(model)];
+    for (int64_t i = 0; i < model->held_count; i++) {
+        const float *view = views + model->held[i] * model->height * model->width;
+        v2v_padded_put(&model->features, model->held[i], v2v_encoder_forward(encoder, view));
+    }
+}
+
+/* First image of branch b among those of all branches held, of `size` floats each. */
+static int64_t batch_start(const struct v2v_model *model, int b, int64_t size)
+{
+    return b == first_branch(model) ? 0 : model->view_count[0] * size;
+}
+
+static void encode_branch(struct v2v_model *model, int b, const float *views)
 {
     int64_t pixels = model->height * model->width, features = model->spec.features;
-    if (!model->training) {
-        for (int64_t i = 0; i < model->held_count; i++) {
-            const float *f = v2v_encoder_forward(model->encoder, views + model->held[i] * pixels);
-            v2v_padded_put(&model->features, model->held[i], f);
-        }
-        return;
-    }
-    for (int64_t i = 0; i < model->held_count; i++) {
-        memcpy(model->batch + i * pixels, views + model->held[i] * pixels,
+    float *batch = model->batch + batch_start(model, b, pixels);
+    for (int64_t i = 0; i < model->view_count[b]; i++) {
+        memcpy(batch + i * pixels, views + model->views[b][i] * pixels,
                (size_t)pixels * sizeof *views);
     }
-    const float *f = v2v_encoder_forward(model->encoder, model->batch);
-    for (int64_t i = 0; i < model->held_count; i++) {
-        v2v_padded_put(&model->features, model->held[i], f + i * features * pixels);
+    const float *f = v2v_encoder_forward(model->encoder[b], batch);
+    for (int64_t i = 0; i < model->view_count[b]; i++) {
+        v2v_padded_put(&model->features, model->views[b][i], f + i * features * pixels);
     }
 }
 
@@ -293,13 +319,29 @@ void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, 
 {
     float *volume[BRANCHES] = {volume1, volume2};
     int64_t voxels = model->spec.slices * model->height * model->width;
-    encode(model, views);
+    if (!model->training) {
+        encode_one_by_one(model, views);
+    }
     for (int b = 0; b < BRANCHES; b++) {
         if (model->unet[b] != NULL) {
+            if (model->training) {
+                encode_branch(model, b, views);
+            }
             const float *output = v2v_unet_forward(model->unet[b], &model->features);
             scale(volume[b], output, voxels, (float)model->spec.volume_scale);
         }
     }
+}
+
+static void encode_back(struct v2v_model *model, int b)
+{
+    int64_t pixels = model->height * model->width, features = model->spec.features;
+    float *dbatch = model->dbatch + batch_start(model, b, features * pixels);
+    for (int64_t i = 0; i < model->view_count[b]; i++) {
+        v2v_padded_get(&model->dfeatures, model->views[b][i], dbatch + i * features * pixels);
+    }
+    v2v_encoder_backward(model->encoder[b], &model->parameters, dbatch,
+                         model->batch + batch_start(model, b, pixels));
 }
 
 void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2)
@@ -317,10 +359,7 @@ void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const fl
                   (float)model->spec.volume_scale);
             v2v_unet_backward(model->unet[b], &model->parameters, dfeatures, &model->features,
                               model->dvolume);
+            encode_back(model, b);
         }
     }
-    for (int64_t i = 0; i < model->held_count; i++) {
-        v2v_padded_get(dfeatures, model->held[i], model->dbatch + i * features * pixels);
-    }
-    v2v_encoder_backward(model->encoder, &model->parameters, model->dbatch, model->batch);
 }

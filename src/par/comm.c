@@ -18,7 +18,7 @@ struct v2v_comm {
     int rank;
     int size;
     int world_rank; /**< the rank that messages name */
-    int *scratch;   /**< 2 * size numbers: counts and offsets of a gather */
+    int *scratch;   /**< 4 * size numbers: counts and offsets of what is sent and received */
 };
 
 MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm)
@@ -49,7 +49,7 @@ static enum v2v_status comm_alloc(struct v2v_comm **comm, int size)
     *comm = NULL;
     V2V_TRY(V2V_ALLOC(fresh, "par.comm", 1));
     fresh->mpi = MPI_COMM_NULL;
-    V2V_TRY(V2V_ALLOC(fresh->scratch, "par.comm", 2 * (int64_t)size));
+    V2V_TRY(V2V_ALLOC(fresh->scratch, "par.comm", 4 * (int64_t)size));
     *comm = fresh;
     fresh = NULL;
 done:

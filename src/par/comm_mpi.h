@@ -9,7 +9,7 @@
 /** The communicator behind `comm`, borrowed; MPI_COMM_SELF for NULL. @kind Local. */
 MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm);
 
-/** 2 * size numbers that belong to the communicator; NULL for NULL. @kind Local. */
+/** 4 * size numbers that belong to the communicator; NULL for NULL. @kind Local. */
 int *v2v_comm_scratch(const struct v2v_comm *comm);
 
 #endif

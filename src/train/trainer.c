@@ -18,6 +18,22 @@ static unsigned held_branches(const struct v2v_grid *grid)
     return grid->branch_rank == 0 ? V2V_BRANCH_1 : V2V_BRANCH_2;
 }
 
+/* The arenas hold the encoder's fields, then those of the U-Nets held. */
+static void measure_fields(struct v2v_trainer *trainer, const struct v2v_fields *fields)
+{
+    static const char *const prefix[BRANCHES] = {"unet1.", "unet2."};
+    trainer->encoder_floats = fields->total;
+    for (int b = BRANCHES - 1; b >= 0; b--) {
+        int64_t end = trainer->encoder_floats;
+        for (int64_t i = fields->count - 1; i >= 0; i--) {
+            if (strncmp(fields->item[i].name, prefix[b], strlen(prefix[b])) == 0) {
+                trainer->encoder_floats = fields->item[i].offset;
+            }
+        }
+        trainer->unet_floats[b] = end - trainer->encoder_floats;
+    }
+}
+
 static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
@@ -32,11 +48,10 @@ static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2
     V2V_TRY(v2v_shifts_from_psf(&shifts, job->psf));
     V2V_TRY(v2v_model_create(&trainer->model, &spec, &shifts));
     const struct v2v_fields *fields = v2v_model_fields(trainer->model);
-    for (int64_t i = 0; i < fields->count; i++) {
-        if (strncmp(fields->item[i].name, "unet", 4) == 0) {
-            trainer->encoder_floats = fields->item[i].offset;
-            break;
-        }
+    measure_fields(trainer, fields);
+    if (job->config->train.batch > 1 || trainer->grid.data_size > 1) {
+        V2V_TRY(V2V_ALLOC(trainer->sum, "train.gradients", fields->total));
+        V2V_TRY(V2V_ALLOC(trainer->scratch, "train.gradients", V2V_PAR_SCRATCH));
     }
     V2V_TRY(V2V_ALLOC(trainer->m, "adam.m", fields->total));
     V2V_TRY(V2V_ALLOC(trainer->v, "adam.v", fields->total));
@@ -89,9 +104,9 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     v2v_loss_destroy(&trainer->loss);
     v2v_model_destroy(&trainer->model);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m,         trainer->v,         trainer->views,
-                       trainer->volume[0], trainer->volume[1], trainer->dvolume[0],
-                       trainer->dvolume[1]};
+    float *memory[] = {trainer->m,         trainer->v,          trainer->sum,
+                       trainer->scratch,   trainer->views,      trainer->volume[0],
+                       trainer->volume[1], trainer->dvolume[0], trainer->dvolume[1]};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
@@ -129,43 +144,59 @@ static void scale_gradients(struct v2v_trainer *trainer, double factor)
     }
 }
 
-/* Sum the gradients over the grid, the encoder's over all ranks, a U-Net's over its column, and
- * take the mean over the batch. Collective(world). */
-static void reduce_gradients(struct v2v_trainer *trainer)
+/* Add the gradients of this round's samples, the encoder's being the sum over both branches; the
+ * order of the sum is that of the samples on any grid. Collective(world). */
+static void collect_gradients(struct v2v_trainer *trainer)
 {
-    const struct v2v_grid *grid = &trainer->grid;
     float *gradients = v2v_model_gradients(trainer->model);
-    int64_t total = v2v_model_fields(trainer->model)->total, shared = trainer->encoder_floats;
-    v2v_par_sum_f32(grid->world, gradients, shared);
-    v2v_par_sum_f32(grid->column, gradients + shared, total - shared);
-    if (trainer->config->train.batch > 1) {
-        scale_gradients(trainer, 1.0 / (double)trainer->config->train.batch);
+    v2v_par_sum_f32(trainer->grid.pair, gradients, trainer->encoder_floats);
+    if (trainer->sum != NULL) {
+        v2v_par_add_ordered_f32(trainer->grid.column, trainer->sum, gradients,
+                                v2v_model_fields(trainer->model)->total, trainer->scratch);
     }
 }
 
-/* Sums over all ranks of what all must know: loss terms, squared gradient norm, votes. Each
- * branch's gradient is counted by its first rank, the encoder's by rank 0. Collective(world). */
+/* The mean over the batch, known to all. Collective(world). */
+static void finish_gradients(struct v2v_trainer *trainer)
+{
+    int64_t total = v2v_model_fields(trainer->model)->total;
+    if (trainer->sum == NULL) {
+        return;
+    }
+    v2v_par_share_f32(trainer->grid.column, trainer->sum, total);
+    memcpy(v2v_model_gradients(trainer->model), trainer->sum, (size_t)total * sizeof(float));
+    scale_gradients(trainer, 1.0 / (double)trainer->config->train.batch);
+}
+
+/* Sums over all ranks of what all must know: loss terms, squared gradient norms, votes. Each part
+ * of the gradient is counted by one rank, the first that holds it. Collective(world). */
 static void share_result(struct v2v_trainer *trainer, struct v2v_step_result *result, int vote)
 {
     const struct v2v_grid *grid = &trainer->grid;
     const float *gradients = v2v_model_gradients(trainer->model);
-    int64_t total = v2v_model_fields(trainer->model)->total, shared = trainer->encoder_floats;
-    enum { NORM = V2V_LOSS_TERMS, VOTES, POOLED };
+    enum { NORMS = V2V_LOSS_TERMS, VOTES = NORMS + 1 + BRANCHES, POOLED };
     double pool[POOLED] = {0.0};
     for (int i = 0; i < V2V_LOSS_TERMS; i++) {
         pool[i] = result->terms[i] / (double)trainer->config->train.batch;
     }
     if (!grid->idle && grid->data_rank == 0) {
-        pool[NORM] = v2v_sum_of_squares(gradients + shared, total - shared);
-        pool[NORM] += v2v_comm_rank(grid->world) == 0 ? v2v_sum_of_squares(gradients, shared) : 0.0;
+        if (v2v_comm_rank(grid->world) == 0) {
+            pool[NORMS] = v2v_sum_of_squares(gradients, trainer->encoder_floats);
+        }
+        gradients += trainer->encoder_floats;
+        for (int b = 0; b < BRANCHES; b++) {
+            pool[NORMS + 1 + b] = v2v_sum_of_squares(gradients, trainer->unet_floats[b]);
+            gradients += trainer->unet_floats[b];
+        }
     }
     pool[VOTES] = vote ? 1.0 : 0.0;
     v2v_par_sum_f64(grid->world, pool, POOLED);
     memcpy(result->terms, pool, sizeof result->terms);
-    result->grad_norm = sqrt(pool[NORM]);
+    double squares = pool[NORMS] + pool[NORMS + 1] + pool[NORMS + 2];
+    result->grad_norm = sqrt(squares);
     result->votes = (int)pool[VOTES];
     /* Adam squares every element in float32: where the whole sum fits, each square does */
-    result->finite = isfinite((float)pool[NORM]) && isfinite(result->terms[V2V_LOSS_TOTAL]);
+    result->finite = isfinite((float)squares) && isfinite(result->terms[V2V_LOSS_TOTAL]);
 }
 
 /* Scale a gradient that is longer than train.clip_norm down to it. */
@@ -192,7 +223,9 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
     const struct v2v_train_settings *settings = &trainer->config->train;
     const struct v2v_fields *fields = v2v_model_fields(trainer->model);
     *result = (struct v2v_step_result){0};
-    memset(v2v_model_gradients(trainer->model), 0, (size_t)fields->total * sizeof(float));
+    if (trainer->sum != NULL) {
+        memset(trainer->sum, 0, (size_t)fields->total * sizeof(float));
+    }
     int64_t rounds = (settings->batch + grid->data_size - 1) / grid->data_size;
     for (int64_t round = 0; round < rounds; round++) {
         int64_t sample = round * grid->data_size + grid->data_rank;
@@ -201,11 +234,13 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
             drawn = v2v_sampler_draw(trainer->sampler, trainer->views, step, sample);
         }
         V2V_TRY(v2v_par_agree(grid->world, drawn));
+        memset(v2v_model_gradients(trainer->model), 0, (size_t)fields->total * sizeof(float));
         if (mine) {
             run_sample(trainer, result->terms);
         }
+        collect_gradients(trainer);
     }
-    reduce_gradients(trainer);
+    finish_gradients(trainer);
     share_result(trainer, result, vote);
     if (result->finite) {
         struct v2v_adam adam = {.learning_rate = learning_rate(settings, step),

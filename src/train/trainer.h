@@ -15,6 +15,8 @@ struct v2v_trainer {
     struct v2v_loss *loss;
     float *m, *v;           /* Adam's moments, as the model's fields */
     int64_t encoder_floats; /* of the arenas: shared by both branches */
+    int64_t unet_floats[2]; /* behind them, 0 for a branch not held */
+    float *sum, *scratch;   /* of gradients over a batch's samples; NULL where there is one */
     float *views;           /* [v,y,x] of a sample */
     float *volume[2];       /* [z,y,x] of both branches */
     float *dvolume[2];

@@ -125,6 +125,39 @@ static void sum_f32_is_exact_for_no_one_and_more_than_one_piece_of_elements(void
     check_sum_f32(LARGE);
 }
 
+/* Magnitudes over seven decades: two orders of a sum differ in most elements. */
+static float contribution(int64_t item, int64_t i)
+{
+    return (float)((i * 7919 + item * 104729) % 10007) * (item % 2 == 0 ? 1.0f : 1e-7f);
+}
+
+static void ordered_sum_has_the_bits_of_the_sum_on_one_rank(void **state)
+{
+    (void)state;
+    enum { COUNT = 2 * V2V_PAR_SCRATCH + 77, ITEMS = 12 }; /* 12 = lcm(1, 2, 3, 4) */
+    float *sum = NULL, *x = NULL, *scratch = NULL, *alone = NULL;
+    assert_ok(V2V_ALLOC(sum, "test", COUNT));
+    assert_ok(V2V_ALLOC(x, "test", COUNT));
+    assert_ok(V2V_ALLOC(alone, "test", COUNT));
+    assert_ok(V2V_ALLOC(scratch, "test", V2V_PAR_SCRATCH));
+    for (int64_t item = 0; item < ITEMS; item++) {
+        for (int64_t i = 0; i < COUNT; i++) {
+            x[i] = contribution(item, i);
+            alone[i] += x[i];
+        }
+        if (item % size_of_world() != rank_of_world()) {
+            continue;
+        }
+        v2v_par_add_ordered_f32(test_world(), sum, x, COUNT, scratch);
+    }
+    v2v_par_share_f32(test_world(), sum, COUNT);
+    assert_memory_equal(sum, alone, COUNT * sizeof *sum);
+    float *memory[] = {sum, x, scratch, alone};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(memory[i]);
+    }
+}
+
 static void sums_and_maxima_of_the_other_types_are_exact(void **state)
 {
     (void)state;
@@ -294,6 +327,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(agree_takes_the_worst_code_of_the_lowest_rank_that_holds_it),
         cmocka_unit_test(agreeing_twice_names_the_rank_once),
         cmocka_unit_test(sum_f32_is_exact_for_no_one_and_more_than_one_piece_of_elements),
+        cmocka_unit_test(ordered_sum_has_the_bits_of_the_sum_on_one_rank),
         cmocka_unit_test(sums_and_maxima_of_the_other_types_are_exact),
         cmocka_unit_test(broadcast_brings_the_roots_bytes_to_all),
         cmocka_unit_test(allgather_places_uneven_parts),

@@ -1,0 +1,81 @@
+#include "par/comm_mpi.h"
+
+/* Elements are summed piece by piece; of a piece every rank sums one part. */
+static int64_t piece_length(const struct v2v_comm *comm)
+{
+    int64_t size = v2v_comm_size(comm);
+    V2V_ASSERT(size <= V2V_PAR_SCRATCH);
+    return V2V_PAR_SCRATCH / size * size;
+}
+
+static int64_t shorter(int64_t a, int64_t b)
+{
+    return a < b ? a : b;
+}
+
+static void add(float *sum, const float *x, int64_t count)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        sum[i] += x[i];
+    }
+}
+
+/* Every rank's part of a piece, as MPI's counts and offsets. */
+static void list_parts(const struct v2v_comm *comm, int *counts, int *offsets, int64_t count)
+{
+    int size = v2v_comm_size(comm);
+    for (int r = 0; r < size; r++) {
+        struct v2v_part part = v2v_par_part(count, size, r);
+        counts[r] = (int)part.count;
+        offsets[r] = (int)part.first;
+    }
+}
+
+static void add_piece(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
+                      float *scratch)
+{
+    int size = v2v_comm_size(comm);
+    int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
+    int *taken = offsets + size, *places = taken + size;
+    struct v2v_part mine = v2v_par_part(count, size, v2v_comm_rank(comm));
+    list_parts(comm, counts, offsets, count);
+    for (int r = 0; r < size; r++) {
+        taken[r] = (int)mine.count;
+        places[r] = (int)(r * mine.count);
+    }
+    MPI_Alltoallv(x, counts, offsets, MPI_FLOAT, scratch, taken, places, MPI_FLOAT,
+                  v2v_comm_mpi(comm));
+    for (int r = 0; r < size; r++) {
+        add(sum + mine.first, scratch + places[r], mine.count);
+    }
+}
+
+void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
+                             float *scratch)
+{
+    V2V_ASSERT(count >= 0);
+    if (v2v_comm_size(comm) == 1) {
+        add(sum, x, count);
+        return;
+    }
+    int64_t length = piece_length(comm);
+    for (int64_t i = 0; i < count; i += length) {
+        add_piece(comm, sum + i, x + i, shorter(count - i, length), scratch);
+    }
+}
+
+void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
+{
+    int size = v2v_comm_size(comm);
+    if (size == 1) {
+        return;
+    }
+    int64_t length = piece_length(comm);
+    int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
+    for (int64_t i = 0; i < count; i += length) {
+        list_parts(comm, counts, offsets, shorter(count - i, length));
+        MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, sum + i, counts, offsets, MPI_FLOAT,
+                       v2v_comm_mpi(comm));
+    }
+}
