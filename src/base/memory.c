@@ -6,6 +6,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/asan_interface.h>
@@ -86,6 +87,18 @@ static void account_give(int64_t index, size_t bytes)
     pthread_mutex_unlock(&account.lock);
 }
 
+/** Transforms and products walk through many places at once, more than the processor keeps page
+ *  addresses of 4 KB for. Only a wish: without it the same memory is slower. */
+static void ask_for_large_pages(char *raw, size_t bytes)
+{
+    const uintptr_t page = (uintptr_t)2 << 20;
+    uintptr_t first = ((uintptr_t)raw + page - 1) / page * page;
+    uintptr_t last = ((uintptr_t)raw + bytes) / page * page;
+    if (bytes >= 2 * page && last > first) {
+        (void)madvise(raw + (first - (uintptr_t)raw), last - first, MADV_HUGEPAGE);
+    }
+}
+
 /** calloc, aligned by hand: fresh pages come zeroed from the kernel and are touched only by whoever
  * uses them first, which memset would spoil. */
 static void *take(size_t bytes, int64_t label)
@@ -98,6 +111,7 @@ static void *take(size_t bytes, int64_t label)
     if (raw == NULL) {
         return NULL;
     }
+    ask_for_large_pages(raw, bytes);
     uintptr_t first = (uintptr_t)raw + sizeof(struct header);
     char *memory = raw + sizeof(struct header) + (ALIGNMENT - first % ALIGNMENT) % ALIGNMENT;
     struct header *header = (struct header *)(void *)memory - 1;

@@ -96,7 +96,7 @@ static enum v2v_status convolve(double *error, int backend)
                                  .kernel = 3,
                                  .stride = 1,
                                  .slope = 1.0f,
-                                 .backend = backend};
+                                 .method.backend = backend};
     V2V_TRY(V2V_ALLOC(in, "check.in", CHANNELS * SIDE * SIDE));
     V2V_TRY(V2V_ALLOC(out, "check.out", CHANNELS * SIDE * SIDE));
     V2V_TRY(V2V_ALLOC(weight, "check.weight", CHANNELS * CHANNELS * 9));

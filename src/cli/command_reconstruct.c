@@ -72,6 +72,8 @@ static enum v2v_status load_model(struct v2v_model **model, const char *path,
                                               : grid->branch_rank == 0 ? V2V_BRANCH_1
                                                                        : V2V_BRANCH_2,
                                   .backend = session->config.model.backend,
+                                  .winograd = session->config.model.winograd,
+                                  .every_slice = !session->config.model.merge,
                                   .volume_scale = info->volume_scale};
     V2V_TRY(v2v_shifts_from_psf(&shifts, psf));
     V2V_TRY(v2v_model_create(model, &spec, &shifts));

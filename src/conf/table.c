@@ -76,6 +76,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),
     WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),
+    BOOL(model, winograd, 1, "3 x 3 convolutions by minimal filtering where it is faster"),
+    BOOL(model, merge, 1, "merge the first convolution's taps that read the same pixel"),
     REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
 
     WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),

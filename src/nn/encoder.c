@@ -206,7 +206,7 @@ void v2v_encoder_destroy(struct v2v_encoder **encoder)
 }
 
 enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
-                                 int64_t width, int backend, int training)
+                                 int64_t width, const struct v2v_conv_method *method, int training)
 {
     enum v2v_status rc = V2V_OK;
     struct slot slot[MAX_SLOTS];
@@ -226,7 +226,7 @@ enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int
     int64_t layers = list_layers(list, encoder);
     for (int64_t i = 0; i < layers; i++) {
         V2V_TRY(v2v_layer_plan(list[i].layer, batch, height / list[i].factor,
-                               width / list[i].factor, backend, training));
+                               width / list[i].factor, method, training));
     }
 done:
     return rc;

@@ -16,7 +16,8 @@ void v2v_encoder_destroy(struct v2v_encoder **encoder);
 
 /* Workspace and primitives for `batch` views of [height,width] at once. */
 enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
-                                 int64_t width, int backend, int training) V2V_MUST_CHECK;
+                                 int64_t width, const struct v2v_conv_method *method,
+                                 int training) V2V_MUST_CHECK;
 void v2v_encoder_weights_changed(struct v2v_encoder *encoder,
                                  const struct v2v_parameters *parameters);
 

@@ -17,7 +17,7 @@ done:
 }
 
 enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
-                               int64_t width, int backend, int training)
+                               int64_t width, const struct v2v_conv_method *method, int training)
 {
     struct v2v_conv_spec spec = {.batch = batch,
                                  .in = layer->in,
@@ -27,7 +27,7 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                  .kernel = layer->kernel,
                                  .stride = layer->stride,
                                  .slope = layer->slope,
-                                 .backend = backend,
+                                 .method = *method,
                                  .training = training};
     v2v_conv_destroy(&layer->conv);
     return v2v_conv_create(&layer->conv, &spec);

@@ -25,7 +25,8 @@ enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fi
 
 /* (Re-)create the primitive for inputs of [batch,in,height,width]. */
 enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
-                               int64_t width, int backend, int training) V2V_MUST_CHECK;
+                               int64_t width, const struct v2v_conv_method *method,
+                               int training) V2V_MUST_CHECK;
 void v2v_layer_fini(struct v2v_layer *layer);
 
 /* The values of its parameters changed. A layer that is not planned has nothing to renew. */

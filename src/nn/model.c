@@ -31,6 +31,7 @@ struct v2v_model {
     float *dbatch;  /* [held,feature,y,x] training */
     float *dvolume; /* [z,y,x] scaled gradient, training */
     float *workspace[BRANCHES];
+    struct v2v_workspace shared; /* of all convolutions, one after the other */
 };
 
 static const char *const prefix[BRANCHES] = {"unet1", "unet2"};
@@ -70,6 +71,13 @@ done:
     return rc;
 }
 
+static struct v2v_conv_method method_of(struct v2v_model *model)
+{
+    return (struct v2v_conv_method){.backend = model->spec.backend,
+                                    .winograd = model->spec.winograd,
+                                    .workspace = &model->shared};
+}
+
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
 static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts *shifts)
 {
@@ -87,7 +95,8 @@ static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts 
                                      .features = spec->features,
                                      .slices = spec->slices,
                                      .width = spec->width,
-                                     .backend = spec->backend};
+                                     .every_slice = spec->every_slice,
+                                     .method = method_of(model)};
         if (holds(model, b)) {
             V2V_TRY(v2v_unet_create(&model->unet[b], &model->fields, &unet, shifts));
         }
@@ -159,6 +168,7 @@ static void free_workspace(struct v2v_model *model)
                         &model->workspace[1]};
     v2v_padded_fini(&model->features);
     v2v_padded_fini(&model->dfeatures);
+    v2v_workspace_fini(&model->shared);
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(*memory[i]);
         *memory[i] = NULL;
@@ -242,6 +252,7 @@ done:
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_conv_method method = method_of(model);
     V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
     free_workspace(model);
     model->height = height;
@@ -254,11 +265,11 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     for (int b = 0; b < BRANCHES; b++) {
         if (model->encoder[b] != NULL && (training || b == first_branch(model))) {
             V2V_TRY(v2v_encoder_plan(model->encoder[b], training ? model->view_count[b] : 1, height,
-                                     width, model->spec.backend, training));
+                                     width, &method, training));
         }
         if (model->unet[b] != NULL) {
-            V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0], height, width,
-                                  training));
+            V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0],
+                                  &model->features, training));
         }
     }
     v2v_model_weights_changed(model);

@@ -110,7 +110,8 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
                                         .features = spec->features,
                                         .out = 8 * spec->width,
                                         .slope = LEAKY,
-                                        .backend = spec->backend};
+                                        .every_slice = spec->every_slice,
+                                        .method = spec->method};
     V2V_TRY(V2V_ALLOC(self, "unet", 1));
     self->spec = *spec;
     self->first = (struct v2v_layer){.in = spec->view_count * spec->features * spec->slices,
@@ -210,10 +211,11 @@ static void free_which(struct v2v_unet *unet)
     }
 }
 
-enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace, int64_t height,
-                              int64_t width, int training)
+enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
+                              const struct v2v_padded *like, int training)
 {
     enum v2v_status rc = V2V_OK;
+    int64_t height = like->height, width = like->width;
     struct slot slot[MAX_SLOTS];
     unet->height = height;
     unet->width = width;
@@ -227,11 +229,11 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace, int64_t h
     for (int k = 0; k < LEVELS && training; k++) {
         V2V_TRY(V2V_ALLOC(unet->which[k], "unet.workspace", out_count(unet, DOWN1 + k) / 4));
     }
-    V2V_TRY(v2v_align_conv_plan(unet->align, height, width, training));
+    V2V_TRY(v2v_align_conv_plan(unet->align, like, training));
     for (int i = 0; i < LAYERS; i++) {
         int half = layer_table[i].half;
         V2V_TRY(v2v_layer_plan(&unet->layer[i], 1, height >> half, width >> half,
-                               unet->spec.backend, training));
+                               &unet->spec.method, training));
     }
 done:
     return rc;

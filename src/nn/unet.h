@@ -12,7 +12,8 @@ struct v2v_unet_spec {
     const int32_t *views; /* network order */
     int64_t view_count;
     int64_t features, slices, width;
-    int backend;
+    int every_slice;
+    struct v2v_conv_method method;
 };
 
 enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *fields,
@@ -20,11 +21,12 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
                                 const struct v2v_shifts *shifts) V2V_MUST_CHECK;
 void v2v_unet_destroy(struct v2v_unet **unet);
 
-/* Floats of workspace for frames of [height,width]; then plan with that much memory, borrowed. Two
+/* Floats of workspace for frames of [height,width]; then plan with that much memory, borrowed, and
+ * for features of the sizes of `like`. Two
  * U-Nets that don't train may share one workspace: what one leaves the other overwrites. */
 int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width, int training);
-enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace, int64_t height,
-                              int64_t width, int training) V2V_MUST_CHECK;
+enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
+                              const struct v2v_padded *like, int training) V2V_MUST_CHECK;
 void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters *parameters);
 
 /* The network's output [z,y,x]; it lives in the U-Net until the next call. */

@@ -15,12 +15,27 @@ struct v2v_conv {
     void *state;
 };
 
+/** With fewer tiles than a panel holds, reading the transformed weights would take longer than
+ *  multiplying. */
+enum { WINOGRAD_TILES = 32, WINOGRAD_SIDE = 4 };
+
+static int winograd_pays(const struct v2v_conv_spec *spec)
+{
+    int64_t rows = (spec->height + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
+    int64_t columns = (spec->width + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
+    return spec->method.winograd && spec->kernel == 3 && spec->stride == 1 &&
+           rows * columns >= WINOGRAD_TILES;
+}
+
 const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
 {
     if (spec->stride == 1 && spec->in * spec->out <= DIRECT_LIMIT) {
         return &v2v_conv_direct;
     }
-    return spec->backend == V2V_BACKEND_OPENBLAS ? &v2v_conv_openblas : &v2v_conv_onednn;
+    if (winograd_pays(spec)) {
+        return &v2v_conv_winograd;
+    }
+    return spec->method.backend == V2V_BACKEND_OPENBLAS ? &v2v_conv_openblas : &v2v_conv_onednn;
 }
 
 static enum v2v_status check_spec(const struct v2v_conv_spec *spec)
@@ -103,25 +118,21 @@ void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v
     }
 }
 
-/** Rows are summed in float32, the rows' sums in double precision: the error does not grow with the
- *  frame. */
-static void add_bias_gradient(const struct v2v_conv_spec *spec, float *dbias, const float *dout)
+void v2v_bias_gradient(float *dbias, const float *dout, int64_t channels, int64_t pixels,
+                       int64_t run)
 {
-    int64_t rows = conv_out_height(spec);
-    int64_t columns = conv_out_width(spec);
 #pragma omp parallel for schedule(static)
-    for (int64_t c = 0; c < spec->out; c++) {
+    for (int64_t c = 0; c < channels; c++) {
         double sum = 0.0;
-        for (int64_t n = 0; n < spec->batch; n++) {
-            const float *plane = dout + (n * spec->out + c) * rows * columns;
-            for (int64_t y = 0; y < rows; y++) {
-                float row = 0.0f;
-#pragma omp simd reduction(+ : row)
-                for (int64_t x = 0; x < columns; x++) {
-                    row += plane[y * columns + x];
-                }
-                sum += (double)row;
+        for (int64_t first = 0; first < pixels; first += run) {
+            int64_t count = pixels - first < run ? pixels - first : run;
+            const float *pixel = dout + c * pixels + first;
+            float part = 0.0f;
+#pragma omp simd reduction(+ : part)
+            for (int64_t x = 0; x < count; x++) {
+                part += pixel[x];
             }
+            sum += (double)part;
         }
         dbias[c] += (float)sum;
     }
@@ -132,5 +143,9 @@ void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbi
 {
     V2V_ASSERT(conv->spec.training);
     conv->backend->backward_weights(conv->state, dweight, in, dout);
-    add_bias_gradient(&conv->spec, dbias, dout);
+    int64_t columns = conv_out_width(&conv->spec), pixels = conv_out_height(&conv->spec) * columns;
+    for (int64_t n = 0; n < conv->spec.batch; n++) {
+        v2v_bias_gradient(dbias, dout + n * conv->spec.out * pixels, conv->spec.out, pixels,
+                          columns);
+    }
 }

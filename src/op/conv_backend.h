@@ -19,6 +19,7 @@ struct v2v_conv_backend {
 extern const struct v2v_conv_backend v2v_conv_onednn;
 extern const struct v2v_conv_backend v2v_conv_openblas;
 extern const struct v2v_conv_backend v2v_conv_direct;
+extern const struct v2v_conv_backend v2v_conv_winograd;
 
 /** The backend that v2v_conv_create takes. @kind Local. */
 const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec);

@@ -43,7 +43,7 @@ static int64_t list_candidates(struct candidate *list, int32_t *of, const struct
 
 enum v2v_status v2v_taps_create(struct v2v_taps *taps, const struct v2v_shifts *shifts,
                                 const int32_t *views, int64_t count, unsigned rows,
-                                unsigned columns)
+                                unsigned columns, int merged)
 {
     enum v2v_status rc = V2V_OK;
     struct candidate *list = NULL;
@@ -55,7 +55,7 @@ enum v2v_status v2v_taps_create(struct v2v_taps *taps, const struct v2v_shifts *
     int64_t found = list_candidates(list, taps->of, shifts, views, count, rows, columns);
     qsort(list, (size_t)found, sizeof *list, by_view_row_column);
     for (int64_t i = 0; i < found; i++) {
-        if (i == 0 || by_view_row_column(&list[i - 1], &list[i]) != 0) {
+        if (i == 0 || !merged || by_view_row_column(&list[i - 1], &list[i]) != 0) {
             taps->tap[taps->count++] = list[i].tap;
         }
         taps->of[list[i].place] = (int32_t)(taps->count - 1);

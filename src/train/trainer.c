@@ -44,6 +44,8 @@ static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2
                                   .features = job->config->model.features,
                                   .branches = held_branches(&trainer->grid),
                                   .backend = job->config->model.backend,
+                                  .winograd = job->config->model.winograd,
+                                  .every_slice = !job->config->model.merge,
                                   .volume_scale = job->config->model.volume_scale};
     V2V_TRY(v2v_shifts_from_psf(&shifts, job->psf));
     V2V_TRY(v2v_model_create(&trainer->model, &spec, &shifts));

@@ -117,6 +117,7 @@ struct v2v_config {
         int64_t width;       /**< the paper's n = 128 */
         int64_t features;    /**< per view, 4 */
         int backend;         /**< enum v2v_backend */
+        int winograd, merge; /**< how the network's convolutions are computed */
         double volume_scale; /**< volume = this * the network's output */
     } model;
     struct v2v_loss_settings loss;

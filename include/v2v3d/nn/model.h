@@ -39,6 +39,9 @@ struct v2v_model_spec {
     int64_t views, slices, width, features;
     unsigned branches;   /**< V2V_BRANCH_...: what this rank holds */
     int backend;         /**< enum v2v_backend */
+    int winograd;        /**< 1: 3 x 3 convolutions by minimal filtering where it is faster */
+    int every_slice;     /**< 1: the first convolution takes every slice by itself, as the
+                              reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
 };
 

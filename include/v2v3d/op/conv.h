@@ -22,11 +22,20 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/op/workspace.h"
 #include <stdint.h>
 
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/** What computes convolutions. */
+struct v2v_conv_method {
+    int backend;  /**< enum v2v_backend; layers of few channels take our own direct kernel whatever
+                       the backend, where that is faster */
+    int winograd; /**< 1: minimal filtering for 3 x 3 kernels of stride 1 where it is faster */
+    struct v2v_workspace *workspace; /**< shared by all operators; needed with winograd */
+};
 
 /** Convolution with bias, zero padding (kernel-1)/2. */
 struct v2v_conv_spec {
@@ -35,9 +44,8 @@ struct v2v_conv_spec {
     int kernel;            /**< 1 or 3 */
     int stride;            /**< 1 or 2 */
     float slope;           /**< negative slope of the fused activation, 1: none */
-    int backend;           /**< enum v2v_backend; layers of few channels take our own direct kernel
-                                whatever the backend, where that is faster */
     int training;          /**< backward will be called */
+    struct v2v_conv_method method;
 };
 
 struct v2v_conv;
@@ -64,6 +72,11 @@ void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout
 /** dweight += , dbias += . @kind Local. */
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout);
+
+/** dbias [channels] += sums over the pixels of dout [channels,pixels]: rows of `run` pixels in
+ *  float32, their sums in double precision. @kind Local. */
+void v2v_bias_gradient(float *dbias, const float *dout, int64_t channels, int64_t pixels,
+                       int64_t run);
 
 #ifdef __cplusplus
 }

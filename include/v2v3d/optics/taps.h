@@ -28,11 +28,12 @@ struct v2v_taps {
  * column of positions is left out. */
 enum { V2V_TAPS_ALL = 7, V2V_TAPS_NOT_FIRST = 6, V2V_TAPS_NOT_LAST = 3 };
 
-/** Tabulate the taps of the listed views. @kind Local.
+/** Tabulate the taps of the listed views; `merged` 0: every (z,k,l) has its own, as the reference
+ *  computes. @kind Local.
  *  @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_taps_create(struct v2v_taps *taps, const struct v2v_shifts *shifts,
                                 const int32_t *views, int64_t count, unsigned rows,
-                                unsigned columns) V2V_MUST_CHECK;
+                                unsigned columns, int merged) V2V_MUST_CHECK;
 void v2v_taps_fini(struct v2v_taps *taps);
 
 #ifdef __cplusplus

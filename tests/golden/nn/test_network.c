@@ -41,7 +41,7 @@ static void compare(const float *volume, const char *dataset)
     test_release(golden);
 }
 
-static void run_network(int backend)
+static void run_network(int backend, int winograd, int every_slice)
 {
     struct v2v_psf_file psf = {0};
     struct v2v_shifts shifts = {0};
@@ -64,6 +64,8 @@ static void run_network(int backend)
                                   .features = 4,
                                   .branches = V2V_BRANCH_BOTH,
                                   .backend = backend,
+                                  .winograd = winograd,
+                                  .every_slice = every_slice,
                                   .volume_scale = 1.0};
     assert_ok(v2v_model_create(&model, &spec, &shifts));
     int64_t seed = (int64_t)test_h5_attribute(golden_path, "/", "seed");
@@ -89,7 +91,7 @@ static void network_matches_golden_volumes_with_onednn(void **state)
     if (!find_data()) {
         skip();
     }
-    run_network(V2V_BACKEND_ONEDNN);
+    run_network(V2V_BACKEND_ONEDNN, 0, 0);
 }
 
 static void network_matches_golden_volumes_with_openblas(void **state)
@@ -98,7 +100,25 @@ static void network_matches_golden_volumes_with_openblas(void **state)
     if (!find_data()) {
         skip();
     }
-    run_network(V2V_BACKEND_OPENBLAS);
+    run_network(V2V_BACKEND_OPENBLAS, 0, 0);
+}
+
+static void network_matches_golden_volumes_with_winograd(void **state)
+{
+    (void)state;
+    if (!find_data()) {
+        skip();
+    }
+    run_network(V2V_BACKEND_ONEDNN, 1, 0);
+}
+
+static void network_matches_golden_volumes_with_winograd_and_every_slice_by_itself(void **state)
+{
+    (void)state;
+    if (!find_data()) {
+        skip();
+    }
+    run_network(V2V_BACKEND_ONEDNN, 1, 1);
 }
 
 int main(void)
@@ -106,6 +126,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(network_matches_golden_volumes_with_onednn),
         cmocka_unit_test(network_matches_golden_volumes_with_openblas),
+        cmocka_unit_test(network_matches_golden_volumes_with_winograd),
+        cmocka_unit_test(network_matches_golden_volumes_with_winograd_and_every_slice_by_itself),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,14 +11,14 @@
 /** Channels that are and are not multiples of a vector, odd sizes, one pixel; runs of several
  * strips for each backend (the direct kernel's and the strips of OpenBLAS hold few rows). */
 static const struct v2v_conv_spec cases[] = {
-    {1, 1, 4, 37, 21, 3, 1, 0.01f, 0, 1},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 0, 1},
-    {3, 4, 8, 21, 37, 1, 1, 1.0f, 0, 1},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 0, 1},
-    {1, 28, 16, 13, 33, 3, 1, 0.01f, 0, 1}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 0, 1},
-    {1, 5, 3, 1, 1, 3, 1, 0.01f, 0, 1},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 0, 1},
-    {1, 17, 33, 37, 21, 3, 1, 0.01f, 0, 1}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 0, 1},
-    {1, 2, 3, 40, 520, 3, 1, 0.01f, 0, 1},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 0, 1},
-    {1, 19, 5, 37, 21, 3, 2, 0.01f, 0, 1},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 0, 1},
-    {1, 64, 39, 12, 12, 3, 1, 0.01f, 0, 1}};
+    {1, 1, 4, 37, 21, 3, 1, 0.01f, 1, {0}},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 1, {0}},
+    {3, 4, 8, 21, 37, 1, 1, 1.0f, 1, {0}},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 1, {0}},
+    {1, 28, 16, 13, 33, 3, 1, 0.01f, 1, {0}}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 1, {0}},
+    {1, 5, 3, 1, 1, 3, 1, 0.01f, 1, {0}},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 1, {0}},
+    {1, 17, 33, 37, 21, 3, 1, 0.01f, 1, {0}}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 1, {0}},
+    {1, 2, 3, 40, 520, 3, 1, 0.01f, 1, {0}},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 1, {0}},
+    {1, 19, 5, 37, 21, 3, 2, 0.01f, 1, {0}},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 1, {0}},
+    {1, 64, 39, 12, 12, 3, 1, 0.01f, 1, {0}}};
 
 static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
                                                           &v2v_conv_openblas};
@@ -194,7 +194,7 @@ static void weight_gradient_matches_plain_loops_and_is_added(void **unused)
 static void frames_of_several_strips_match_plain_loops(void **unused)
 {
     (void)unused;
-    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 0, 1};
+    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 1, {0}};
     static const check checks[] = {check_forward, check_data, check_weights};
     for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
         for_one(&wide, checks[i]);
@@ -222,16 +222,22 @@ static void fused_activation_is_the_separate_one(void **unused)
     }
 }
 
-static void few_channels_take_the_direct_kernel_others_the_backend_asked_for(void **unused)
+static void
+few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend(void **unused)
 {
     (void)unused;
     struct v2v_conv_spec spec = cases[1];
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_direct);
     spec.stride = 2;
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
-    spec.backend = V2V_BACKEND_OPENBLAS;
+    spec.method.backend = V2V_BACKEND_OPENBLAS;
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_openblas);
-    spec = (struct v2v_conv_spec){1, 1024, 512, 128, 128, 3, 1, 0.01f, V2V_BACKEND_ONEDNN, 1};
+    spec = (struct v2v_conv_spec){
+        .batch = 1, .in = 1024, .out = 512, .height = 128, .width = 128, .kernel = 3, .stride = 1};
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
+    spec.method.winograd = 1;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_winograd);
+    spec.height = spec.width = 8;
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
 }
 
@@ -326,7 +332,8 @@ int main(void)
         cmocka_unit_test(weight_gradient_matches_plain_loops_and_is_added),
         cmocka_unit_test(frames_of_several_strips_match_plain_loops),
         cmocka_unit_test(fused_activation_is_the_separate_one),
-        cmocka_unit_test(few_channels_take_the_direct_kernel_others_the_backend_asked_for),
+        cmocka_unit_test(
+            few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend),
         cmocka_unit_test(a_nan_in_the_input_is_seen_in_the_output),
         cmocka_unit_test(sizes_that_overflow_are_refused),
         cmocka_unit_test(too_little_memory_is_a_failure_that_leaves_nothing_behind),

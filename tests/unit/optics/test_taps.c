@@ -46,7 +46,7 @@ static void every_kernel_position_has_its_tap(void **state)
     fill(&shifts, dy, dx);
     for (int r = 0; r < 3; r++) {
         struct v2v_taps taps;
-        assert_ok(v2v_taps_create(&taps, &shifts, listed, LISTED, rows[r], V2V_TAPS_ALL));
+        assert_ok(v2v_taps_create(&taps, &shifts, listed, LISTED, rows[r], V2V_TAPS_ALL, 1));
         for (int place = 0; place < LISTED * SLICES * 9; place++) {
             check_place(&taps, &shifts, place / 9 / SLICES, place / 9 % SLICES, place / 3 % 3,
                         place % 3, rows[r]);
@@ -63,7 +63,7 @@ static void taps_are_distinct_and_sorted(void **state)
     struct v2v_shifts shifts;
     struct v2v_taps taps;
     fill(&shifts, dy, dx);
-    assert_ok(v2v_taps_create(&taps, &shifts, listed, LISTED, V2V_TAPS_ALL, V2V_TAPS_ALL));
+    assert_ok(v2v_taps_create(&taps, &shifts, listed, LISTED, V2V_TAPS_ALL, V2V_TAPS_ALL, 1));
     for (int64_t t = 1; t < taps.count; t++) {
         const struct v2v_tap *a = &taps.tap[t - 1], *b = &taps.tap[t];
         assert_true(a->view < b->view || (a->view == b->view && a->y < b->y) ||
@@ -93,7 +93,7 @@ static void the_2psam_set_has_423_and_486_taps(void **state)
         for (int32_t v = b; v < 13; v += 2) {
             views[count++] = v;
         }
-        assert_ok(v2v_taps_create(&taps, &shifts, views, count, V2V_TAPS_ALL, V2V_TAPS_ALL));
+        assert_ok(v2v_taps_create(&taps, &shifts, views, count, V2V_TAPS_ALL, V2V_TAPS_ALL, 1));
         assert_int_equal(taps.count, golden[b]);
         v2v_taps_fini(&taps);
     }

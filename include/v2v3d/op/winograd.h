@@ -1,0 +1,60 @@
+#ifndef V2V3D_OP_WINOGRAD_H
+#define V2V3D_OP_WINOGRAD_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/op/workspace.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What a convolution reads as one input channel: pixel (y,x) is base[offset + y * pitch + x] for
+ *  y0 <= y < y1 and x0 <= x < x1, and zero elsewhere. */
+struct v2v_plane {
+    int64_t offset;
+    int64_t y0, y1, x0, x1;
+    int64_t owner; /**< planes that share memory are neighbours in the list and have one owner */
+};
+
+/** A 3 x 3 convolution of stride 1 by Winograd's minimal filtering, over planes that may lie
+ *  anywhere: 36 multiply-adds a channel pair for every tile of 4 x 4 outputs, not 144. */
+struct v2v_winograd_spec {
+    int64_t in, out;
+    int64_t height, width;         /**< of the output */
+    const struct v2v_plane *plane; /**< [in], copied */
+    int64_t pitch;
+    int half;    /**< 1: pixel (y,x) of a plane is read at (y/2, x/2): nearest upsampling by 2 */
+    float slope; /**< negative slope of the fused activation, 1: none */
+    int training;
+    int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
+    struct v2v_workspace *workspace; /**< shared with other operators */
+};
+
+struct v2v_winograd;
+
+/** Plan for the threads that OpenMP has now. @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
+                                    const struct v2v_winograd_spec *spec) V2V_MUST_CHECK;
+void v2v_winograd_destroy(struct v2v_winograd **winograd);
+
+/** Transform the weights; the bias is borrowed. @param weight [out,in,3,3] @param bias [out].
+ *  @kind Local. */
+void v2v_winograd_set_weights(struct v2v_winograd *winograd, const float *weight,
+                              const float *bias);
+
+/** out = leaky(conv + bias), [out,y,x]. @kind Local. */
+void v2v_winograd_forward(struct v2v_winograd *winograd, float *out, const float *base);
+
+/** Planes at `base` += adjoint of the convolution applied to dout [out,y,x]. @kind Local. */
+void v2v_winograd_backward_data(struct v2v_winograd *winograd, float *base, const float *dout);
+
+/** dweight [out,in,3,3] += . The sums' order depends on the sizes alone. @kind Local. */
+void v2v_winograd_backward_weights(struct v2v_winograd *winograd, float *dweight, const float *base,
+                                   const float *dout);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

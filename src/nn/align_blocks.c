@@ -1,0 +1,173 @@
+#include "nn/align_blocks.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/op/winograd.h"
+#include "v2v3d/optics/blocks.h"
+
+#include <string.h>
+
+enum { PLACES = 9 };
+
+/* Channels of the convolution: [view][feature][block of the view]. */
+struct v2v_align_blocks {
+    struct v2v_align_conv_spec spec;
+    int32_t *views; /* [view_count], owned */
+    struct v2v_blocks blocks;
+    int64_t channels;
+    float *weight; /* [out,channels,3,3]: of the blocks, or their gradient */
+    struct v2v_winograd *winograd;
+};
+
+enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
+                                        const struct v2v_shifts *shifts,
+                                        const struct v2v_align_conv_spec *spec)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_align_blocks *self = NULL;
+    V2V_TRY(V2V_ALLOC(self, "align_blocks", 1));
+    self->spec = *spec;
+    V2V_TRY(V2V_ALLOC(self->views, "align_blocks.views", spec->view_count));
+    memcpy(self->views, spec->views, (size_t)spec->view_count * sizeof *self->views);
+    V2V_TRY(v2v_blocks_create(&self->blocks, shifts, self->views, spec->view_count,
+                              !spec->every_slice));
+    self->channels = self->blocks.count * spec->features;
+    V2V_TRY(V2V_ALLOC(self->weight, "align_blocks.weights",
+                      v2v_mem_product(spec->out, self->channels, PLACES)));
+done:
+    if (rc != V2V_OK) {
+        v2v_align_blocks_destroy(&self);
+    }
+    *blocks = self;
+    return rc;
+}
+
+void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks)
+{
+    if (*blocks == NULL) {
+        return;
+    }
+    v2v_winograd_destroy(&(*blocks)->winograd);
+    v2v_blocks_fini(&(*blocks)->blocks);
+    v2v_mem_free((*blocks)->weight);
+    v2v_mem_free((*blocks)->views);
+    v2v_mem_free(*blocks);
+    *blocks = NULL;
+}
+
+/* First channel of a view's feature. */
+static int64_t first_channel(const struct v2v_align_blocks *self, int64_t i, int64_t feature)
+{
+    const int64_t *first = self->blocks.first;
+    return first[i] * self->spec.features + feature * (first[i + 1] - first[i]);
+}
+
+/* Plane of a block: pixel (y,x) is the feature at (y + block.y, x + block.x). */
+static struct v2v_plane plane_of(const struct v2v_align_blocks *self, const struct v2v_padded *like,
+                                 int64_t i, int64_t feature, int64_t b)
+{
+    const struct v2v_block *block = &self->blocks.block[b];
+    int64_t pitch = v2v_padded_pitch(like), ring = like->ring;
+    struct v2v_plane plane = {.offset = v2v_padded_offset(like, self->views[i], feature) +
+                                        block->y * pitch + block->x,
+                              .y1 = like->height,
+                              .x1 = like->width,
+                              .owner = i * self->spec.features + feature};
+    if (!self->spec.every_slice) {
+        plane.y0 = -ring - block->y;
+        plane.y1 = like->height + ring - block->y;
+        plane.x0 = -ring - block->x;
+        plane.x1 = like->width + ring - block->x;
+    }
+    return plane;
+}
+
+enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struct v2v_padded *like,
+                                      int training)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_plane *plane = NULL;
+    V2V_TRY(V2V_ALLOC(plane, "align_blocks.planes", self->channels));
+    for (int64_t i = 0; i < self->spec.view_count; i++) {
+        for (int64_t c = 0; c < self->spec.features; c++) {
+            struct v2v_plane *to = plane + first_channel(self, i, c);
+            for (int64_t b = self->blocks.first[i]; b < self->blocks.first[i + 1]; b++) {
+                *to++ = plane_of(self, like, i, c, b);
+            }
+        }
+    }
+    struct v2v_winograd_spec filter = {.in = self->channels,
+                                       .out = self->spec.out,
+                                       .height = like->height,
+                                       .width = like->width,
+                                       .plane = plane,
+                                       .pitch = v2v_padded_pitch(like),
+                                       .slope = self->spec.slope,
+                                       .training = training,
+                                       .workspace = self->spec.method.workspace};
+    v2v_winograd_destroy(&self->winograd);
+    V2V_TRY(v2v_winograd_create(&self->winograd, &filter));
+done:
+    v2v_mem_free(plane);
+    return rc;
+}
+
+/* Full weights [view,feature,z,3,3] of one output -> the blocks' weights, or the blocks' gradient
+ * added to that of the full weights: one is the adjoint of the other. */
+enum direction { FULL_TO_BLOCKS, BLOCKS_TO_FULL };
+
+static void add_output(const struct v2v_align_blocks *self, enum direction direction, float *merged,
+                       float *full)
+{
+    int64_t places = self->blocks.slices * PLACES;
+    for (int64_t i = 0; i < self->spec.view_count; i++) {
+        const int32_t *of = self->blocks.of + i * places;
+        for (int64_t c = 0; c < self->spec.features; c++) {
+            float *w = full + (i * self->spec.features + c) * places;
+            float *m = merged + (first_channel(self, i, c) - self->blocks.first[i]) * PLACES;
+            if (direction == FULL_TO_BLOCKS) {
+                for (int64_t place = 0; place < places; place++) {
+                    m[of[place]] += w[place];
+                }
+            } else {
+                for (int64_t place = 0; place < places; place++) {
+                    w[place] += m[of[place]];
+                }
+            }
+        }
+    }
+}
+
+void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *weight,
+                                  const float *bias)
+{
+    int64_t row = self->channels * PLACES;
+    int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < self->spec.out; o++) {
+        memset(self->weight + o * row, 0, (size_t)row * sizeof *self->weight);
+        add_output(self, FULL_TO_BLOCKS, self->weight + o * row,
+                   (float *)(uintptr_t)(weight + o * full));
+    }
+    v2v_winograd_set_weights(self->winograd, self->weight, bias);
+}
+
+void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
+                              const struct v2v_padded *features)
+{
+    v2v_winograd_forward(self->winograd, out, features->data);
+}
+
+void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
+                               struct v2v_padded *dfeatures, const struct v2v_padded *features,
+                               const float *dout)
+{
+    int64_t row = self->channels * PLACES;
+    int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
+    memset(self->weight, 0, (size_t)(self->spec.out * row) * sizeof *self->weight);
+    v2v_winograd_backward_weights(self->winograd, self->weight, features->data, dout);
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < self->spec.out; o++) {
+        add_output(self, BLOCKS_TO_FULL, self->weight + o * row, dweight + o * full);
+    }
+    v2v_winograd_backward_data(self->winograd, dfeatures->data, dout);
+}

@@ -1,0 +1,341 @@
+#include "nn/align_taps.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/op/gemm.h"
+#include "v2v3d/optics/taps.h"
+
+#include <string.h>
+
+/* The frame falls into nine regions: the middle, and the one-pixel border ring's edges and corners,
+ * where kernel rows or columns that leave the frame are left out. */
+enum { REGIONS = 9, CLASSES = 3, MIDDLE = REGIONS / 2 };
+
+/* Pixels of a strip that one matrix product takes: rows of patches stay in the last-level cache. */
+#define STRIP_PIXELS 1024
+
+static const unsigned class_taps[CLASSES] = {V2V_TAPS_NOT_FIRST, V2V_TAPS_ALL, V2V_TAPS_NOT_LAST};
+
+struct region {
+    int64_t y0, y1, x0, x1; /* half open */
+    struct v2v_taps taps;
+    float *weight; /* [out, taps*features] merged */
+};
+
+struct v2v_align_taps {
+    struct v2v_align_conv_spec spec;
+    int32_t *views; /* [view_count], owned */
+    int ring_only;
+    int64_t slices;
+    int64_t height, width;
+    int64_t columns; /* taps*features of the largest region */
+    const float *bias;
+    struct region region[REGIONS];
+    float *patch;   /* [columns, STRIP_PIXELS] */
+    float *strip;   /* [out, STRIP_PIXELS] */
+    float *dweight; /* [out, columns] training */
+};
+
+static int skips(const struct v2v_align_taps *conv, int region)
+{
+    return conv->ring_only && region == MIDDLE;
+}
+
+/* ---- creation ---- */
+
+enum v2v_status v2v_align_taps_create(struct v2v_align_taps **conv, const struct v2v_shifts *shifts,
+                                      const struct v2v_align_conv_spec *spec, int ring_only)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_align_taps *self = NULL;
+    V2V_TRY(V2V_ALLOC(self, "align_taps", 1));
+    self->spec = *spec;
+    self->slices = shifts->slices;
+    self->ring_only = ring_only;
+    V2V_TRY(V2V_ALLOC(self->views, "align_taps.views", spec->view_count));
+    memcpy(self->views, spec->views, (size_t)spec->view_count * sizeof *self->views);
+    self->spec.views = self->views;
+    for (int i = 0; i < REGIONS; i++) {
+        struct region *region = &self->region[i];
+        if (skips(self, i)) {
+            continue;
+        }
+        V2V_TRY(v2v_taps_create(&region->taps, shifts, self->views, spec->view_count,
+                                class_taps[i / CLASSES], class_taps[i % CLASSES],
+                                !spec->every_slice));
+        int64_t columns = region->taps.count * spec->features;
+        self->columns = columns > self->columns ? columns : self->columns;
+        V2V_TRY(V2V_ALLOC(region->weight, "align_taps.weights",
+                          v2v_mem_product(spec->out, columns, 1)));
+    }
+done:
+    if (rc != V2V_OK) {
+        v2v_align_taps_destroy(&self);
+    }
+    *conv = self;
+    return rc;
+}
+
+static void free_scratch(struct v2v_align_taps *conv)
+{
+    float **scratch[] = {&conv->patch, &conv->strip, &conv->dweight};
+    for (size_t i = 0; i < sizeof scratch / sizeof *scratch; i++) {
+        v2v_mem_free(*scratch[i]);
+        *scratch[i] = NULL;
+    }
+}
+
+void v2v_align_taps_destroy(struct v2v_align_taps **conv)
+{
+    if (*conv == NULL) {
+        return;
+    }
+    for (int i = 0; i < REGIONS; i++) {
+        v2v_taps_fini(&(*conv)->region[i].taps);
+        v2v_mem_free((*conv)->region[i].weight);
+    }
+    free_scratch(*conv);
+    v2v_mem_free((*conv)->views);
+    v2v_mem_free(*conv);
+    *conv = NULL;
+}
+
+enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height, int64_t width,
+                                    int training)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t y[CLASSES + 1] = {0, 1, height - 1, height};
+    const int64_t x[CLASSES + 1] = {0, 1, width - 1, width};
+    int64_t out = conv->spec.out;
+    conv->height = height;
+    conv->width = width;
+    for (int i = 0; i < REGIONS; i++) {
+        struct region *region = &conv->region[i];
+        region->y0 = y[i / CLASSES];
+        region->y1 = y[i / CLASSES + 1];
+        region->x0 = x[i % CLASSES];
+        region->x1 = x[i % CLASSES + 1];
+    }
+    free_scratch(conv);
+    int64_t pixels = width > STRIP_PIXELS ? width : STRIP_PIXELS;
+    V2V_TRY(V2V_ALLOC(conv->patch, "align_taps.patch", v2v_mem_product(conv->columns, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(conv->strip, "align_taps.strip", v2v_mem_product(out, pixels, 1)));
+    if (training) {
+        V2V_TRY(V2V_ALLOC(conv->dweight, "align_taps.gradient",
+                          v2v_mem_product(out, conv->columns, 1)));
+    }
+done:
+    return rc;
+}
+
+/* ---- full weights <-> merged weights ---- */
+
+/* Add the full weights of one output channel that this region keeps to their taps, or the taps back
+ * to the full weights: one is the adjoint of the other. */
+enum direction { FULL_TO_MERGED, MERGED_TO_FULL };
+
+static void add_channel(const struct v2v_align_taps *conv, const struct region *region,
+                        enum direction direction, float *merged, float *full)
+{
+    int64_t features = conv->spec.features, slices = conv->slices;
+    for (int64_t i = 0; i < conv->spec.view_count; i++) {
+        for (int64_t c = 0; c < features; c++) {
+            float *w = full + (i * features + c) * slices * 9;
+            const int32_t *of = region->taps.of + i * slices * 9;
+            for (int64_t place = 0; place < slices * 9; place++) {
+                if (of[place] < 0) {
+                    continue;
+                }
+                float *m = merged + of[place] * features + c;
+                if (direction == FULL_TO_MERGED) {
+                    *m += w[place];
+                } else {
+                    w[place] += *m;
+                }
+            }
+        }
+    }
+}
+
+void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight, const float *bias)
+{
+    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
+    conv->bias = bias;
+    for (int i = 0; i < REGIONS; i++) {
+        struct region *region = &conv->region[i];
+        if (skips(conv, i)) {
+            continue;
+        }
+        int64_t columns = region->taps.count * conv->spec.features;
+#pragma omp parallel for schedule(static)
+        for (int64_t o = 0; o < conv->spec.out; o++) {
+            float *merged = region->weight + o * columns;
+            memset(merged, 0, (size_t)columns * sizeof *merged);
+            add_channel(conv, region, FULL_TO_MERGED, merged,
+                        (float *)(uintptr_t)(weight + o * row));
+        }
+    }
+}
+
+static void add_full_gradient(const struct v2v_align_taps *conv, const struct region *region,
+                              float *dweight)
+{
+    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
+    int64_t columns = region->taps.count * conv->spec.features;
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < conv->spec.out; o++) {
+        add_channel(conv, region, MERGED_TO_FULL, conv->dweight + o * columns, dweight + o * row);
+    }
+}
+
+/* ---- strips ---- */
+
+/* Rows [y0,y1) of a region: what one matrix product takes. */
+struct strip {
+    const struct region *region;
+    int64_t y0, y1, width, pixels;
+};
+
+static struct strip strip_at(const struct region *region, int64_t y)
+{
+    struct strip strip = {.region = region, .y0 = y, .width = region->x1 - region->x0};
+    int64_t rows = STRIP_PIXELS / strip.width;
+    strip.y1 = y + (rows > 1 ? rows : 1);
+    strip.y1 = strip.y1 < region->y1 ? strip.y1 : region->y1;
+    strip.pixels = (strip.y1 - strip.y0) * strip.width;
+    return strip;
+}
+
+/* Where tap t of feature c reads for the strip's first pixel. */
+static float *tap_source(const struct v2v_align_taps *conv, const struct strip *strip,
+                         const struct v2v_padded *features, int64_t t, int64_t c)
+{
+    const struct v2v_tap *tap = &strip->region->taps.tap[t];
+    return features->data + v2v_padded_offset(features, conv->views[tap->view], c) +
+           (strip->y0 + tap->y) * v2v_padded_pitch(features) + strip->region->x0 + tap->x;
+}
+
+/* patch[(tap,feature), pixel] */
+static void gather(const struct v2v_align_taps *conv, const struct strip *strip,
+                   const struct v2v_padded *features)
+{
+    int64_t count = features->features, columns = strip->region->taps.count * count;
+#pragma omp parallel for schedule(static)
+    for (int64_t column = 0; column < columns; column++) {
+        const float *from = tap_source(conv, strip, features, column / count, column % count);
+        float *to = conv->patch + column * strip->pixels;
+        for (int64_t y = strip->y0; y < strip->y1; y++) {
+            memcpy(to, from, (size_t)strip->width * sizeof *to);
+            to += strip->width;
+            from += v2v_padded_pitch(features);
+        }
+    }
+}
+
+/* Adjoint of gather: add the patches to the planes, each plane by one thread. */
+static void scatter(const struct v2v_align_taps *conv, const struct strip *strip,
+                    struct v2v_padded *dfeatures)
+{
+    int64_t count = dfeatures->features;
+    const struct v2v_taps *taps = &strip->region->taps;
+#pragma omp parallel for schedule(dynamic)
+    for (int64_t owner = 0; owner < taps->views * count; owner++) {
+        for (int64_t t = 0; t < taps->count; t++) {
+            if (taps->tap[t].view != owner / count) {
+                continue;
+            }
+            float *to = tap_source(conv, strip, dfeatures, t, owner % count);
+            const float *from = conv->patch + (t * count + owner % count) * strip->pixels;
+            for (int64_t y = strip->y0; y < strip->y1; y++) {
+                for (int64_t x = 0; x < strip->width; x++) {
+                    to[x] += from[x];
+                }
+                to += v2v_padded_pitch(dfeatures);
+                from += strip->width;
+            }
+        }
+    }
+}
+
+/* ---- forward and backward ---- */
+
+static void finish_strip(const struct v2v_align_taps *conv, const struct strip *strip, float *out)
+{
+    float slope = conv->spec.slope;
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < conv->spec.out; o++) {
+        const float *from = conv->strip + o * strip->pixels;
+        for (int64_t y = strip->y0; y < strip->y1; y++) {
+            float *to = out + (o * conv->height + y) * conv->width + strip->region->x0;
+            for (int64_t x = 0; x < strip->width; x++) {
+                float value = from[x] + conv->bias[o];
+                to[x] = value > 0.0f ? value : slope * value;
+            }
+            from += strip->width;
+        }
+    }
+}
+
+void v2v_align_taps_forward(struct v2v_align_taps *conv, float *out,
+                            const struct v2v_padded *features)
+{
+    for (int i = 0; i < REGIONS; i++) {
+        const struct region *region = &conv->region[i];
+        if (skips(conv, i)) {
+            continue;
+        }
+        int64_t columns = region->taps.count * conv->spec.features;
+        for (int64_t y = region->y0; y < region->y1;) {
+            struct strip strip = strip_at(region, y);
+            gather(conv, &strip, features);
+            v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
+                     region->weight, columns, conv->patch, strip.pixels, 0.0f, conv->strip,
+                     strip.pixels);
+            finish_strip(conv, &strip, out);
+            y = strip.y1;
+        }
+    }
+}
+
+/* Copy the strip's part of dout to conv->strip. */
+static void take_strip(const struct v2v_align_taps *conv, const struct strip *strip,
+                       const float *dout)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < conv->spec.out; o++) {
+        float *to = conv->strip + o * strip->pixels;
+        for (int64_t y = strip->y0; y < strip->y1; y++) {
+            memcpy(to, dout + (o * conv->height + y) * conv->width + strip->region->x0,
+                   (size_t)strip->width * sizeof *to);
+            to += strip->width;
+        }
+    }
+}
+
+void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
+                             struct v2v_padded *dfeatures, const struct v2v_padded *features,
+                             const float *dout)
+{
+    int backend = conv->spec.method.backend;
+    int64_t out = conv->spec.out;
+    for (int i = 0; i < REGIONS; i++) {
+        const struct region *region = &conv->region[i];
+        if (skips(conv, i)) {
+            continue;
+        }
+        int64_t columns = region->taps.count * conv->spec.features;
+        memset(conv->dweight, 0, (size_t)(out * columns) * sizeof *conv->dweight);
+        for (int64_t y = region->y0; y < region->y1;) {
+            struct strip strip = strip_at(region, y);
+            int64_t pixels = strip.pixels;
+            gather(conv, &strip, features);
+            take_strip(conv, &strip, dout);
+            v2v_gemm(backend, 0, 1, out, columns, pixels, 1.0f, conv->strip, pixels, conv->patch,
+                     pixels, 1.0f, conv->dweight, columns);
+            v2v_gemm(backend, 1, 0, columns, pixels, out, 1.0f, region->weight, columns,
+                     conv->strip, pixels, 0.0f, conv->patch, pixels);
+            scatter(conv, &strip, dfeatures);
+            y = strip.y1;
+        }
+        add_full_gradient(conv, region, dweight);
+    }
+}

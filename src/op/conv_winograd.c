@@ -1,0 +1,97 @@
+/* Winograd's minimal filtering behind the interface of a backend: plain images, one after the
+ * other. */
+#include "op/conv_backend.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/op/winograd.h"
+
+#include <string.h>
+
+struct state {
+    int64_t batch, in_floats, out_floats; /* of an image */
+    struct v2v_winograd *winograd;
+};
+
+static void destroy(void *opaque)
+{
+    struct state *state = opaque;
+    if (state != NULL) {
+        v2v_winograd_destroy(&state->winograd);
+        v2v_mem_free(state);
+    }
+}
+
+static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_plane *plane = NULL;
+    struct state *state = NULL;
+    int64_t pixels = spec->height * spec->width;
+    V2V_ASSERT(spec->kernel == 3 && spec->stride == 1 && spec->method.workspace != NULL);
+    V2V_TRY(V2V_ALLOC(state, "conv", 1));
+    V2V_TRY(V2V_ALLOC(plane, "conv", spec->in));
+    for (int64_t i = 0; i < spec->in; i++) {
+        plane[i] = (struct v2v_plane){
+            .offset = i * pixels, .y1 = spec->height, .x1 = spec->width, .owner = i};
+    }
+    struct v2v_winograd_spec filter = {.in = spec->in,
+                                       .out = spec->out,
+                                       .height = spec->height,
+                                       .width = spec->width,
+                                       .plane = plane,
+                                       .pitch = spec->width,
+                                       .slope = spec->slope,
+                                       .training = spec->training,
+                                       .workspace = spec->method.workspace};
+    state->batch = spec->batch;
+    state->in_floats = spec->in * pixels;
+    state->out_floats = spec->out * pixels;
+    V2V_TRY(v2v_winograd_create(&state->winograd, &filter));
+    *opaque = state;
+    state = NULL;
+done:
+    v2v_mem_free(plane);
+    destroy(state);
+    return rc;
+}
+
+static void set_weights(void *opaque, const float *weight, const float *bias)
+{
+    struct state *state = opaque;
+    v2v_winograd_set_weights(state->winograd, weight, bias);
+}
+
+static void forward(void *opaque, float *out, const float *in)
+{
+    struct state *state = opaque;
+    for (int64_t n = 0; n < state->batch; n++) {
+        v2v_winograd_forward(state->winograd, out + n * state->out_floats,
+                             in + n * state->in_floats);
+    }
+}
+
+static void backward_data(void *opaque, float *din, const float *dout)
+{
+    struct state *state = opaque;
+    memset(din, 0, (size_t)(state->batch * state->in_floats) * sizeof *din);
+    for (int64_t n = 0; n < state->batch; n++) {
+        v2v_winograd_backward_data(state->winograd, din + n * state->in_floats,
+                                   dout + n * state->out_floats);
+    }
+}
+
+static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
+{
+    struct state *state = opaque;
+    for (int64_t n = 0; n < state->batch; n++) {
+        v2v_winograd_backward_weights(state->winograd, dweight, in + n * state->in_floats,
+                                      dout + n * state->out_floats);
+    }
+}
+
+const struct v2v_conv_backend v2v_conv_winograd = {.name = "Winograd",
+                                                   .create = create,
+                                                   .destroy = destroy,
+                                                   .set_weights = set_weights,
+                                                   .forward = forward,
+                                                   .backward_data = backward_data,
+                                                   .backward_weights = backward_weights};

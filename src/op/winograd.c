@@ -1,0 +1,423 @@
+/* Chunks of tile rows go through three stages, each over all threads: transform the input planes
+ * into values, multiply for every point of the transform, transform back. Values lie in panels of
+ * 32 tiles, [point][panel][channel][32]. The gradients are the exact adjoints of the three stages.
+ */
+#include "v2v3d/op/winograd.h"
+
+#include "op/panel_kernel.h"
+#include "op/winograd_kernel.h"
+#include "op/winograd_rows.h"
+#include "v2v3d/base/memory.h"
+
+#include <omp.h>
+#include <string.h>
+
+enum { TILES = PANEL_COLUMNS, FILTERS = PANEL_ROWS };
+
+/** Channels or tiles of one pass of products: a panel's share, 16 KB, stays in the first-level
+ *  cache, all left rows' share in the second-level one. */
+enum { DEPTH = 128 };
+
+/** Values of a chunk: few enough not to be the job's memory, enough that the weights are not read
+ *  from memory too often. */
+static const int64_t CHUNK_FLOATS = 32 << 20;
+
+struct v2v_winograd {
+    struct v2v_winograd_spec spec;
+    struct v2v_plane *plane;
+    const struct panel_kernel *panel;
+    const struct winograd_kernel *kernel;
+    int threads;
+    int64_t in8, out8, out32; /**< channels, filled up */
+    int64_t tiles_y, tiles_x;
+    int64_t chunk_rows, panels;       /**< of the largest chunk */
+    int64_t line_floats, pack_floats; /**< of one thread */
+    const float *bias;
+    float *weights; /**< [point][run of DEPTH inputs][out8/8][input of the run][8] */
+};
+
+static int64_t round_up(int64_t n, int64_t step)
+{
+    return (n + step - 1) / step * step;
+}
+
+static int64_t smaller(int64_t a, int64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- plan ---- */
+
+static void plan(struct v2v_winograd *self)
+{
+    const struct v2v_winograd_spec *spec = &self->spec;
+    self->in8 = round_up(spec->in, PANEL_ROWS);
+    self->out8 = round_up(spec->out, PANEL_ROWS);
+    self->out32 = round_up(spec->out, PANEL_COLUMNS);
+    self->tiles_y = (spec->height + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
+    self->tiles_x = (spec->width + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
+    int64_t row = WINOGRAD_VALUES * (self->in8 + self->out8) * self->tiles_x;
+    int64_t floats = spec->chunk_floats > 0 ? spec->chunk_floats : CHUNK_FLOATS;
+    int64_t most = floats / row > 1 ? floats / row : 1;
+    int64_t chunks = (self->tiles_y + most - 1) / most;
+    self->chunk_rows = (self->tiles_y + chunks - 1) / chunks;
+    self->panels = (self->chunk_rows * self->tiles_x + TILES - 1) / TILES;
+    self->line_floats = v2v_rows_floats(self->tiles_x);
+    int64_t pack = spec->training ? DEPTH * (self->in8 > self->out32 ? self->in8 : self->out32) : 0;
+    self->pack_floats = pack + DEPTH * PANEL_ROWS;
+}
+
+/* One buffer after the other: lines and packed operands of every thread, values of both sides. */
+static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **lines, float **packs,
+                       float **input, float **output, float **gradient)
+{
+    int64_t total = 0;
+    const struct {
+        float **place;
+        int64_t floats;
+    } part[] = {
+        {lines, self->threads * self->line_floats},
+        {packs, self->threads * self->pack_floats},
+        {input, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->in8)},
+        {output, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->out8)},
+        {gradient, self->spec.training ? WINOGRAD_VALUES * self->out32 * self->in8 : 0},
+    };
+    for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
+        if (memory != NULL) {
+            *part[i].place = memory + total;
+        }
+        total += round_up(part[i].floats, 16);
+    }
+    return total;
+}
+
+enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
+                                    const struct v2v_winograd_spec *spec)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_winograd *self = NULL;
+    V2V_TRY(V2V_ALLOC(self, "winograd", 1));
+    self->spec = *spec;
+    V2V_TRY(V2V_ALLOC(self->plane, "winograd", spec->in));
+    memcpy(self->plane, spec->plane, (size_t)spec->in * sizeof *self->plane);
+    self->panel = v2v_panel_choose();
+    self->kernel = v2v_winograd_choose();
+    self->threads = omp_get_max_threads();
+    plan(self);
+    V2V_TRY(V2V_ALLOC(self->weights, "conv.weights",
+                      v2v_mem_product(WINOGRAD_VALUES, self->out8, spec->in)));
+    V2V_TRY(
+        v2v_workspace_reserve(spec->workspace, lay_out(self, NULL, NULL, NULL, NULL, NULL, NULL)));
+done:
+    if (rc != V2V_OK) {
+        v2v_winograd_destroy(&self);
+    }
+    *winograd = self;
+    return rc;
+}
+
+void v2v_winograd_destroy(struct v2v_winograd **winograd)
+{
+    if (*winograd == NULL) {
+        return;
+    }
+    v2v_mem_free((*winograd)->plane);
+    v2v_mem_free((*winograd)->weights);
+    v2v_mem_free(*winograd);
+    *winograd = NULL;
+}
+
+/* ---- weights ---- */
+
+/* Place of the filters of 8 outputs from `out` on for input `in`, among those of a point. */
+static int64_t filters_at(const struct v2v_winograd *self, int64_t out, int64_t in)
+{
+    int64_t run = in / DEPTH * DEPTH, depth = smaller(DEPTH, self->spec.in - run);
+    return run * self->out8 + out * depth + (in - run) * FILTERS;
+}
+
+/* Filters of 8 outputs at a time: [9][8] taps -> [point][..][8]. */
+void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, const float *bias)
+{
+    int64_t in = self->spec.in, out = self->spec.out;
+    self->bias = bias;
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t first = 0; first < out; first += FILTERS) {
+        int64_t count = smaller(FILTERS, out - first);
+        float taps[9 * FILTERS] = {0};
+        for (int64_t i = 0; i < in; i++) {
+            for (int64_t o = 0; o < count; o++) {
+                const float *from = weight + ((first + o) * in + i) * 9;
+                for (int64_t k = 0; k < 9; k++) {
+                    taps[k * FILTERS + o] = from[k];
+                }
+            }
+            self->kernel->weights(self->weights + filters_at(self, first, i), self->out8 * in, taps,
+                                  FILTERS, FILTERS);
+        }
+    }
+}
+
+/* ---- stages ---- */
+
+/* A chunk of tile rows and the memory it uses. */
+struct chunk {
+    struct rows rows;
+    int64_t tiles, panels;
+    float *packs;
+    float *input, *output, *gradient;
+};
+
+static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first)
+{
+    struct chunk chunk = {0};
+    const struct v2v_winograd_spec *spec = &self->spec;
+    int64_t count = smaller(self->chunk_rows, self->tiles_y - first);
+    chunk.rows = (struct rows){.kernel = self->kernel,
+                               .first = first,
+                               .count = count,
+                               .tiles_x = self->tiles_x,
+                               .height = spec->height,
+                               .width = spec->width,
+                               .pitch = spec->pitch,
+                               .half = spec->half,
+                               .line_floats = self->line_floats};
+    chunk.tiles = count * self->tiles_x;
+    chunk.panels = (chunk.tiles + TILES - 1) / TILES;
+    chunk.rows.panels = chunk.panels;
+    (void)lay_out(self, spec->workspace->data, &chunk.rows.lines, &chunk.packs, &chunk.input,
+                  &chunk.output, &chunk.gradient);
+    return chunk;
+}
+
+static float *thread_pack(const struct v2v_winograd *self, const struct chunk *chunk)
+{
+    return chunk->packs + omp_get_thread_num() * self->pack_floats;
+}
+
+static void transform_input(const struct v2v_winograd *self, const struct chunk *chunk,
+                            const float *base)
+{
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t i = 0; i < self->spec.in; i++) {
+        v2v_rows_input(&chunk->rows, chunk->input + i * TILES, self->in8, base, &self->plane[i]);
+    }
+}
+
+static void transform_output(const struct v2v_winograd *self, const struct chunk *chunk, float *out)
+{
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t o = 0; o < self->spec.out; o++) {
+        v2v_rows_output(&chunk->rows, out + o * self->spec.height * self->spec.width,
+                        chunk->output + o * TILES, self->out8, self->bias[o], self->spec.slope);
+    }
+}
+
+static void transform_output_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
+                                      const float *dout)
+{
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t o = 0; o < self->spec.out; o++) {
+        v2v_rows_output_turned(&chunk->rows, chunk->output + o * TILES, self->out8,
+                               dout + o * self->spec.height * self->spec.width);
+    }
+}
+
+/* Planes of one owner overlap: one thread adds to them, in the list's order. */
+static void add_input_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
+                               float *base)
+{
+    int64_t in = self->spec.in;
+    const struct v2v_plane *plane = self->plane;
+#pragma omp parallel for schedule(dynamic) num_threads(self->threads)
+    for (int64_t first = 0; first < in; first++) {
+        if (first > 0 && plane[first].owner == plane[first - 1].owner) {
+            continue;
+        }
+        for (int64_t i = first; i < in && plane[i].owner == plane[first].owner; i++) {
+            v2v_rows_input_turned(&chunk->rows, base, &plane[i], chunk->input + i * TILES,
+                                  self->in8);
+        }
+    }
+}
+
+/* ---- products, for every point ---- */
+
+static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
+{
+    int64_t in = self->spec.in, out8 = self->out8;
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
+        const float *weights = self->weights + point * out8 * in;
+        const float *input = chunk->input + point * v2v_rows_point(chunk->panels, self->in8);
+        float *output = chunk->output + point * v2v_rows_point(chunk->panels, out8);
+        for (int64_t i = 0; i < in; i += DEPTH) {
+            for (int64_t panel = 0; panel < chunk->panels; panel++) {
+                for (int64_t o = 0; o < out8; o += PANEL_ROWS) {
+                    self->panel->product(
+                        output + (panel * out8 + o) * TILES, weights + filters_at(self, o, i),
+                        input + (panel * self->in8 + i) * TILES, smaller(DEPTH, in - i), i > 0);
+                }
+            }
+        }
+    }
+}
+
+/* Left operand of the data gradient: filters [out..][in] of a run of outputs, turned to
+ * [in/8][out][8]. */
+static void pack_filters(const struct v2v_winograd *self, float *pack, const float *weights,
+                         int64_t first, int64_t depth)
+{
+    int64_t in = self->spec.in;
+    for (int64_t i = 0; i < in; i += PANEL_ROWS) {
+        float *to = pack + i * depth;
+        int64_t rows = smaller(PANEL_ROWS, in - i);
+        for (int64_t o = 0; o < depth; o += PANEL_ROWS) {
+            const float *from = weights + filters_at(self, first + o, i);
+            float whole[PANEL_ROWS * PANEL_ROWS] = {0};
+            if (rows < PANEL_ROWS) {
+                memcpy(whole, from, (size_t)(rows * PANEL_ROWS) * sizeof *whole);
+                from = whole;
+            }
+            self->panel->turn(to + o * PANEL_ROWS, PANEL_ROWS, from, PANEL_ROWS);
+        }
+    }
+}
+
+static void multiply_data(const struct v2v_winograd *self, const struct chunk *chunk)
+{
+    int64_t out = self->spec.out, in8 = self->in8;
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
+        const float *weights = self->weights + point * self->out8 * self->spec.in;
+        const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
+        float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
+        float *pack = thread_pack(self, chunk);
+        for (int64_t o = 0; o < out; o += DEPTH) {
+            int64_t depth = smaller(DEPTH, self->out8 - o);
+            pack_filters(self, pack, weights, o, depth);
+            for (int64_t panel = 0; panel < chunk->panels; panel++) {
+                for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
+                    self->panel->product(input + (panel * in8 + i) * TILES, pack + i * depth,
+                                         output + (panel * self->out8 + o) * TILES,
+                                         smaller(DEPTH, out - o), o > 0);
+                }
+            }
+        }
+    }
+}
+
+/* Channels [first, first + 8) of a run of tiles, turned: [tile][step] from [panel][channels][32].
+ */
+static void turn_tiles(const struct v2v_winograd *self, float *to, int64_t step, const float *from,
+                       int64_t channels, int64_t first, int64_t tile, int64_t count)
+{
+    for (int64_t t = 0; t < count; t += PANEL_ROWS) {
+        int64_t panel = (tile + t) / TILES, lane = (tile + t) % TILES;
+        self->panel->turn(to + t * step, step, from + (panel * channels + first) * TILES + lane,
+                          TILES);
+    }
+}
+
+/* gradient[point][out/32][in8][32] (+)= sum over the chunk's tiles */
+static void multiply_weights(const struct v2v_winograd *self, const struct chunk *chunk, int add)
+{
+    int64_t in8 = self->in8, tiles = chunk->panels * TILES;
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
+        const float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
+        const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
+        float *gradient = chunk->gradient + point * self->out32 * in8;
+        float *left = thread_pack(self, chunk), *right = left + DEPTH * PANEL_ROWS;
+        for (int64_t t = 0; t < tiles; t += DEPTH) {
+            int64_t depth = smaller(DEPTH, tiles - t);
+            for (int64_t o = 0; o < self->out8; o += PANEL_ROWS) {
+                float *to = right + o / TILES * TILES * depth + o % TILES;
+                turn_tiles(self, to, TILES, output, self->out8, o, t, depth);
+            }
+            for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
+                turn_tiles(self, left, PANEL_ROWS, input, in8, i, t, depth);
+                for (int64_t o = 0; o < self->out32; o += TILES) {
+                    self->panel->product(gradient + (o * in8) + i * TILES, left, right + o * depth,
+                                         depth, add || t > 0);
+                }
+            }
+        }
+    }
+}
+
+/* Tiles that fill up the last panel take part in no sum. */
+static void clear_tail(const struct v2v_winograd *self, const struct chunk *chunk, float *values,
+                       int64_t channels)
+{
+    int64_t used = chunk->tiles % TILES, rows = WINOGRAD_VALUES * channels;
+    if (used == 0) {
+        return;
+    }
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t row = 0; row < rows; row++) {
+        int64_t point = row / channels, channel = row % channels;
+        float *last = values + point * v2v_rows_point(chunk->panels, channels) +
+                      (chunk->panels - 1) * channels * TILES;
+        memset(last + channel * TILES + used, 0, (size_t)(TILES - used) * sizeof *last);
+    }
+}
+
+/* ---- the three computations ---- */
+
+void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *base)
+{
+    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
+        struct chunk chunk = chunk_at(self, first);
+        transform_input(self, &chunk, base);
+        multiply(self, &chunk);
+        transform_output(self, &chunk, out);
+    }
+}
+
+void v2v_winograd_backward_data(struct v2v_winograd *self, float *base, const float *dout)
+{
+    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
+        struct chunk chunk = chunk_at(self, first);
+        transform_output_gradient(self, &chunk, dout);
+        multiply_data(self, &chunk);
+        add_input_gradient(self, &chunk, base);
+    }
+}
+
+static void add_weights_gradient(const struct v2v_winograd *self, float *dweight,
+                                 const float *gradient)
+{
+    int64_t in = self->spec.in, out = self->spec.out;
+#pragma omp parallel for schedule(static) num_threads(self->threads)
+    for (int64_t first = 0; first < out; first += TILES) {
+        int64_t count = smaller(TILES, out - first);
+        float taps[9 * TILES];
+        for (int64_t i = 0; i < in; i++) {
+            self->kernel->weights_turned(taps, TILES, gradient + first * self->in8 + i * TILES,
+                                         self->out32 * self->in8, count);
+            for (int64_t o = 0; o < count; o++) {
+                float *to = dweight + ((first + o) * in + i) * 9;
+                for (int64_t k = 0; k < 9; k++) {
+                    to[k] += taps[k * TILES + o];
+                }
+            }
+        }
+    }
+}
+
+void v2v_winograd_backward_weights(struct v2v_winograd *self, float *dweight, const float *base,
+                                   const float *dout)
+{
+    float *gradient = NULL;
+    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
+        struct chunk chunk = chunk_at(self, first);
+        transform_input(self, &chunk, base);
+        transform_output_gradient(self, &chunk, dout);
+        clear_tail(self, &chunk, chunk.input, self->in8);
+        clear_tail(self, &chunk, chunk.output, self->out8);
+        multiply_weights(self, &chunk, first > 0);
+        gradient = chunk.gradient;
+    }
+    add_weights_gradient(self, dweight, gradient);
+}

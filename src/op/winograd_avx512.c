@@ -1,0 +1,4 @@
+#define LANES 16
+#define TARGET __attribute__((target("arch=x86-64-v4,prefer-vector-width=512")))
+#define WINOGRAD_KERNEL v2v_winograd_avx512
+#include "op/winograd_template.h"

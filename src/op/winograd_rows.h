@@ -1,0 +1,44 @@
+/** Rows of tiles between images and panels of values: the transforms along both axes. The value of
+ *  point p, tile t, channel c is at values[p * point + (t/32 * channels + c) * 32 + t%32].
+ *  All functions take one channel and are called by one thread each.
+ */
+#ifndef OP_WINOGRAD_ROWS_H
+#define OP_WINOGRAD_ROWS_H
+
+#include "op/winograd_kernel.h"
+#include "v2v3d/op/winograd.h"
+
+struct rows {
+    const struct winograd_kernel *kernel;
+    int64_t first, count;  /**< rows of tiles */
+    int64_t tiles_x;       /**< tiles of a row */
+    int64_t panels;        /**< of the values */
+    int64_t height, width; /**< of the output image */
+    int64_t pitch;         /**< of the input planes */
+    int half;
+    float *lines; /**< scratch of all threads */
+    int64_t line_floats;
+};
+
+/** Floats from point to point: not a power of two, which would lead all points of a tile to the
+ *  same places of a cache. */
+int64_t v2v_rows_point(int64_t panels, int64_t channels);
+
+/** Scratch of one thread. */
+int64_t v2v_rows_floats(int64_t tiles_x);
+
+/** `values` points to the channel's first value of `channels`. */
+void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
+                    const struct v2v_plane *plane);
+/** Adjoint: adds to the plane. */
+void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2v_plane *plane,
+                           const float *values, int64_t channels);
+
+/** image [height,width] = leaky(values transformed back + bias) */
+void v2v_rows_output(const struct rows *rows, float *image, const float *values, int64_t channels,
+                     float bias, float slope);
+/** Adjoint, without bias and activation. */
+void v2v_rows_output_turned(const struct rows *rows, float *values, int64_t channels,
+                            const float *image);
+
+#endif

@@ -1,0 +1,280 @@
+/* Minimal filtering against the double-precision twin: every size of tail, upsampling, chunks. */
+#include "op/conv_backend.h"
+#include "support.h"
+#include "twin_conv.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/op/winograd.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Transforms grow a sum's moduli by at most 16 along each axis (48 at the worst output of a filter
+ * of ones, against 3), and round about ten times on the way. */
+#define GROWTH 256.0
+#define EPSILON 0x1p-24
+
+struct problem {
+    int64_t in, out, height, width;
+    int half;
+    int64_t chunk_floats;
+};
+
+/* Frames of less than a tile, of a tile and a bit, channels that fill no panel; the last ones in
+ * several chunks. */
+static const struct problem problems[] = {
+    {1, 1, 1, 1, 0, 0},     {3, 5, 4, 4, 0, 0},       {8, 32, 5, 9, 0, 0},
+    {40, 39, 50, 70, 0, 0}, {129, 33, 12, 36, 0, 0},  {7, 16, 12, 20, 1, 0},
+    {16, 8, 2, 2, 1, 0},    {24, 40, 36, 28, 0, 1},   {9, 17, 40, 12, 1, 36 * 24 * 3 * 2},
+    {1, 3, 3, 131, 0, 0},   {130, 136, 17, 33, 0, 1},
+};
+enum { PROBLEMS = sizeof problems / sizeof *problems };
+
+struct fixture {
+    struct v2v_conv_spec spec; /* of the twin */
+    struct v2v_workspace workspace;
+    struct v2v_winograd *winograd;
+    int64_t in_floats, small_floats, out_floats, weights;
+    float *small, *in, *dout, *weight, *bias; /* in: small with every pixel repeated */
+    float *out, *din, *dweight;
+    double *value, *moduli;
+};
+
+static float *draw(int64_t count, uint64_t stream)
+{
+    float *x = v2v_mem_alloc("test", count, sizeof *x);
+    assert_non_null(x);
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = (float)(2.0 * v2v_random_uniform(17, stream, (uint64_t)i) - 1.0);
+    }
+    return x;
+}
+
+static void repeat_pixels(float *to, const float *from, const struct problem *p)
+{
+    int64_t rows = p->height >> p->half, columns = p->width >> p->half;
+    for (int64_t i = 0; i < p->in * p->height * p->width; i++) {
+        int64_t c = i / (p->height * p->width), y = i / p->width % p->height, x = i % p->width;
+        to[i] = from[(c * rows + (y >> p->half)) * columns + (x >> p->half)];
+    }
+}
+
+static struct v2v_plane *list_planes(const struct problem *p)
+{
+    int64_t rows = p->height >> p->half, columns = p->width >> p->half;
+    struct v2v_plane *plane = v2v_mem_alloc("test", p->in, sizeof *plane);
+    assert_non_null(plane);
+    for (int64_t i = 0; i < p->in; i++) {
+        plane[i] = (struct v2v_plane){i * rows * columns, 0, p->height, 0, p->width, i};
+    }
+    return plane;
+}
+
+static void fixture_init(struct fixture *f, const struct problem *p)
+{
+    *f = (struct fixture){.spec = {.batch = 1,
+                                   .in = p->in,
+                                   .out = p->out,
+                                   .height = p->height,
+                                   .width = p->width,
+                                   .kernel = 3,
+                                   .stride = 1,
+                                   .slope = 1.0f,
+                                   .training = 1}};
+    f->in_floats = p->in * p->height * p->width;
+    f->small_floats = p->in * (p->height >> p->half) * (p->width >> p->half);
+    f->out_floats = p->out * p->height * p->width;
+    f->weights = p->out * p->in * 9;
+    int64_t most = f->in_floats > f->out_floats ? f->in_floats : f->out_floats;
+    most = most > f->weights ? most : f->weights;
+    f->small = draw(f->small_floats, 1);
+    f->in = draw(f->in_floats, 2);
+    f->dout = draw(f->out_floats, 3);
+    f->weight = draw(f->weights, 4);
+    f->bias = draw(p->out, 5);
+    f->out = draw(f->out_floats, 6);
+    f->din = draw(f->small_floats, 7);
+    f->dweight = draw(f->weights, 8);
+    assert_ok(V2V_ALLOC(f->value, "test", most));
+    assert_ok(V2V_ALLOC(f->moduli, "test", most));
+    repeat_pixels(f->in, f->small, p);
+    struct v2v_plane *plane = list_planes(p);
+    struct v2v_winograd_spec spec = {.in = p->in,
+                                     .out = p->out,
+                                     .height = p->height,
+                                     .width = p->width,
+                                     .plane = plane,
+                                     .pitch = p->width >> p->half,
+                                     .half = p->half,
+                                     .slope = 1.0f,
+                                     .training = 1,
+                                     .chunk_floats = p->chunk_floats,
+                                     .workspace = &f->workspace};
+    assert_ok(v2v_winograd_create(&f->winograd, &spec));
+    v2v_winograd_set_weights(f->winograd, f->weight, f->bias);
+    v2v_mem_free(plane);
+}
+
+static void fixture_fini(struct fixture *f)
+{
+    void *memory[] = {f->small, f->in,  f->dout,    f->weight, f->bias,
+                      f->out,   f->din, f->dweight, f->value,  f->moduli};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(memory[i]);
+    }
+    v2v_winograd_destroy(&f->winograd);
+    v2v_workspace_fini(&f->workspace);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* `terms` products a sum. */
+static void assert_close(const struct fixture *f, const float *x, int64_t count, int64_t terms)
+{
+    for (int64_t i = 0; i < count; i++) {
+        double bound = GROWTH * EPSILON * (double)(terms + 10) * f->moduli[i];
+        assert_true(fabs((double)x[i] - f->value[i]) <= bound);
+    }
+}
+
+static void forward_equals_the_twin(void **state)
+{
+    (void)state;
+    for (int j = 0; j < PROBLEMS; j++) {
+        struct fixture f;
+        fixture_init(&f, &problems[j]);
+        twin_conv_forward((struct twin){f.value, f.moduli}, &f.spec, f.in, f.weight, f.bias);
+        v2v_winograd_forward(f.winograd, f.out, f.small);
+        assert_close(&f, f.out, f.out_floats, f.spec.in);
+        fixture_fini(&f);
+    }
+}
+
+static void gradient_of_the_data_is_added_and_equals_the_twin(void **state)
+{
+    (void)state;
+    for (int j = 0; j < PROBLEMS; j++) {
+        const struct problem *p = &problems[j];
+        struct fixture f;
+        fixture_init(&f, p);
+        twin_conv_backward_data((struct twin){f.value, f.moduli}, &f.spec, f.dout, f.weight);
+        /* the adjoint of repeating pixels sums them; what was there stays */
+        int64_t rows = p->height >> p->half, columns = p->width >> p->half;
+        for (int64_t i = 0; i < f.in_floats && p->half; i++) {
+            int64_t c = i / (p->height * p->width), y = i / p->width % p->height, x = i % p->width;
+            int64_t to = (c * rows + y / 2) * columns + x / 2;
+            double value = f.value[i], moduli = f.moduli[i];
+            f.value[to] = y % 2 + x % 2 == 0 ? value : f.value[to] + value;
+            f.moduli[to] = y % 2 + x % 2 == 0 ? moduli : f.moduli[to] + moduli;
+        }
+        for (int64_t i = 0; i < f.small_floats; i++) {
+            f.value[i] += (double)f.din[i];
+            f.moduli[i] += fabs((double)f.din[i]);
+        }
+        v2v_winograd_backward_data(f.winograd, f.din, f.dout);
+        assert_close(&f, f.din, f.small_floats, f.spec.out);
+        fixture_fini(&f);
+    }
+}
+
+static void gradient_of_the_weights_is_added_and_equals_the_twin(void **state)
+{
+    (void)state;
+    for (int j = 0; j < PROBLEMS; j++) {
+        struct fixture f;
+        fixture_init(&f, &problems[j]);
+        twin_conv_backward_weights((struct twin){f.value, f.moduli}, &f.spec, f.in, f.dout);
+        for (int64_t i = 0; i < f.weights; i++) {
+            f.value[i] += (double)f.dweight[i];
+            /* every tile sees all of its values, though a tap near the border has fewer pixels */
+            f.moduli[i] += fabs((double)f.dweight[i]) + (double)(f.spec.height * f.spec.width);
+        }
+        v2v_winograd_backward_weights(f.winograd, f.dweight, f.small, f.dout);
+        assert_close(&f, f.dweight, f.weights, f.spec.height * f.spec.width / 16);
+        fixture_fini(&f);
+    }
+}
+
+static void relative_error_stays_small_with_many_channels(void **state)
+{
+    (void)state;
+    static const struct problem deep = {1024, 16, 16, 16, 0, 0};
+    struct fixture f;
+    fixture_init(&f, &deep);
+    double error = 0.0, size = 0.0;
+    twin_conv_forward((struct twin){f.value, f.moduli}, &f.spec, f.in, f.weight, f.bias);
+    v2v_winograd_forward(f.winograd, f.out, f.small);
+    for (int64_t i = 0; i < f.out_floats; i++) {
+        double d = (double)f.out[i] - f.value[i];
+        error += d * d;
+        size += f.value[i] * f.value[i];
+    }
+    print_message("1024 channels: relative L2 error %.1e\n", sqrt(error / size));
+    /* random round-off of the transforms, about ten roundings that grow fourfold along each axis */
+    assert_true(sqrt(error / size) <= 16.0 * sqrt(10.0) * EPSILON * 2.0);
+    fixture_fini(&f);
+}
+
+/* Planes that overlap, as shifted views do: pixels outside the bounds are zero. */
+static void shifted_planes_of_one_owner_read_and_add_up(void **state)
+{
+    (void)state;
+    enum { SIDE = 9, SHIFTS = 3, OUT = 2 };
+    static const int64_t shift[SHIFTS] = {-2, 0, 3};
+    float *image = draw(SIDE * SIDE, 1), *weight = draw(OUT * SHIFTS * 9, 2), *bias = draw(OUT, 3);
+    float *out = draw(OUT * SIDE * SIDE, 4), *dout = draw(OUT * SIDE * SIDE, 5);
+    float *dimage = NULL;
+    struct v2v_workspace workspace = {0};
+    struct v2v_winograd *winograd = NULL;
+    struct v2v_plane plane[SHIFTS];
+    for (int i = 0; i < SHIFTS; i++) {
+        plane[i] = (struct v2v_plane){shift[i], 0, SIDE, -shift[i], SIDE - shift[i], 0};
+    }
+    struct v2v_winograd_spec spec = {.in = SHIFTS,
+                                     .out = OUT,
+                                     .height = SIDE,
+                                     .width = SIDE,
+                                     .plane = plane,
+                                     .pitch = SIDE,
+                                     .slope = 1.0f,
+                                     .training = 1,
+                                     .workspace = &workspace};
+    assert_ok(V2V_ALLOC(dimage, "test", SIDE * SIDE));
+    memset(bias, 0, OUT * sizeof *bias);
+    assert_ok(v2v_winograd_create(&winograd, &spec));
+    v2v_winograd_set_weights(winograd, weight, bias);
+    v2v_winograd_forward(winograd, out, image);
+    double whole = 0.0, image_side = 0.0, sum = 0.0;
+    for (int i = 0; i < SHIFTS; i++) {
+        for (int k = 0; k < 9; k++) {
+            int64_t y = 4 + k / 3 - 1, x = 1 + k % 3 - 1 + shift[i];
+            sum += x >= 0 && x < SIDE ? (double)weight[i * 9 + k] * image[y * SIDE + x] : 0.0;
+        }
+    }
+    assert_true(fabs(sum - out[4 * SIDE + 1]) <= GROWTH * EPSILON * 27.0);
+    v2v_winograd_backward_data(winograd, dimage, dout);
+    for (int i = 0; i < OUT * SIDE * SIDE; i++) {
+        whole += (double)out[i] * dout[i];
+    }
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        image_side += (double)image[i] * dimage[i];
+    }
+    assert_true(fabs(whole - image_side) <= GROWTH * EPSILON * OUT * SIDE * SIDE * 27.0);
+    float *memory[] = {image, weight, bias, out, dout, dimage};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(memory[i]);
+    }
+    v2v_winograd_destroy(&winograd);
+    v2v_workspace_fini(&workspace);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(forward_equals_the_twin),
+        cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
+        cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
+        cmocka_unit_test(relative_error_stays_small_with_many_channels),
+        cmocka_unit_test(shifted_planes_of_one_owner_read_and_add_up),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
