@@ -102,7 +102,7 @@ void v2v_align_conv_backward(struct v2v_align_conv *conv, float *dweight, float 
                              struct v2v_padded *dfeatures, const struct v2v_padded *features,
                              float *dout)
 {
-    v2v_bias_gradient(dbias, dout, conv->spec.out, conv->height * conv->width, conv->width);
+    v2v_bias_gradient(dbias, dout, 1, conv->spec.out, conv->height, conv->width);
     if (conv->taps != NULL) {
         v2v_align_taps_backward(conv->taps, dweight, dfeatures, features, dout);
     }

@@ -118,18 +118,18 @@ void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v
     }
 }
 
-void v2v_bias_gradient(float *dbias, const float *dout, int64_t channels, int64_t pixels,
-                       int64_t run)
+void v2v_bias_gradient(float *dbias, const float *dout, int64_t batch, int64_t channels,
+                       int64_t rows, int64_t columns)
 {
 #pragma omp parallel for schedule(static)
     for (int64_t c = 0; c < channels; c++) {
         double sum = 0.0;
-        for (int64_t first = 0; first < pixels; first += run) {
-            int64_t count = pixels - first < run ? pixels - first : run;
-            const float *pixel = dout + c * pixels + first;
+        for (int64_t row = 0; row < batch * rows; row++) {
+            int64_t n = row / rows, y = row % rows;
+            const float *pixel = dout + ((n * channels + c) * rows + y) * columns;
             float part = 0.0f;
 #pragma omp simd reduction(+ : part)
-            for (int64_t x = 0; x < count; x++) {
+            for (int64_t x = 0; x < columns; x++) {
                 part += pixel[x];
             }
             sum += (double)part;
@@ -143,9 +143,6 @@ void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbi
 {
     V2V_ASSERT(conv->spec.training);
     conv->backend->backward_weights(conv->state, dweight, in, dout);
-    int64_t columns = conv_out_width(&conv->spec), pixels = conv_out_height(&conv->spec) * columns;
-    for (int64_t n = 0; n < conv->spec.batch; n++) {
-        v2v_bias_gradient(dbias, dout + n * conv->spec.out * pixels, conv->spec.out, pixels,
-                          columns);
-    }
+    v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out, conv_out_height(&conv->spec),
+                      conv_out_width(&conv->spec));
 }

@@ -13,6 +13,11 @@ static int blas_int(int64_t x)
     return (int)x;
 }
 
+static CBLAS_TRANSPOSE blas_transpose(int transpose)
+{
+    return transpose ? CblasTrans : CblasNoTrans;
+}
+
 void v2v_gemm(int backend, int transpose_a, int transpose_b, int64_t m, int64_t n, int64_t k,
               float alpha, const float *a, int64_t lda, const float *b, int64_t ldb, float beta,
               float *c, int64_t ldc)
@@ -23,9 +28,18 @@ void v2v_gemm(int backend, int transpose_a, int transpose_b, int64_t m, int64_t 
         V2V_ASSERT(status == dnnl_success);
         return;
     }
-    cblas_sgemm(CblasRowMajor, transpose_a ? CblasTrans : CblasNoTrans,
-                transpose_b ? CblasTrans : CblasNoTrans, blas_int(m), blas_int(n), blas_int(k),
-                alpha, a, blas_int(lda), b, blas_int(ldb), beta, c, blas_int(ldc));
+    cblas_sgemm(CblasRowMajor, blas_transpose(transpose_a), blas_transpose(transpose_b),
+                blas_int(m), blas_int(n), blas_int(k), alpha, a, blas_int(lda), b, blas_int(ldb),
+                beta, c, blas_int(ldc));
+}
+
+void v2v_gemm_f64(int transpose_a, int transpose_b, int64_t m, int64_t n, int64_t k, double alpha,
+                  const double *a, int64_t lda, const double *b, int64_t ldb, double beta,
+                  double *c, int64_t ldc)
+{
+    cblas_dgemm(CblasRowMajor, blas_transpose(transpose_a), blas_transpose(transpose_b),
+                blas_int(m), blas_int(n), blas_int(k), alpha, a, blas_int(lda), b, blas_int(ldb),
+                beta, c, blas_int(ldc));
 }
 
 void v2v_op_set_threads(int threads)

@@ -136,24 +136,35 @@ static int64_t filters_at(const struct v2v_winograd *self, int64_t out, int64_t 
     return run * self->out8 + out * depth + (in - run) * FILTERS;
 }
 
-/* Filters of 8 outputs at a time: [9][8] taps -> [point][..][8]. */
+/* Filters of 8 outputs and 2 inputs at a time, [9][2][8] taps: as they lie among the transformed
+ * ones, and a vector of the widest instruction set. */
+enum { PAIR = 2 * FILTERS };
+
+static void gather_taps(float *taps, const float *weight, int64_t in, int64_t inputs,
+                        int64_t outputs)
+{
+    for (int64_t o = 0; o < outputs; o++) {
+        for (int64_t i = 0; i < inputs; i++) {
+            const float *from = weight + (o * in + i) * 9;
+            for (int64_t k = 0; k < 9; k++) {
+                taps[k * PAIR + i * FILTERS + o] = from[k];
+            }
+        }
+    }
+}
+
 void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, const float *bias)
 {
     int64_t in = self->spec.in, out = self->spec.out;
     self->bias = bias;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
-    for (int64_t first = 0; first < out; first += FILTERS) {
-        int64_t count = smaller(FILTERS, out - first);
-        float taps[9 * FILTERS] = {0};
-        for (int64_t i = 0; i < in; i++) {
-            for (int64_t o = 0; o < count; o++) {
-                const float *from = weight + ((first + o) * in + i) * 9;
-                for (int64_t k = 0; k < 9; k++) {
-                    taps[k * FILTERS + o] = from[k];
-                }
-            }
-            self->kernel->weights(self->weights + filters_at(self, first, i), self->out8 * in, taps,
-                                  FILTERS, FILTERS);
+    for (int64_t o = 0; o < out; o += FILTERS) {
+        float taps[9 * PAIR] = {0};
+        for (int64_t i = 0; i < in; i += 2) {
+            int64_t inputs = smaller(2, in - i);
+            gather_taps(taps, weight + (o * in + i) * 9, in, inputs, smaller(FILTERS, out - o));
+            self->kernel->weights(self->weights + filters_at(self, o, i), self->out8 * in, taps,
+                                  PAIR, inputs * FILTERS);
         }
     }
 }
