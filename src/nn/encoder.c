@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/activation.h"
 #include "v2v3d/op/resample.h"
+#include "v2v3d/tensor/slots.h"
 
 #include <string.h>
 
@@ -10,7 +11,7 @@
 #define PREFIX "feat_extract"
 
 enum { BLOCKS = 6, LEVELS = 3, DEEP = 16, LEVEL_FEATURES = 4 };
-enum { CONCATENATED = DEEP + LEVELS * LEVEL_FEATURES };
+enum { CONCATENATED = DEEP + LEVELS * LEVEL_FEATURES, GRADIENTS = 3 };
 
 static const struct {
     const char *first, *second, *skip; /* skip NULL: the identity */
@@ -45,15 +46,17 @@ struct level {
 struct v2v_encoder {
     int64_t features;
     int64_t batch, height, width;
+    int training;
+    float *workspace; /* of all buffers below */
     struct v2v_layer entry, fuse, last;
     struct block block[BLOCKS];
     struct level level[LEVELS];
-    float *entered;      /* [batch,4,y,x] */
-    float *concatenated; /* [batch,28,y,x] */
-    float *fused;        /* [batch,16,y,x] */
-    float *output;       /* [batch,features,y,x] */
-    float *scratch;      /* [batch,16,y,x] */
-    float *gradient[3];  /* [batch,28,y,x], [batch,16,y,x] twice; training only */
+    float *entered;             /* [batch,4,y,x] */
+    float *concatenated;        /* [batch,28,y,x] */
+    float *fused;               /* [batch,16,y,x] */
+    float *output;              /* [batch,features,y,x] */
+    float *scratch;             /* [batch,16,y,x] */
+    float *gradient[GRADIENTS]; /* [batch,28,y,x], [batch,16,y,x] twice; training only */
 };
 
 static enum v2v_status declare_all(struct v2v_encoder *encoder, struct v2v_fields *fields)
@@ -120,48 +123,48 @@ done:
     return rc;
 }
 
-/* Every buffer of the workspace with its channels and the factor by which its sides are smaller. */
-struct slot {
-    float **memory;
-    int64_t channels;
-    int factor;
-    int training_only;
-};
+/* Steps of the computation: the entry, the blocks, the pyramid, the two last layers. Training keeps
+ * everything. */
+enum { ENTRY, BLOCK, PYRAMID = BLOCK + BLOCKS, FUSE, LAST, END };
 
-static int64_t list_slots(struct slot *slot, struct v2v_encoder *encoder)
+/* A buffer of `channels` images whose sides are smaller by `factor`. */
+static struct v2v_slot needed(const struct v2v_encoder *encoder, float **memory, int64_t channels,
+                              int factor, int first, int last)
+{
+    int64_t pixels = (encoder->height / factor) * (encoder->width / factor);
+    return (struct v2v_slot){.memory = memory,
+                             .floats = v2v_mem_product(encoder->batch, channels, pixels),
+                             .first = encoder->training ? ENTRY : first,
+                             .last = encoder->training ? END : last};
+}
+
+static int64_t list_slots(struct v2v_slot *slot, struct v2v_encoder *encoder)
 {
     int64_t n = 0;
-    slot[n++] = (struct slot){&encoder->entered, 4, 1, 0};
+    slot[n++] = needed(encoder, &encoder->entered, 4, 1, ENTRY, BLOCK);
     for (int b = 0; b < BLOCKS; b++) {
-        slot[n++] = (struct slot){&encoder->block[b].middle, block_table[b].out, 1, 0};
-        slot[n++] = (struct slot){&encoder->block[b].out, block_table[b].out, 1, 0};
+        struct block *block = &encoder->block[b];
+        int out = block_table[b].out, step = BLOCK + b;
+        slot[n++] = needed(encoder, &block->middle, out, 1, step, step);
+        slot[n++] = needed(encoder, &block->out, out, 1, step, step + 1);
     }
     for (int k = 0; k < LEVELS; k++) {
         struct level *level = &encoder->level[k];
-        slot[n++] = (struct slot){&level->pooled, DEEP, level->factor, 0};
-        slot[n++] = (struct slot){&level->small, LEVEL_FEATURES, level->factor, 0};
+        slot[n++] = needed(encoder, &level->pooled, DEEP, level->factor, PYRAMID, PYRAMID);
+        slot[n++] = needed(encoder, &level->small, LEVEL_FEATURES, level->factor, PYRAMID, PYRAMID);
     }
-    slot[n++] = (struct slot){&encoder->concatenated, CONCATENATED, 1, 0};
-    slot[n++] = (struct slot){&encoder->fused, DEEP, 1, 0};
-    slot[n++] = (struct slot){&encoder->output, encoder->features, 1, 0};
-    slot[n++] = (struct slot){&encoder->scratch, DEEP, 1, 0};
-    slot[n++] = (struct slot){&encoder->gradient[0], CONCATENATED, 1, 1};
-    slot[n++] = (struct slot){&encoder->gradient[1], DEEP, 1, 1};
-    slot[n++] = (struct slot){&encoder->gradient[2], DEEP, 1, 1};
+    slot[n++] = needed(encoder, &encoder->concatenated, CONCATENATED, 1, PYRAMID, FUSE);
+    slot[n++] = needed(encoder, &encoder->fused, DEEP, 1, FUSE, LAST);
+    slot[n++] = needed(encoder, &encoder->output, encoder->features, 1, LAST, END);
+    slot[n++] = needed(encoder, &encoder->scratch, DEEP, 1, BLOCK, BLOCK + BLOCKS - 1);
+    for (int k = 0; k < GRADIENTS && encoder->training; k++) {
+        int64_t channels = k == 0 ? CONCATENATED : DEEP;
+        slot[n++] = needed(encoder, &encoder->gradient[k], channels, 1, ENTRY, END);
+    }
     return n;
 }
 
-enum { MAX_SLOTS = 1 + 2 * BLOCKS + 2 * LEVELS + 7 };
-
-static void free_workspace(struct v2v_encoder *encoder)
-{
-    struct slot slot[MAX_SLOTS];
-    int64_t count = list_slots(slot, encoder);
-    for (int64_t i = 0; i < count; i++) {
-        v2v_mem_free(*slot[i].memory);
-        *slot[i].memory = NULL;
-    }
-}
+enum { MAX_SLOTS = 1 + 2 * BLOCKS + 2 * LEVELS + 4 + GRADIENTS };
 
 /* Every layer with the factor by which its input's sides are smaller. */
 struct planned {
@@ -200,7 +203,7 @@ void v2v_encoder_destroy(struct v2v_encoder **encoder)
     for (int64_t i = 0; i < count; i++) {
         v2v_layer_fini(list[i].layer);
     }
-    free_workspace(*encoder);
+    v2v_mem_free((*encoder)->workspace);
     v2v_mem_free(*encoder);
     *encoder = NULL;
 }
@@ -209,20 +212,17 @@ enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int
                                  int64_t width, const struct v2v_conv_method *method, int training)
 {
     enum v2v_status rc = V2V_OK;
-    struct slot slot[MAX_SLOTS];
+    struct v2v_slot slot[MAX_SLOTS];
     struct planned list[MAX_LAYERS];
-    free_workspace(encoder);
+    v2v_mem_free(encoder->workspace);
+    encoder->workspace = NULL;
     encoder->batch = batch;
     encoder->height = height;
     encoder->width = width;
-    int64_t slots = list_slots(slot, encoder);
-    for (int64_t i = 0; i < slots; i++) {
-        int64_t pixels = (height / slot[i].factor) * (width / slot[i].factor);
-        if (training || !slot[i].training_only) {
-            V2V_TRY(V2V_ALLOC(*slot[i].memory, "encoder.workspace",
-                              v2v_mem_product(batch, slot[i].channels, pixels)));
-        }
-    }
+    encoder->training = training;
+    int64_t slots = list_slots(slot, encoder), floats = v2v_slots_pack(slot, slots);
+    V2V_TRY(V2V_ALLOC(encoder->workspace, "encoder.workspace", floats));
+    v2v_slots_place(slot, slots, encoder->workspace);
     int64_t layers = list_layers(list, encoder);
     for (int64_t i = 0; i < layers; i++) {
         V2V_TRY(v2v_layer_plan(list[i].layer, batch, height / list[i].factor,

@@ -27,6 +27,7 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                  .kernel = layer->kernel,
                                  .stride = layer->stride,
                                  .slope = layer->slope,
+                                 .upsample = layer->upsample,
                                  .method = *method,
                                  .training = training};
     v2v_conv_destroy(&layer->conv);

@@ -10,6 +10,7 @@ struct v2v_layer {
     int64_t in, out;
     int kernel, stride;
     float slope;           /* negative slope of the activation after it, 1: none */
+    int upsample;          /* 1: the input is repeated 2 x 2 before it */
     struct v2v_conv *conv; /* NULL until planned */
 };
 

@@ -4,6 +4,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/op/activation.h"
 #include "v2v3d/op/resample.h"
+#include "v2v3d/tensor/slots.h"
 
 #include <string.h>
 
@@ -13,7 +14,8 @@
 enum { STEPS = 4, LEVELS = 4 };
 
 /* The layers after the first, in the order of the computation; channels in units of the width n.
- * `half`: how often the input's sides have been halved. An output of -1 is the slices. */
+ * `half`: how often the sides of what is convolved have been halved; `up`: the input is upsampled
+ * to that, it has half the sides. An output of -1 is the slices. */
 enum {
     INIT2,
     INIT4,
@@ -35,24 +37,24 @@ enum {
 
 static const struct {
     const char *name;
-    int in, out, stride, half;
+    int in, out, stride, half, up;
     float slope;
 } layer_table[LAYERS] = {
-    [INIT2] = {"init_conv.2", 8, 4, 1, 0, LEAKY},
-    [INIT4] = {"init_conv.4", 4, 2, 1, 0, LEAKY},
-    [INIT6] = {"init_conv.6", 2, 1, 2, 0, LEAKY},
-    [DOWN1] = {"encoder_1.conv.1", 1, 1, 1, 1, 1.0f},
-    [DOWN2] = {"encoder_2.conv.1", 1, 2, 1, 2, 1.0f},
-    [DOWN3] = {"encoder_3.conv.1", 2, 3, 1, 3, 1.0f},
-    [DOWN4] = {"encoder_4.conv.1", 3, 4, 1, 4, 1.0f},
-    [BOTTOM] = {"upscale_2.upscale.1", 4, 4, 1, 4, 1.0f},
-    [UP1] = {"decoder_1.decoder.1.upscale.1", 7, 3, 1, 3, 1.0f},
-    [UP2] = {"decoder_2.decoder.1.upscale.1", 5, 2, 1, 2, 1.0f},
-    [UP3] = {"decoder_3.decoder.1.upscale.1", 3, 1, 1, 1, 1.0f},
-    [UP4] = {"decoder_4.decoder.1.upscale.1", 2, 1, 1, 0, 1.0f},
-    [FINAL0] = {"conv_final.0", 1, 2, 1, 0, LEAKY},
-    [FINAL2] = {"conv_final.2", 2, 1, 1, 0, LEAKY},
-    [FINAL4] = {"conv_final.4", 1, -1, 1, 0, LEAKY},
+    [INIT2] = {"init_conv.2", 8, 4, 1, 0, 0, LEAKY},
+    [INIT4] = {"init_conv.4", 4, 2, 1, 0, 0, LEAKY},
+    [INIT6] = {"init_conv.6", 2, 1, 2, 0, 0, LEAKY},
+    [DOWN1] = {"encoder_1.conv.1", 1, 1, 1, 1, 0, 1.0f},
+    [DOWN2] = {"encoder_2.conv.1", 1, 2, 1, 2, 0, 1.0f},
+    [DOWN3] = {"encoder_3.conv.1", 2, 3, 1, 3, 0, 1.0f},
+    [DOWN4] = {"encoder_4.conv.1", 3, 4, 1, 4, 0, 1.0f},
+    [BOTTOM] = {"upscale_2.upscale.1", 4, 4, 1, 4, 1, 1.0f},
+    [UP1] = {"decoder_1.decoder.1.upscale.1", 7, 3, 1, 3, 1, 1.0f},
+    [UP2] = {"decoder_2.decoder.1.upscale.1", 5, 2, 1, 2, 1, 1.0f},
+    [UP3] = {"decoder_3.decoder.1.upscale.1", 3, 1, 1, 1, 1, 1.0f},
+    [UP4] = {"decoder_4.decoder.1.upscale.1", 2, 1, 1, 0, 1, 1.0f},
+    [FINAL0] = {"conv_final.0", 1, 2, 1, 0, 0, LEAKY},
+    [FINAL2] = {"conv_final.2", 2, 1, 1, 0, 0, LEAKY},
+    [FINAL4] = {"conv_final.4", 1, -1, 1, 0, 0, LEAKY},
 };
 
 /* The computation, E0..E4 being the skips: aligned -> INIT2 -> INIT4 -> INIT6 = E0; then per level
@@ -71,11 +73,10 @@ struct v2v_unet {
     float *entered[LEVELS]; /* input of DOWN */
     float *pooled[LEVELS];  /* E1..E4 */
     uint8_t *which[LEVELS]; /* place of the maximum, training only */
-    float *bottom;          /* [4n], 1/32 of the sides */
-    float *joined[STEPS];
-    float *upsampled[1 + STEPS]; /* input of BOTTOM and of UP */
-    float *gradient[2];          /* of the layer at hand, training only */
-    float *dskip[STEPS];         /* of E0..E3 through the skips, training only */
+    float *bottom;          /* [4n], 1/32 of the sides: input of BOTTOM */
+    float *joined[STEPS];   /* input of UP */
+    float *gradient[2];     /* of the layer at hand, training only */
+    float *dskip[STEPS];    /* of E0..E3 through the skips, training only */
 };
 
 static int64_t channels(const struct v2v_unet *unet, int in_units_of_n)
@@ -97,7 +98,8 @@ static int64_t out_count(const struct v2v_unet *unet, int i)
 
 static int64_t in_count(const struct v2v_unet *unet, int i)
 {
-    return channels(unet, layer_table[i].in) * pixels_at(unet, layer_table[i].half);
+    int half = layer_table[i].half + layer_table[i].up;
+    return channels(unet, layer_table[i].in) * pixels_at(unet, half);
 }
 
 enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *fields,
@@ -124,7 +126,8 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
                                             .out = channels(self, layer_table[i].out),
                                             .kernel = 3,
                                             .stride = layer_table[i].stride,
-                                            .slope = layer_table[i].slope};
+                                            .slope = layer_table[i].slope,
+                                            .upsample = layer_table[i].up};
         V2V_TRY(v2v_layer_declare(&self->layer[i], fields, spec->prefix, layer_table[i].name));
     }
     if (shifts != NULL) {
@@ -140,11 +143,6 @@ done:
 
 /* ---- workspace ---- */
 
-struct slot {
-    float **memory;
-    int64_t count; /* floats */
-};
-
 static int64_t largest(const struct v2v_unet *unet)
 {
     int64_t most = channels(unet, 8) * pixels_at(unet, 0);
@@ -157,50 +155,60 @@ static int64_t largest(const struct v2v_unet *unet)
 
 enum { MAX_SLOTS = 1 + LAYERS + 4 * LEVELS + 2 * STEPS + 4 };
 
-static int64_t list_slots(struct slot *slot, struct v2v_unet *unet, int training)
+/* Steps of the computation are the layers; the first convolution comes before them. Training keeps
+ * everything. */
+enum { ALIGN = -1, END = LAYERS };
+
+static struct v2v_slot needed(const struct v2v_unet *unet, float **memory, int64_t floats,
+                              int first, int last)
+{
+    return (struct v2v_slot){.memory = memory,
+                             .floats = floats,
+                             .first = unet->training ? ALIGN : first,
+                             .last = unet->training ? END : last};
+}
+
+/* The last layer that reads the output of layer i. */
+static int last_reader(int i)
+{
+    if (i == INIT6) {
+        return UP4;
+    }
+    return i >= DOWN1 && i <= DOWN4 ? i : i + 1;
+}
+
+static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
 {
     int64_t n = 0;
-    slot[n++] = (struct slot){&unet->aligned, channels(unet, 8) * pixels_at(unet, 0)};
+    slot[n++] = needed(unet, &unet->aligned, channels(unet, 8) * pixels_at(unet, 0), ALIGN, INIT2);
     for (int i = 0; i < LAYERS; i++) {
-        slot[n++] = (struct slot){&unet->out[i], out_count(unet, i)};
+        slot[n++] = needed(unet, &unet->out[i], out_count(unet, i), i, last_reader(i));
     }
     for (int k = 0; k < LEVELS; k++) {
-        slot[n++] = (struct slot){&unet->entered[k], in_count(unet, DOWN1 + k)};
-        slot[n++] = (struct slot){&unet->pooled[k], out_count(unet, DOWN1 + k) / 4};
+        int down = DOWN1 + k, reader = k < LEVELS - 1 ? UP3 - k : BOTTOM;
+        slot[n++] = needed(unet, &unet->entered[k], in_count(unet, down), down, down);
+        slot[n++] = needed(unet, &unet->pooled[k], out_count(unet, down) / 4, down, reader);
     }
-    slot[n++] = (struct slot){&unet->bottom, in_count(unet, BOTTOM) / 4};
-    slot[n++] = (struct slot){&unet->upsampled[0], in_count(unet, BOTTOM)};
+    slot[n++] = needed(unet, &unet->bottom, in_count(unet, BOTTOM), BOTTOM, BOTTOM);
     for (int k = 0; k < STEPS; k++) {
-        slot[n++] = (struct slot){&unet->joined[k], in_count(unet, UP1 + k) / 4};
-        slot[n++] = (struct slot){&unet->upsampled[1 + k], in_count(unet, UP1 + k)};
+        slot[n++] = needed(unet, &unet->joined[k], in_count(unet, UP1 + k), UP1 + k, UP1 + k);
     }
-    if (training) {
-        for (int k = 0; k < LEVELS; k++) {
-            slot[n++] = (struct slot){&unet->dskip[k], in_count(unet, DOWN1 + k)};
-        }
-        slot[n++] = (struct slot){&unet->gradient[0], largest(unet)};
-        slot[n++] = (struct slot){&unet->gradient[1], largest(unet)};
+    for (int k = 0; k < LEVELS && unet->training; k++) {
+        slot[n++] = needed(unet, &unet->dskip[k], in_count(unet, DOWN1 + k), 0, 0);
+    }
+    for (int k = 0; k < 2 && unet->training; k++) {
+        slot[n++] = needed(unet, &unet->gradient[k], largest(unet), 0, 0);
     }
     return n;
 }
 
-/* Slots start at multiples of 64 bytes. */
-static int64_t rounded(int64_t floats)
-{
-    return (floats + 15) / 16 * 16;
-}
-
 int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width, int training)
 {
-    struct slot slot[MAX_SLOTS];
-    int64_t total = 0;
+    struct v2v_slot slot[MAX_SLOTS];
     unet->height = height;
     unet->width = width;
-    int64_t count = list_slots(slot, unet, training);
-    for (int64_t i = 0; i < count; i++) {
-        total += rounded(slot[i].count);
-    }
-    return total;
+    unet->training = training;
+    return v2v_slots_pack(slot, list_slots(slot, unet));
 }
 
 static void free_which(struct v2v_unet *unet)
@@ -216,15 +224,13 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
 {
     enum v2v_status rc = V2V_OK;
     int64_t height = like->height, width = like->width;
-    struct slot slot[MAX_SLOTS];
+    struct v2v_slot slot[MAX_SLOTS];
     unet->height = height;
     unet->width = width;
     unet->training = training;
-    int64_t count = list_slots(slot, unet, training);
-    for (int64_t i = 0; i < count; i++) {
-        *slot[i].memory = workspace;
-        workspace += rounded(slot[i].count);
-    }
+    int64_t count = list_slots(slot, unet);
+    (void)v2v_slots_pack(slot, count);
+    v2v_slots_place(slot, count, workspace);
     free_which(unet);
     for (int k = 0; k < LEVELS && training; k++) {
         V2V_TRY(V2V_ALLOC(unet->which[k], "unet.workspace", out_count(unet, DOWN1 + k) / 4));
@@ -289,14 +295,12 @@ static void go_down(struct v2v_unet *unet, int k)
 
 static void go_up(struct v2v_unet *unet, int k)
 {
-    int i = UP1 + k, half = layer_table[i].half + 1;
+    int i = UP1 + k;
     const float *deeper = k == 0 ? unet->out[BOTTOM] : unet->out[i - 1];
-    int64_t skip_count = in_count(unet, DOWN4 - k), count = in_count(unet, i) / 4;
+    int64_t skip_count = in_count(unet, DOWN4 - k), count = in_count(unet, i);
     v2v_leaky_forward(unet->joined[k], skip_at(unet, 3 - k), skip_count, LEAKY);
     v2v_leaky_forward(unet->joined[k] + skip_count, deeper, count - skip_count, LEAKY);
-    v2v_nearest2_forward(unet->upsampled[1 + k], unet->joined[k], channels(unet, layer_table[i].in),
-                         unet->height >> half, unet->width >> half);
-    run(unet, i, unet->upsampled[1 + k]);
+    run(unet, i, unet->joined[k]);
 }
 
 const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features)
@@ -308,11 +312,8 @@ const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *fe
     for (int k = 0; k < LEVELS; k++) {
         go_down(unet, k);
     }
-    v2v_leaky_forward(unet->bottom, unet->pooled[LEVELS - 1], in_count(unet, BOTTOM) / 4,
-                      LEAKY_BOTTOM);
-    v2v_nearest2_forward(unet->upsampled[0], unet->bottom, channels(unet, 4), unet->height >> 5,
-                         unet->width >> 5);
-    run(unet, BOTTOM, unet->upsampled[0]);
+    v2v_leaky_forward(unet->bottom, unet->pooled[LEVELS - 1], in_count(unet, BOTTOM), LEAKY_BOTTOM);
+    run(unet, BOTTOM, unet->bottom);
     for (int k = 0; k < STEPS; k++) {
         go_up(unet, k);
     }
@@ -348,19 +349,11 @@ static void run_back_through(struct v2v_unet *unet, int i, const struct v2v_para
     v2v_leaky_backward(unet->gradient[0], unet->gradient[0], in, in_count(unet, i), LEAKY);
 }
 
-static void upsample_back(struct v2v_unet *unet, int64_t planes, int half)
-{
-    v2v_nearest2_backward(unet->gradient[1], unet->gradient[0], planes, unet->height >> half,
-                          unet->width >> half);
-    swap_gradients(unet);
-}
-
 static void go_up_back(struct v2v_unet *unet, int k, const struct v2v_parameters *parameters)
 {
     int i = UP1 + k;
-    int64_t skip_count = in_count(unet, DOWN4 - k), count = in_count(unet, i) / 4;
-    run_back(unet, i, parameters, unet->upsampled[1 + k]);
-    upsample_back(unet, channels(unet, layer_table[i].in), layer_table[i].half + 1);
+    int64_t skip_count = in_count(unet, DOWN4 - k), count = in_count(unet, i);
+    run_back(unet, i, parameters, unet->joined[k]);
     const float *djoined = unet->gradient[0];
     v2v_leaky_backward(unet->dskip[3 - k], djoined, unet->joined[k], skip_count, LEAKY);
     v2v_leaky_backward(unet->gradient[1], djoined + skip_count, unet->joined[k] + skip_count,
@@ -398,10 +391,9 @@ void v2v_unet_backward(struct v2v_unet *unet, const struct v2v_parameters *param
     for (int k = STEPS - 1; k >= 0; k--) {
         go_up_back(unet, k, parameters);
     }
-    run_back(unet, BOTTOM, parameters, unet->upsampled[0]);
-    upsample_back(unet, channels(unet, 4), 5);
-    v2v_leaky_backward(unet->gradient[0], unet->gradient[0], unet->bottom,
-                       in_count(unet, BOTTOM) / 4, LEAKY_BOTTOM);
+    run_back(unet, BOTTOM, parameters, unet->bottom);
+    v2v_leaky_backward(unet->gradient[0], unet->gradient[0], unet->bottom, in_count(unet, BOTTOM),
+                       LEAKY_BOTTOM);
     for (int k = LEVELS - 1; k >= 0; k--) {
         go_down_back(unet, k, parameters);
     }

@@ -1,5 +1,6 @@
 #include "op/conv_backend.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/op/resample.h"
 
 /** Our own kernel is taken up to this many channel pairs, in * out. Measured with bench_conv on one
  *  Cascade Lake core (AVX-512) of a busy machine, means of 2 to 4 runs that spread by a quarter,
@@ -11,6 +12,7 @@ enum { DIRECT_LIMIT = 28 * 16 };
 
 struct v2v_conv {
     struct v2v_conv_spec spec;
+    float *repeated; /**< input in full size, where the backend has no upsampling of its own */
     const struct v2v_conv_backend *backend;
     void *state;
 };
@@ -56,6 +58,30 @@ static enum v2v_status check_spec(const struct v2v_conv_spec *spec)
     return V2V_OK;
 }
 
+static enum v2v_status make_room(struct v2v_conv *conv)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_conv_spec *spec = &conv->spec;
+    if (spec->upsample && conv->backend != &v2v_conv_winograd) {
+        V2V_ASSERT(spec->stride == 1 && spec->height % 2 == 0 && spec->width % 2 == 0);
+        V2V_TRY(V2V_ALLOC(conv->repeated, "conv.upsampled",
+                          spec->batch * spec->in * spec->height * spec->width));
+    }
+done:
+    return rc;
+}
+
+/** The input as the backend takes it. */
+static const float *full_size(struct v2v_conv *conv, const float *in)
+{
+    if (conv->repeated == NULL) {
+        return in;
+    }
+    v2v_nearest2_forward(conv->repeated, in, conv->spec.batch * conv->spec.in,
+                         conv->spec.height / 2, conv->spec.width / 2);
+    return conv->repeated;
+}
+
 enum v2v_status v2v_conv_create_with(struct v2v_conv **conv, const struct v2v_conv_spec *spec,
                                      const struct v2v_conv_backend *backend)
 {
@@ -65,10 +91,14 @@ enum v2v_status v2v_conv_create_with(struct v2v_conv **conv, const struct v2v_co
     V2V_TRY(V2V_ALLOC(made, "conv", 1));
     made->spec = *spec;
     made->backend = backend;
+    V2V_TRY(make_room(made));
     V2V_TRY(backend->create(&made->state, spec));
     *conv = made;
     made = NULL;
 done:
+    if (made != NULL) {
+        v2v_mem_free(made->repeated);
+    }
     v2v_mem_free(made);
     return rc;
 }
@@ -84,6 +114,7 @@ void v2v_conv_destroy(struct v2v_conv **conv)
         return;
     }
     (*conv)->backend->destroy((*conv)->state);
+    v2v_mem_free((*conv)->repeated);
     v2v_mem_free(*conv);
     *conv = NULL;
 }
@@ -95,13 +126,19 @@ void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const floa
 
 void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in)
 {
-    conv->backend->forward(conv->state, out, in);
+    conv->backend->forward(conv->state, out, full_size(conv, in));
 }
 
 void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout)
 {
     V2V_ASSERT(conv->spec.training);
-    conv->backend->backward_data(conv->state, din, dout);
+    if (conv->repeated == NULL) {
+        conv->backend->backward_data(conv->state, din, dout);
+        return;
+    }
+    conv->backend->backward_data(conv->state, conv->repeated, dout);
+    v2v_nearest2_backward(din, conv->repeated, conv->spec.batch * conv->spec.in,
+                          conv->spec.height / 2, conv->spec.width / 2);
 }
 
 void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v_conv_spec *spec)
@@ -142,7 +179,7 @@ void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbi
                                const float *dout)
 {
     V2V_ASSERT(conv->spec.training);
-    conv->backend->backward_weights(conv->state, dweight, in, dout);
+    conv->backend->backward_weights(conv->state, dweight, full_size(conv, in), dout);
     v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out, conv_out_height(&conv->spec),
                       conv_out_width(&conv->spec));
 }

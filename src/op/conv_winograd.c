@@ -25,25 +25,28 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     enum v2v_status rc = V2V_OK;
     struct v2v_plane *plane = NULL;
     struct state *state = NULL;
-    int64_t pixels = spec->height * spec->width;
+    int half = spec->upsample;
+    int64_t pixels = spec->height * spec->width,
+            in_pixels = (spec->height >> half) * (spec->width >> half);
     V2V_ASSERT(spec->kernel == 3 && spec->stride == 1 && spec->method.workspace != NULL);
     V2V_TRY(V2V_ALLOC(state, "conv", 1));
     V2V_TRY(V2V_ALLOC(plane, "conv", spec->in));
     for (int64_t i = 0; i < spec->in; i++) {
         plane[i] = (struct v2v_plane){
-            .offset = i * pixels, .y1 = spec->height, .x1 = spec->width, .owner = i};
+            .offset = i * in_pixels, .y1 = spec->height, .x1 = spec->width, .owner = i};
     }
     struct v2v_winograd_spec filter = {.in = spec->in,
                                        .out = spec->out,
                                        .height = spec->height,
                                        .width = spec->width,
                                        .plane = plane,
-                                       .pitch = spec->width,
+                                       .pitch = spec->width >> half,
+                                       .half = half,
                                        .slope = spec->slope,
                                        .training = spec->training,
                                        .workspace = spec->method.workspace};
     state->batch = spec->batch;
-    state->in_floats = spec->in * pixels;
+    state->in_floats = spec->in * in_pixels;
     state->out_floats = spec->out * pixels;
     V2V_TRY(v2v_winograd_create(&state->winograd, &filter));
     *opaque = state;

@@ -20,7 +20,7 @@ enum { DEPTH = 128 };
 
 /** Values of a chunk: few enough not to be the job's memory, enough that the weights are not read
  *  from memory too often. */
-static const int64_t CHUNK_FLOATS = 32 << 20;
+static const int64_t CHUNK_FLOATS = 16 << 20;
 
 struct v2v_winograd {
     struct v2v_winograd_spec spec;

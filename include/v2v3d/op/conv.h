@@ -40,11 +40,13 @@ struct v2v_conv_method {
 /** Convolution with bias, zero padding (kernel-1)/2. */
 struct v2v_conv_spec {
     int64_t batch, in, out;
-    int64_t height, width; /**< of the input; the output has (height-1)/stride + 1 rows */
+    int64_t height, width; /**< convolved; the output has (height-1)/stride + 1 rows */
     int kernel;            /**< 1 or 3 */
     int stride;            /**< 1 or 2 */
     float slope;           /**< negative slope of the fused activation, 1: none */
     int training;          /**< backward will be called */
+    int upsample;          /**< 1: the input has half the rows and columns, each pixel of it is
+                                repeated 2 x 2 (stride 1, even sizes) */
     struct v2v_conv_method method;
 };
 
@@ -62,7 +64,8 @@ void v2v_conv_destroy(struct v2v_conv **conv);
 void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const float *bias);
 
 /** out = leaky(conv(in) + bias) with the negative slope of the specification.
- *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x]; no overlap */
+ *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x], with upsample
+ *  [batch,in,y/2,x/2]; no overlap */
 void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
 
 /** din = adjoint of the convolution applied to dout (the gradient before the activation).

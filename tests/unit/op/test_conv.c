@@ -11,14 +11,14 @@
 /** Channels that are and are not multiples of a vector, odd sizes, one pixel; runs of several
  * strips for each backend (the direct kernel's and the strips of OpenBLAS hold few rows). */
 static const struct v2v_conv_spec cases[] = {
-    {1, 1, 4, 37, 21, 3, 1, 0.01f, 1, {0}},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 1, {0}},
-    {3, 4, 8, 21, 37, 1, 1, 1.0f, 1, {0}},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 1, {0}},
-    {1, 28, 16, 13, 33, 3, 1, 0.01f, 1, {0}}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 1, {0}},
-    {1, 5, 3, 1, 1, 3, 1, 0.01f, 1, {0}},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 1, {0}},
-    {1, 17, 33, 37, 21, 3, 1, 0.01f, 1, {0}}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 1, {0}},
-    {1, 2, 3, 40, 520, 3, 1, 0.01f, 1, {0}},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 1, {0}},
-    {1, 19, 5, 37, 21, 3, 2, 0.01f, 1, {0}},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 1, {0}},
-    {1, 64, 39, 12, 12, 3, 1, 0.01f, 1, {0}}};
+    {1, 1, 4, 37, 21, 3, 1, 0.01f, 1, 0, {0}},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 1, 0, {0}},
+    {3, 4, 8, 21, 37, 1, 1, 1.0f, 1, 0, {0}},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 1, 0, {0}},
+    {1, 28, 16, 13, 33, 3, 1, 0.01f, 1, 0, {0}}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 1, 0, {0}},
+    {1, 5, 3, 1, 1, 3, 1, 0.01f, 1, 0, {0}},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 1, 0, {0}},
+    {1, 17, 33, 37, 21, 3, 1, 0.01f, 1, 0, {0}}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 1, 0, {0}},
+    {1, 2, 3, 40, 520, 3, 1, 0.01f, 1, 0, {0}},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 1, 0, {0}},
+    {1, 19, 5, 37, 21, 3, 2, 0.01f, 1, 0, {0}},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 1, 0, {0}},
+    {1, 64, 39, 12, 12, 3, 1, 0.01f, 1, 0, {0}}};
 
 static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
                                                           &v2v_conv_openblas};
@@ -194,7 +194,7 @@ static void weight_gradient_matches_plain_loops_and_is_added(void **unused)
 static void frames_of_several_strips_match_plain_loops(void **unused)
 {
     (void)unused;
-    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 1, {0}};
+    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 1, 0, {0}};
     static const check checks[] = {check_forward, check_data, check_weights};
     for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
         for_one(&wide, checks[i]);
