@@ -82,7 +82,7 @@ static struct v2v_plane plane_of(const struct v2v_align_blocks *self, const stru
 }
 
 enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struct v2v_padded *like,
-                                      int training)
+                                      int64_t out_rows, int training)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_plane *plane = NULL;
@@ -98,6 +98,7 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struc
     struct v2v_winograd_spec filter = {.in = self->channels,
                                        .out = self->spec.out,
                                        .height = like->height,
+                                       .out_rows = out_rows,
                                        .width = like->width,
                                        .plane = plane,
                                        .pitch = v2v_padded_pitch(like),
@@ -152,9 +153,9 @@ void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *we
 }
 
 void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
-                              const struct v2v_padded *features)
+                              const struct v2v_padded *features, int64_t first, int64_t last)
 {
-    v2v_winograd_forward(self->winograd, out, features->data);
+    v2v_winograd_forward_rows(self->winograd, out, features->data, 0, first, last);
 }
 
 void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,

@@ -48,16 +48,16 @@ void v2v_align_conv_destroy(struct v2v_align_conv **conv)
 }
 
 enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv, const struct v2v_padded *like,
-                                    int training)
+                                    int64_t out_rows, int training)
 {
     enum v2v_status rc = V2V_OK;
     conv->height = like->height;
     conv->width = like->width;
     if (conv->blocks != NULL) {
-        V2V_TRY(v2v_align_blocks_plan(conv->blocks, like, training));
+        V2V_TRY(v2v_align_blocks_plan(conv->blocks, like, out_rows, training));
     }
     if (conv->taps != NULL) {
-        V2V_TRY(v2v_align_taps_plan(conv->taps, like->height, like->width, training));
+        V2V_TRY(v2v_align_taps_plan(conv->taps, like->height, like->width, out_rows, training));
     }
 done:
     return rc;
@@ -74,13 +74,13 @@ void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight
 }
 
 void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
-                            const struct v2v_padded *features)
+                            const struct v2v_padded *features, int64_t first, int64_t last)
 {
     if (conv->blocks != NULL) {
-        v2v_align_blocks_forward(conv->blocks, out, features);
+        v2v_align_blocks_forward(conv->blocks, out, features, first, last);
     }
     if (conv->taps != NULL) {
-        v2v_align_taps_forward(conv->taps, out, features);
+        v2v_align_taps_forward(conv->taps, out, features, first, last);
     }
 }
 

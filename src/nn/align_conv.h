@@ -22,17 +22,18 @@ enum v2v_status v2v_align_conv_create(struct v2v_align_conv **conv, const struct
                                       const struct v2v_align_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_align_conv_destroy(struct v2v_align_conv **conv);
 
-/* Scratch for features of the sizes of `like`. */
+/* Scratch for features of the sizes of `like`; the output array holds `out_rows` rows. */
 enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv, const struct v2v_padded *like,
-                                    int training) V2V_MUST_CHECK;
+                                    int64_t out_rows, int training) V2V_MUST_CHECK;
 
 /* Merge the full weights [out,(view,feature,z),3,3]; bias [out] is borrowed. */
 void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight,
                                 const float *bias);
 
-/* out[o,y,x] = leaky(bias + sum of taps). */
+/* out[o,y,x] = leaky(bias + sum of taps) for the rows [first, last), as v2v_winograd_forward_rows.
+ */
 void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
-                            const struct v2v_padded *features);
+                            const struct v2v_padded *features, int64_t first, int64_t last);
 
 /* dweight, dbias and dfeatures are added to; dout is the gradient before the activation and is used
  * up. */

@@ -27,7 +27,8 @@ struct v2v_align_taps {
     int ring_only;
     int64_t slices;
     int64_t height, width;
-    int64_t columns; /* taps*features of the largest region */
+    int64_t out_rows; /* that the output array holds */
+    int64_t columns;  /* taps*features of the largest region */
     const float *bias;
     struct region region[REGIONS];
     float *patch;   /* [columns, STRIP_PIXELS] */
@@ -100,7 +101,7 @@ void v2v_align_taps_destroy(struct v2v_align_taps **conv)
 }
 
 enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height, int64_t width,
-                                    int training)
+                                    int64_t out_rows, int training)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t y[CLASSES + 1] = {0, 1, height - 1, height};
@@ -108,6 +109,7 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height,
     int64_t out = conv->spec.out;
     conv->height = height;
     conv->width = width;
+    conv->out_rows = out_rows;
     for (int i = 0; i < REGIONS; i++) {
         struct region *region = &conv->region[i];
         region->y0 = y[i / CLASSES];
@@ -195,12 +197,12 @@ struct strip {
     int64_t y0, y1, width, pixels;
 };
 
-static struct strip strip_at(const struct region *region, int64_t y)
+static struct strip strip_at(const struct region *region, int64_t y, int64_t last)
 {
     struct strip strip = {.region = region, .y0 = y, .width = region->x1 - region->x0};
     int64_t rows = STRIP_PIXELS / strip.width;
     strip.y1 = y + (rows > 1 ? rows : 1);
-    strip.y1 = strip.y1 < region->y1 ? strip.y1 : region->y1;
+    strip.y1 = strip.y1 < last ? strip.y1 : last;
     strip.pixels = (strip.y1 - strip.y0) * strip.width;
     return strip;
 }
@@ -258,14 +260,15 @@ static void scatter(const struct v2v_align_taps *conv, const struct strip *strip
 
 /* ---- forward and backward ---- */
 
-static void finish_strip(const struct v2v_align_taps *conv, const struct strip *strip, float *out)
+static void finish_strip(const struct v2v_align_taps *conv, const struct strip *strip, float *out,
+                         int64_t first)
 {
     float slope = conv->spec.slope;
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < conv->spec.out; o++) {
         const float *from = conv->strip + o * strip->pixels;
         for (int64_t y = strip->y0; y < strip->y1; y++) {
-            float *to = out + (o * conv->height + y) * conv->width + strip->region->x0;
+            float *to = out + (o * conv->out_rows + y - first) * conv->width + strip->region->x0;
             for (int64_t x = 0; x < strip->width; x++) {
                 float value = from[x] + conv->bias[o];
                 to[x] = value > 0.0f ? value : slope * value;
@@ -276,21 +279,23 @@ static void finish_strip(const struct v2v_align_taps *conv, const struct strip *
 }
 
 void v2v_align_taps_forward(struct v2v_align_taps *conv, float *out,
-                            const struct v2v_padded *features)
+                            const struct v2v_padded *features, int64_t first, int64_t last)
 {
     for (int i = 0; i < REGIONS; i++) {
         const struct region *region = &conv->region[i];
+        int64_t y0 = region->y0 > first ? region->y0 : first;
+        int64_t y1 = region->y1 < last ? region->y1 : last;
         if (skips(conv, i)) {
             continue;
         }
         int64_t columns = region->taps.count * conv->spec.features;
-        for (int64_t y = region->y0; y < region->y1;) {
-            struct strip strip = strip_at(region, y);
+        for (int64_t y = y0; y < y1;) {
+            struct strip strip = strip_at(region, y, y1);
             gather(conv, &strip, features);
             v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
                      region->weight, columns, conv->patch, strip.pixels, 0.0f, conv->strip,
                      strip.pixels);
-            finish_strip(conv, &strip, out);
+            finish_strip(conv, &strip, out, first);
             y = strip.y1;
         }
     }
@@ -325,7 +330,7 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
         int64_t columns = region->taps.count * conv->spec.features;
         memset(conv->dweight, 0, (size_t)(out * columns) * sizeof *conv->dweight);
         for (int64_t y = region->y0; y < region->y1;) {
-            struct strip strip = strip_at(region, y);
+            struct strip strip = strip_at(region, y, region->y1);
             int64_t pixels = strip.pixels;
             gather(conv, &strip, features);
             take_strip(conv, &strip, dout);

@@ -1,5 +1,6 @@
 #include "nn/unet.h"
 
+#include "nn/head.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/op/activation.h"
@@ -68,6 +69,8 @@ struct v2v_unet {
     struct v2v_layer first; /* sizes and parameters only: align computes it */
     struct v2v_align_conv *align;
     struct v2v_layer layer[LAYERS];
+    struct v2v_head *head;  /* the first three layers of inference in strips; NULL: one by one */
+    float *strips;          /* of the head */
     float *aligned;         /* [8n,y,x] */
     float *out[LAYERS];     /* of every layer */
     float *entered[LEVELS]; /* input of DOWN */
@@ -177,11 +180,32 @@ static int last_reader(int i)
     return i >= DOWN1 && i <= DOWN4 ? i : i + 1;
 }
 
+static int has_head(const struct v2v_unet *unet)
+{
+    return unet->spec.method.winograd && !unet->training;
+}
+
+static struct v2v_head_spec head_spec(const struct v2v_unet *unet)
+{
+    return (struct v2v_head_spec){.first = &unet->layer[INIT2],
+                                  .second = &unet->layer[INIT4],
+                                  .height = unet->height,
+                                  .width = unet->width,
+                                  .most_floats = V2V_HEAD_FLOATS};
+}
+
 static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
 {
     int64_t n = 0;
-    slot[n++] = needed(unet, &unet->aligned, channels(unet, 8) * pixels_at(unet, 0), ALIGN, INIT2);
-    for (int i = 0; i < LAYERS; i++) {
+    int64_t aligned = channels(unet, 8) * pixels_at(unet, 0);
+    if (has_head(unet)) {
+        struct v2v_head_spec head = head_spec(unet);
+        slot[n++] = needed(unet, &unet->strips, v2v_head_floats(&head), ALIGN, INIT4);
+    } else {
+        slot[n++] = needed(unet, &unet->aligned, aligned, ALIGN, INIT2);
+        slot[n++] = needed(unet, &unet->out[INIT2], out_count(unet, INIT2), INIT2, INIT4);
+    }
+    for (int i = INIT4; i < LAYERS; i++) {
         slot[n++] = needed(unet, &unet->out[i], out_count(unet, i), i, last_reader(i));
     }
     for (int k = 0; k < LEVELS; k++) {
@@ -235,8 +259,17 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
     for (int k = 0; k < LEVELS && training; k++) {
         V2V_TRY(V2V_ALLOC(unet->which[k], "unet.workspace", out_count(unet, DOWN1 + k) / 4));
     }
-    V2V_TRY(v2v_align_conv_plan(unet->align, like, training));
-    for (int i = 0; i < LAYERS; i++) {
+    v2v_head_destroy(&unet->head);
+    if (has_head(unet)) {
+        v2v_layer_fini(&unet->layer[INIT2]);
+        v2v_layer_fini(&unet->layer[INIT4]);
+        struct v2v_head_spec head = head_spec(unet);
+        V2V_TRY(
+            v2v_head_create(&unet->head, &head, unet->align, like, unet->spec.method.workspace));
+    } else {
+        V2V_TRY(v2v_align_conv_plan(unet->align, like, height, training));
+    }
+    for (int i = unet->head != NULL ? INIT6 : INIT2; i < LAYERS; i++) {
         int half = layer_table[i].half;
         V2V_TRY(v2v_layer_plan(&unet->layer[i], 1, height >> half, width >> half,
                                &unet->spec.method, training));
@@ -253,6 +286,7 @@ void v2v_unet_destroy(struct v2v_unet **unet)
     for (int i = 0; i < LAYERS; i++) {
         v2v_layer_fini(&(*unet)->layer[i]);
     }
+    v2v_head_destroy(&(*unet)->head);
     v2v_align_conv_destroy(&(*unet)->align);
     free_which(*unet);
     v2v_mem_free(*unet);
@@ -265,6 +299,9 @@ void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters
     v2v_align_conv_set_weights(unet->align,
                                v2v_parameter(fields, parameters->weights, unet->first.weight),
                                v2v_parameter(fields, parameters->weights, unet->first.bias));
+    if (unet->head != NULL) {
+        v2v_head_weights_changed(unet->head, parameters);
+    }
     for (int i = 0; i < LAYERS; i++) {
         v2v_layer_weights_changed(&unet->layer[i], parameters);
     }
@@ -305,9 +342,13 @@ static void go_up(struct v2v_unet *unet, int k)
 
 const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features)
 {
-    v2v_align_conv_forward(unet->align, unet->aligned, features);
-    run(unet, INIT2, unet->aligned);
-    run(unet, INIT4, unet->out[INIT2]);
+    if (unet->head != NULL) {
+        v2v_head_forward(unet->head, unet->out[INIT4], unet->strips, features);
+    } else {
+        v2v_align_conv_forward(unet->align, unet->aligned, features, 0, unet->height);
+        run(unet, INIT2, unet->aligned);
+        run(unet, INIT4, unet->out[INIT2]);
+    }
     run(unet, INIT6, unet->out[INIT4]);
     for (int k = 0; k < LEVELS; k++) {
         go_down(unet, k);

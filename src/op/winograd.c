@@ -30,6 +30,7 @@ struct v2v_winograd {
     int threads;
     int64_t in8, out8, out32; /**< channels, filled up */
     int64_t tiles_y, tiles_x;
+    int64_t out_rows;
     int64_t chunk_rows, panels;       /**< of the largest chunk */
     int64_t line_floats, pack_floats; /**< of one thread */
     const float *bias;
@@ -51,6 +52,7 @@ static int64_t smaller(int64_t a, int64_t b)
 static void plan(struct v2v_winograd *self)
 {
     const struct v2v_winograd_spec *spec = &self->spec;
+    self->out_rows = spec->out_rows > 0 ? spec->out_rows : spec->height;
     self->in8 = round_up(spec->in, PANEL_ROWS);
     self->out8 = round_up(spec->out, PANEL_ROWS);
     self->out32 = round_up(spec->out, PANEL_COLUMNS);
@@ -179,11 +181,12 @@ struct chunk {
     float *input, *output, *gradient;
 };
 
-static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first)
+/* From tile row `first` on, before tile row `end`. */
+static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first, int64_t end)
 {
     struct chunk chunk = {0};
     const struct v2v_winograd_spec *spec = &self->spec;
-    int64_t count = smaller(self->chunk_rows, self->tiles_y - first);
+    int64_t count = smaller(self->chunk_rows, end - first);
     chunk.rows = (struct rows){.kernel = self->kernel,
                                .first = first,
                                .count = count,
@@ -219,7 +222,7 @@ static void transform_output(const struct v2v_winograd *self, const struct chunk
 {
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        v2v_rows_output(&chunk->rows, out + o * self->spec.height * self->spec.width,
+        v2v_rows_output(&chunk->rows, out + o * self->out_rows * self->spec.width,
                         chunk->output + o * TILES, self->out8, self->bias[o], self->spec.slope);
     }
 }
@@ -376,20 +379,31 @@ static void clear_tail(const struct v2v_winograd *self, const struct chunk *chun
 
 /* ---- the three computations ---- */
 
-void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *base)
+void v2v_winograd_forward_rows(struct v2v_winograd *self, float *out, const float *base,
+                               int64_t shift, int64_t first, int64_t last)
 {
-    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, first);
+    int64_t end = (last + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
+    V2V_ASSERT(first % WINOGRAD_TILE == 0 && last <= self->spec.height);
+    V2V_ASSERT(last - first <= self->out_rows);
+    for (int64_t row = first / WINOGRAD_TILE; row < end; row += self->chunk_rows) {
+        struct chunk chunk = chunk_at(self, row, end);
+        chunk.rows.shift = shift;
+        chunk.rows.out_first = first;
         transform_input(self, &chunk, base);
         multiply(self, &chunk);
         transform_output(self, &chunk, out);
     }
 }
 
+void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *base)
+{
+    v2v_winograd_forward_rows(self, out, base, 0, 0, self->spec.height);
+}
+
 void v2v_winograd_backward_data(struct v2v_winograd *self, float *base, const float *dout)
 {
     for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, first);
+        struct chunk chunk = chunk_at(self, first, self->tiles_y);
         transform_output_gradient(self, &chunk, dout);
         multiply_data(self, &chunk);
         add_input_gradient(self, &chunk, base);
@@ -422,7 +436,7 @@ void v2v_winograd_backward_weights(struct v2v_winograd *self, float *dweight, co
 {
     float *gradient = NULL;
     for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, first);
+        struct chunk chunk = chunk_at(self, first, self->tiles_y);
         transform_input(self, &chunk, base);
         transform_output_gradient(self, &chunk, dout);
         clear_tail(self, &chunk, chunk.input, self->in8);

@@ -81,7 +81,7 @@ static void load_line(const struct rows *rows, float *line, const float *base,
         return;
     }
     int64_t x0 = within(plane->x0, -1, length - 1), x1 = within(plane->x1, x0, length - 1);
-    const float *from = base + plane->offset + (y >> rows->half) * rows->pitch;
+    const float *from = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
     memset(line, 0, (size_t)(x0 + 1) * sizeof *line);
     if (rows->half) {
         for (int64_t x = x0; x < x1; x++) {
@@ -239,7 +239,8 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
             rows->kernel->output(scratch.phase, scratch.step, line_points(&scratch, i),
                                  scratch.step, rows->tiles_x);
             join(scratch.line, scratch.phase, scratch.step, rows->tiles_x);
-            finish_line(image + (y + i) * rows->width, scratch.line, rows->width, bias, slope);
+            finish_line(image + (y + i - rows->out_first) * rows->width, scratch.line, rows->width,
+                        bias, slope);
         }
     }
 }

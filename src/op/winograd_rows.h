@@ -14,6 +14,8 @@ struct rows {
     int64_t tiles_x;       /**< tiles of a row */
     int64_t panels;        /**< of the values */
     int64_t height, width; /**< of the output image */
+    int64_t out_first;     /**< its row that comes first in memory */
+    int64_t shift;         /**< added to the planes' offsets */
     int64_t pitch;         /**< of the input planes */
     int half;
     float *lines; /**< scratch of all threads */

@@ -22,6 +22,7 @@ struct v2v_plane {
 struct v2v_winograd_spec {
     int64_t in, out;
     int64_t height, width;         /**< of the output */
+    int64_t out_rows;              /**< that the output array holds; 0: height */
     const struct v2v_plane *plane; /**< [in], copied */
     int64_t pitch;
     int half;    /**< 1: pixel (y,x) of a plane is read at (y/2, x/2): nearest upsampling by 2 */
@@ -45,6 +46,13 @@ void v2v_winograd_set_weights(struct v2v_winograd *winograd, const float *weight
 
 /** out = leaky(conv + bias), [out,y,x]. @kind Local. */
 void v2v_winograd_forward(struct v2v_winograd *winograd, float *out, const float *base);
+
+/** The same for the rows [first, last) alone, first a multiple of V2V_WINOGRAD_ROWS and last one
+ * too or the height: to the bits of the whole. Row `first` of every channel comes first in out
+ *  [out,out_rows,x]; planes are read `shift` floats from their offsets. @kind Local. */
+enum { V2V_WINOGRAD_ROWS = 4 };
+void v2v_winograd_forward_rows(struct v2v_winograd *winograd, float *out, const float *base,
+                               int64_t shift, int64_t first, int64_t last);
 
 /** Planes at `base` += adjoint of the convolution applied to dout [out,y,x]. @kind Local. */
 void v2v_winograd_backward_data(struct v2v_winograd *winograd, float *base, const float *dout);
