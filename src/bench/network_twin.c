@@ -49,18 +49,17 @@ done:
 }
 
 /* `out` is made, for an input of [height,width], and holds the bias. */
-static enum v2v_status pass_begin(struct pass *pass, struct v2v_image *out,
-                                  const struct twin *twin, const char *name, int64_t height,
-                                  int64_t width)
+static enum v2v_status pass_begin(struct pass *pass, struct v2v_image *out, const struct twin *twin,
+                                  const char *name, int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
     const float *weight = NULL, *bias = NULL;
     int in_unet = twin->table == v2v_net_unet;
     const struct v2v_net_layer *layer = v2v_net_find(twin->table, name);
-    *pass = (struct pass){
-        .layer = layer,
-        .in = v2v_net_channels(layer->in, in_unet, twin->spec, twin->branch_views),
-        .out = v2v_net_channels(layer->out, in_unet, twin->spec, twin->branch_views)};
+    *pass =
+        (struct pass){.layer = layer,
+                      .in = v2v_net_channels(layer->in, in_unet, twin->spec, twin->branch_views),
+                      .out = v2v_net_channels(layer->out, in_unet, twin->spec, twin->branch_views)};
     int64_t count = pass->out * pass->in * layer->kernel * layer->kernel;
     V2V_TRY(parameter(&weight, twin, name, "weight", count));
     V2V_TRY(parameter(&bias, twin, name, "bias", pass->out));
@@ -326,8 +325,8 @@ done:
     return rc;
 }
 
-static enum v2v_status run_unet(double *volume, struct twin *twin,
-                                const struct v2v_image *features, const int32_t *list)
+static enum v2v_status run_unet(double *volume, struct twin *twin, const struct v2v_image *features,
+                                const int32_t *list)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_image x = {0}, skip[LEVELS + 1] = {{0}};

@@ -39,6 +39,7 @@ enum v2v_status v2v_cli_run(int argc, char *const *argv, struct v2v_comm *world)
 /** The whole program: starts and ends MPI. @return the exit code. */
 int v2v_cli_main(int argc, char **argv);
 
+extern const struct v2v_command v2v_command_bench;
 extern const struct v2v_command v2v_command_check;
 extern const struct v2v_command v2v_command_convert;
 extern const struct v2v_command v2v_command_deconvolve;

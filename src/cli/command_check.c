@@ -1,3 +1,4 @@
+#include "cli/processor.h"
 #include "cli/steps.h"
 #include "cli/threads.h"
 #include "cli/versions.h"
@@ -9,7 +10,6 @@
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 struct arguments {
     struct v2v_common common;
@@ -147,43 +147,20 @@ static const struct {
               {"convolution, OpenBLAS", convolve_openblas, 9 * CHANNELS *FLT_EPSILON}};
 enum { CHECKS = sizeof checks / sizeof checks[0] };
 
-/* The instruction sets that decide the speed, as the kernel lists them. */
-static void print_processor(void)
-{
-    static const char *const sets[] = {"avx2", "fma", "avx512f", "avx512_bf16", "amx_bf16", "sve"};
-    char line[8192];
-    FILE *file = fopen("/proc/cpuinfo", "r");
-    printf("instruction sets:");
-    while (file != NULL && fgets(line, sizeof line, file) != NULL) {
-        if (strncmp(line, "flags", 5) != 0 && strncmp(line, "Features", 8) != 0) {
-            continue;
-        }
-        for (size_t i = 0; i < sizeof sets / sizeof sets[0]; i++) {
-            const char *found = strstr(line, sets[i]);
-            if (found != NULL && strchr(" \n", found[strlen(sets[i])]) != NULL) {
-                printf(" %s", sets[i]);
-            }
-        }
-        break;
-    }
-    printf("\n");
-    if (file != NULL) {
-        fclose(file);
-    }
-}
-
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     int on_root = v2v_step_on_root(session), failed = 0;
     int64_t cores[2] = {v2v_cli_cores(), v2v_cli_neighbours(session->world)};
+    struct v2v_processor processor;
     (void)arguments;
     v2v_par_max_i64(session->world, cores, 2);
     if (on_root) {
-        printf("v2v3d %s\n%d ranks x %d threads; %lld cores for %lld ranks of a host\n%s\n",
+        v2v_cli_processor(&processor);
+        printf("v2v3d %s\n%d ranks x %d threads; %lld cores for %lld ranks of a host\n%s\n"
+               "instruction sets: %s\n",
                V2V_VERSION, v2v_comm_size(session->world), session->threads, (long long)cores[0],
-               (long long)cores[1], V2V_LIBRARY_VERSIONS);
-        print_processor();
+               (long long)cores[1], V2V_LIBRARY_VERSIONS, processor.instructions);
     }
     for (int i = 0; i < CHECKS; i++) {
         double error = 0.0;

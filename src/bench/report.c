@@ -1,0 +1,157 @@
+#include "v2v3d/bench/bench.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/json.h"
+#include <math.h>
+#include <stdlib.h>
+
+static const char not_built[] =
+    "bf16 and skip are not built: every row is float32, nothing skipped";
+
+static void print_row(FILE *stream, const struct v2v_bench_result *result,
+                      const struct v2v_bench_row *row)
+{
+    double frame = (double)(result->size * result->size);
+    double crop = (double)(result->step_size * result->step_size);
+    fprintf(stream, "%-22s  %5lld  %9.4f  %9.4f  %7.2f  %9.4f  %9.4f  %8.2f  %8.1e  %8.1e  ",
+            row->name, (long long)row->width, row->forward_s, row->forward_floor_s,
+            result->row[0].forward_s / row->forward_s, row->step_s, row->step_floor_s,
+            row->step_s / crop / (row->forward_s / frame), row->error[0], row->error[1]);
+    if (isnan(row->psnr_change)) {
+        fprintf(stream, "%8s", "-");
+    } else {
+        fprintf(stream, "%+8.4f", row->psnr_change);
+    }
+    fprintf(stream, "  %8.0f\n", row->model_bytes / 1e6);
+}
+
+void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
+                     const struct v2v_bench_machine *machine)
+{
+    const struct v2v_bench_rates *rates = &result->rates;
+    fprintf(stream, "%s, threads: %d; %s\n%s\nload average at the start: %.1f\n",
+            machine->processor, machine->threads, machine->instructions, machine->libraries,
+            machine->load);
+    fprintf(stream,
+            "forward pass over %lld x %lld, training step over %lld x %lld pixels of %lld views, "
+            "%lld slices; medians of %lld\n",
+            (long long)result->size, (long long)result->size, (long long)result->step_size,
+            (long long)result->step_size, (long long)result->views, (long long)result->slices,
+            (long long)result->repeat);
+    fprintf(stream,
+            "floors: multiply-adds over %.1f G/s (GEMM: oneDNN %.1f, OpenBLAS %.1f), bytes over "
+            "%.1f GB/s (copy)\n",
+            fmax(rates->gemm_onednn, rates->gemm_openblas) / 1e9, rates->gemm_onednn / 1e9,
+            rates->gemm_openblas / 1e9, rates->copy / 1e9);
+    fprintf(stream, "%s\n", not_built);
+    if (!isnan(result->twin_psnr)) {
+        fprintf(stream, "the twin's PSNR is %.3f dB\n", result->twin_psnr);
+    }
+    fprintf(stream, "\n%-22s  %5s  %9s  %9s  %7s  %9s  %9s  %8s  %8s  %8s  %8s  %8s\n", "variant",
+            "width", "forward s", "floor s", "speed", "step s", "floor s", "step/fwd", "error 1",
+            "error 2", "dPSNR dB", "model MB");
+    for (int64_t i = 0; i < result->rows; i++) {
+        print_row(stream, result, &result->row[i]);
+    }
+    fprintf(stream,
+            "\nspeed: forward passes in the time of one of the first row; step/fwd: time a pixel\n"
+            "error: |volume - twin| / |twin| of branch 1 and 2, the twin in double precision\n"
+            "peak resident memory of the whole run, twin included: %.0f MB\n",
+            result->peak_bytes / 1e6);
+}
+
+/* ---- JSON ---- */
+
+enum { FIGURES = 11, HEAD = 16, NAME = 64 };
+
+static void add_number(struct v2v_json_item *items, int64_t *count, const char *name, double number)
+{
+    items[(*count)++] = (struct v2v_json_item){.name = name, .number = number};
+}
+
+static void add_text(struct v2v_json_item *items, int64_t *count, const char *name,
+                     const char *text)
+{
+    items[(*count)++] = (struct v2v_json_item){.name = name, .text = text};
+}
+
+static void add_head(struct v2v_json_item *items, int64_t *count,
+                     const struct v2v_bench_result *result, const struct v2v_bench_machine *machine)
+{
+    add_text(items, count, "processor", machine->processor);
+    add_text(items, count, "instructions", machine->instructions);
+    add_text(items, count, "libraries", machine->libraries);
+    add_text(items, count, "note", not_built);
+    add_number(items, count, "threads", machine->threads);
+    add_number(items, count, "load", machine->load);
+    add_number(items, count, "views", (double)result->views);
+    add_number(items, count, "slices", (double)result->slices);
+    add_number(items, count, "size", (double)result->size);
+    add_number(items, count, "step_size", (double)result->step_size);
+    add_number(items, count, "repeat", (double)result->repeat);
+    add_number(items, count, "gemm_onednn_macs_per_s", result->rates.gemm_onednn);
+    add_number(items, count, "gemm_openblas_macs_per_s", result->rates.gemm_openblas);
+    add_number(items, count, "copy_bytes_per_s", result->rates.copy);
+    add_number(items, count, "twin_psnr", result->twin_psnr);
+    add_number(items, count, "peak_resident_bytes", result->peak_bytes);
+    V2V_ASSERT(*count <= HEAD);
+}
+
+static enum v2v_status add_row(struct v2v_json_item *items, int64_t *count, char (*names)[NAME],
+                               const struct v2v_bench_row *row)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct {
+        const char *name;
+        double value;
+    } figures[FIGURES] = {{"width", (double)row->width},
+                          {"forward_s", row->forward_s},
+                          {"forward_floor_s", row->forward_floor_s},
+                          {"step_s", row->step_s},
+                          {"step_floor_s", row->step_floor_s},
+                          {"macs", row->macs},
+                          {"bytes", row->bytes},
+                          {"error_1", row->error[0]},
+                          {"error_2", row->error[1]},
+                          {"psnr_change", row->psnr_change},
+                          {"model_bytes", row->model_bytes}};
+    for (int f = 0; f < FIGURES; f++) {
+        V2V_TRY(v2v_text_format(names[f], NAME, "%s.%s", row->id, figures[f].name));
+        add_number(items, count, names[f], figures[f].value);
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_bench_write_json(const char *path, const struct v2v_bench_result *result,
+                                     const struct v2v_bench_machine *machine)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_json_item *items = NULL;
+    char(*names)[NAME] = NULL, *text = NULL;
+    size_t bytes = 0;
+    int64_t count = 0;
+    FILE *stream = NULL;
+    V2V_TRY(V2V_ALLOC(items, "bench.json", HEAD + FIGURES * result->rows));
+    V2V_TRY(V2V_ALLOC(names, "bench.json", FIGURES * result->rows));
+    add_head(items, &count, result, machine);
+    for (int64_t i = 0; i < result->rows; i++) {
+        V2V_TRY(add_row(items, &count, names + i * FIGURES, &result->row[i]));
+    }
+    stream = open_memstream(&text, &bytes);
+    if (stream == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "%s: no memory for its text", path));
+    }
+    V2V_TRY(v2v_json_print(stream, items, count));
+    V2V_TRY(v2v_file_write_text(path, text));
+done:
+    if (stream != NULL) {
+        fclose(stream);
+    }
+    free(text);
+    v2v_mem_free(names);
+    v2v_mem_free(items);
+    return rc;
+}
