@@ -16,6 +16,10 @@ static const int64_t MOST_ROWS = 16;
 /** Zeros behind a row: for the taps right of the last vector. */
 static const int64_t TAIL = 16;
 
+/** Partial sums of the gradient of the weights: as many for any number of threads, so that the bits
+ *  do not depend on it. */
+enum { PARTS = 8 };
+
 /** A convolution of stride 1: the layer's own, or its data gradient. */
 struct plan {
     int64_t in, out;
@@ -32,8 +36,10 @@ struct state {
     int threads;
     int64_t pitch;
     int64_t gradient_rows;
-    int64_t strip_floats, dout_floats, sum_floats; /**< of one thread */
-    float *strips, *douts, *sums;                  /**< [thread][..] */
+    int64_t strip_floats, dout_floats; /**< of one thread */
+    int64_t sum_floats;                /**< of one part */
+    float *strips, *douts;             /**< [thread][..] */
+    float *sums;                       /**< [part][..] */
 };
 
 static int64_t fill_up(int64_t channels)
@@ -111,7 +117,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
         state->sum_floats =
             fill_up(spec->out) * spec->in * spec->kernel * spec->kernel * state->kernel->lanes;
         V2V_TRY(V2V_ALLOC(state->douts, "conv.strips", state->threads * state->dout_floats));
-        V2V_TRY(V2V_ALLOC(state->sums, "conv.strips", state->threads * state->sum_floats));
+        V2V_TRY(V2V_ALLOC(state->sums, "conv.strips", PARTS * state->sum_floats));
     }
     state->strip_floats = rows * state->pitch;
     V2V_TRY(V2V_ALLOC(state->strips, "conv.strips", state->threads * state->strip_floats));
@@ -212,7 +218,7 @@ static double lane_sum(const float *sums, int64_t lanes)
     return sum;
 }
 
-/** Lanes and threads are added up in a fixed order. */
+/** Lanes and parts are added up in a fixed order. */
 static void add_sums(const struct state *state, float *dweight)
 {
     int64_t in = state->spec.in, k = state->spec.kernel, lanes = state->kernel->lanes;
@@ -223,8 +229,8 @@ static void add_sums(const struct state *state, float *dweight)
                 int64_t block = (o / DIRECT_CHANNELS * in + i) * k + tap / k;
                 int64_t place = (block * DIRECT_CHANNELS + o % DIRECT_CHANNELS) * k + tap % k;
                 double sum = 0.0;
-                for (int t = 0; t < state->threads; t++) {
-                    sum += lane_sum(state->sums + t * state->sum_floats + place * lanes, lanes);
+                for (int part = 0; part < PARTS; part++) {
+                    sum += lane_sum(state->sums + part * state->sum_floats + place * lanes, lanes);
                 }
                 dweight[(o * in + i) * k * k + tap] += (float)sum;
             }
@@ -232,27 +238,38 @@ static void add_sums(const struct state *state, float *dweight)
     }
 }
 
+/** Add what one strip of one image contributes. */
+static void correlate_unit(const struct state *state, float *sums, const float *in,
+                           const float *dout, int64_t first)
+{
+    const struct v2v_conv_spec *spec = &state->spec;
+    int64_t pad = (spec->kernel - 1) / 2, left = spec->height - first;
+    int64_t rows = left < state->gradient_rows ? left : state->gradient_rows;
+    float *strip = state->strips + omp_get_thread_num() * state->strip_floats;
+    float *right = state->douts + omp_get_thread_num() * state->dout_floats;
+    load(state, strip, in, spec->in, first - pad, rows + 2 * pad, pad);
+    load(state, right, dout, spec->out, first, rows, 0);
+    state->kernel->correlate(
+        sums, &(struct direct_strip){strip, spec->in, rows + 2 * pad, state->pitch},
+        &(struct direct_strip){right, spec->out, rows, state->pitch}, spec->width, spec->kernel);
+}
+
 static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
 {
     struct state *state = opaque;
     const struct v2v_conv_spec *spec = &state->spec;
-    int64_t pad = (spec->kernel - 1) / 2, plane = spec->height * spec->width;
+    int64_t plane = spec->height * spec->width;
     int64_t strips = (spec->height + state->gradient_rows - 1) / state->gradient_rows;
-    memset(state->sums, 0, (size_t)(state->threads * state->sum_floats) * sizeof *state->sums);
+    int64_t units = spec->batch * strips;
 #pragma omp parallel for schedule(static) num_threads(state->threads)
-    for (int64_t unit = 0; unit < spec->batch * strips; unit++) {
-        int64_t n = unit / strips, first = unit % strips * state->gradient_rows;
-        int64_t left = spec->height - first, thread = omp_get_thread_num();
-        int64_t rows = left < state->gradient_rows ? left : state->gradient_rows;
-        float *strip = state->strips + thread * state->strip_floats;
-        float *right = state->douts + thread * state->dout_floats;
-        load(state, strip, in + n * spec->in * plane, spec->in, first - pad, rows + 2 * pad, pad);
-        load(state, right, dout + n * spec->out * plane, spec->out, first, rows, 0);
-        state->kernel->correlate(
-            state->sums + thread * state->sum_floats,
-            &(struct direct_strip){strip, spec->in, rows + 2 * pad, state->pitch},
-            &(struct direct_strip){right, spec->out, rows, state->pitch}, spec->width,
-            spec->kernel);
+    for (int64_t part = 0; part < PARTS; part++) {
+        float *sums = state->sums + part * state->sum_floats;
+        memset(sums, 0, (size_t)state->sum_floats * sizeof *sums);
+        for (int64_t unit = units * part / PARTS; unit < units * (part + 1) / PARTS; unit++) {
+            int64_t n = unit / strips, first = unit % strips * state->gradient_rows;
+            correlate_unit(state, sums, in + n * spec->in * plane, dout + n * spec->out * plane,
+                           first);
+        }
     }
     add_sums(state, dweight);
 }
