@@ -234,6 +234,7 @@ enum v2v_status v2v_cli_run(int argc, char *const *argv, struct v2v_comm *world)
                  : v2v_options_parse(arguments, command->options, argc - words, argv + words);
     }
     V2V_TRY(v2v_par_agree(world, rc));
+    V2V_ASSERT(arguments != NULL); /* agreement is never better than this rank's own code */
     rc = run_parsed(command, arguments, &session);
     V2V_TRY(v2v_par_agree(world, rc));
 done:
@@ -285,7 +286,9 @@ int v2v_cli_main(int argc, char **argv)
         /* after a failed close HDF5 1.10 can crash or wait in MPI_Finalize */
         v2v_par_abort(v2v_status_exit_code(rc));
     }
-    v2v_par_finalize(&world);
+    if (world != NULL) { /* where it could not start, v2v_par_init has ended MPI */
+        v2v_par_finalize(&world);
+    }
     if (v2v_mem_held() != 0) {
         v2v_log(V2V_LOG_WARNING, "%zu bytes are still held at the end", v2v_mem_held());
     }

@@ -195,7 +195,7 @@ enum v2v_status v2v_file_write_text(const char *path, const char *text)
     V2V_TRY(v2v_file_temporary(temporary, path));
     stream = fopen(temporary, "we");
     if (stream == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
+        return V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
     }
     V2V_TRY(V2V_FAULT_POINT("file.write_text"));
     if (fputs(text, stream) < 0 || fflush(stream) != 0) {

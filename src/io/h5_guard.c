@@ -38,12 +38,12 @@ static rlim_t virtual_size(void)
 }
 #endif
 
-static void set_limit(int resource, rlim_t value)
+static void set_limit(int resource, rlim_t value, rlim_t most)
 {
     struct rlimit limit;
     if (getrlimit(resource, &limit) == 0 &&
-        (limit.rlim_max == RLIM_INFINITY || value < limit.rlim_max)) {
-        limit = (struct rlimit){.rlim_cur = value, .rlim_max = value};
+        (limit.rlim_max == RLIM_INFINITY || most < limit.rlim_max)) {
+        limit = (struct rlimit){.rlim_cur = value, .rlim_max = most};
         setrlimit(resource, &limit);
     }
 }
@@ -55,12 +55,13 @@ static void restrain_child(void)
     for (size_t i = 0; i < sizeof crashes / sizeof crashes[0]; i++) {
         signal(crashes[i], SIG_DFL);
     }
-    set_limit(RLIMIT_CORE, 0);
-    set_limit(RLIMIT_CPU, GUARD_SECONDS);
+    set_limit(RLIMIT_CORE, 0, 0);
+    /* SIGXCPU tells the parent why; with both limits equal the kernel sends SIGKILL at once. */
+    set_limit(RLIMIT_CPU, GUARD_SECONDS, GUARD_SECONDS + 1);
 #ifndef __SANITIZE_ADDRESS__ /* its shadow memory is terabytes of address space */
     const rlim_t held = virtual_size();
     if (held > 0) {
-        set_limit(RLIMIT_AS, held + GUARD_BYTES);
+        set_limit(RLIMIT_AS, held + GUARD_BYTES, held + GUARD_BYTES);
     }
 #endif
 }

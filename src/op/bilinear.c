@@ -93,7 +93,7 @@ static void collect(float *row, const float *columns, const struct run *run)
 static void forward_run(float *out, const float *in, const struct run *run, int64_t height,
                         int64_t width, int factor)
 {
-    float row[RUN + 2];
+    float row[RUN + 2] = {0.0f};
     for (int64_t y = 0; y < height * factor; y++) {
         struct place place = place_of(y, height, height * factor);
         blend(row, in + place.low * width + run->first, in + place.high * width + run->first,

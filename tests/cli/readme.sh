@@ -33,7 +33,7 @@ for block in ../block_*; do
         echo "left out, no shared data: $(head -1 "$block")"
         continue
     fi
-    timeout -k 5 500 bash -c "set -eu; . '$block'" >../stdout 2>../stderr </dev/null ||
+    timeout -k 5 $((limit * 50)) bash -c "set -eu; . '$block'" >../stdout 2>../stderr </dev/null ||
         fail "README.md: $(cat "$block"): $(tail -5 ../stderr)"
     run=$((run + 1))
 done

@@ -23,7 +23,7 @@ if(V2V_FAULTS)
 endif()
 if(V2V_SANITIZE)
   target_compile_options(v2v_flags INTERFACE -fsanitize=address,undefined -fno-omit-frame-pointer
-    -fno-sanitize-recover=undefined)
+    -fno-sanitize-recover=undefined -fno-sanitize=pointer-overflow)
   target_link_options(v2v_flags INTERFACE -fsanitize=address,undefined)
 endif()
 if(V2V_ANALYZE)
