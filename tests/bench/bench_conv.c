@@ -15,38 +15,38 @@ static const struct layer {
     const char *name;
     struct v2v_conv_spec spec;
 } layers[] = {
-    {"encoder 1->4 3x3 512", {13, 1, 4, 512, 512, 3, 1, 0.01f, 0, 1}},
-    {"encoder 4->4 3x3 512", {13, 4, 4, 512, 512, 3, 1, 0.01f, 0, 1}},
-    {"encoder 4->4 3x3 128", {13, 4, 4, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 4->8 3x3 128", {13, 4, 8, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 4->8 1x1 128", {13, 4, 8, 128, 128, 1, 1, 1.0f, 0, 1}},
-    {"encoder 8->8 3x3 128", {13, 8, 8, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 8->16 3x3 128", {13, 8, 16, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 16->16 3x3 128", {13, 16, 16, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 16->16 3x3 512", {13, 16, 16, 512, 512, 3, 1, 0.01f, 0, 1}},
-    {"encoder 28->16 3x3 128", {13, 28, 16, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"encoder 16->4 1x1 128", {13, 16, 4, 128, 128, 1, 1, 0.01f, 0, 1}},
-    {"encoder 16->4 1x1 16", {13, 16, 4, 16, 16, 1, 1, 0.01f, 0, 1}},
-    {"crossover 16->16 3x3 16", {1, 16, 16, 16, 16, 3, 1, 0.01f, 0, 1}},
-    {"crossover 16->32 3x3 8", {1, 16, 32, 8, 8, 3, 1, 0.01f, 0, 1}},
-    {"crossover 16->32 3x3 32", {1, 16, 32, 32, 32, 3, 1, 0.01f, 0, 1}},
-    {"crossover 16->32 3x3 128", {4, 16, 32, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"crossover 32->32 3x3 128", {2, 32, 32, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"crossover 32->39 3x3 128", {2, 32, 39, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"crossover 32->32 3x3 16", {1, 32, 32, 16, 16, 3, 1, 0.01f, 0, 1}},
-    {"crossover 32->64 3x3 8", {1, 32, 64, 8, 8, 3, 1, 0.01f, 0, 1}},
-    {"crossover 64->32 3x3 128", {1, 64, 32, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"crossover 64->64 3x3 128", {1, 64, 64, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"U-Net 1024->512 3x3 128", {1, 1024, 512, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"U-Net 512->256 3x3 128", {1, 512, 256, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"U-Net 256->128 3x3/2 128", {1, 256, 128, 128, 128, 3, 2, 0.01f, 0, 1}},
-    {"U-Net 128->64 3x3 128", {1, 128, 64, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"U-Net 128->39 3x3 128", {1, 128, 39, 128, 128, 3, 1, 0.01f, 0, 1}},
-    {"U-Net 512->384 3x3 8", {1, 512, 384, 8, 8, 3, 1, 0.01f, 0, 1}},
+    {"encoder 1->4 3x3 512", {13, 1, 4, 512, 512, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 4->4 3x3 512", {13, 4, 4, 512, 512, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 4->4 3x3 128", {13, 4, 4, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 4->8 3x3 128", {13, 4, 8, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 4->8 1x1 128", {13, 4, 8, 128, 128, 1, 1, 1.0f, 1, 0, {0}}},
+    {"encoder 8->8 3x3 128", {13, 8, 8, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 8->16 3x3 128", {13, 8, 16, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 16->16 3x3 128", {13, 16, 16, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 16->16 3x3 512", {13, 16, 16, 512, 512, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 28->16 3x3 128", {13, 28, 16, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 16->4 1x1 128", {13, 16, 4, 128, 128, 1, 1, 0.01f, 1, 0, {0}}},
+    {"encoder 16->4 1x1 16", {13, 16, 4, 16, 16, 1, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 16->16 3x3 16", {1, 16, 16, 16, 16, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 16->32 3x3 8", {1, 16, 32, 8, 8, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 16->32 3x3 32", {1, 16, 32, 32, 32, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 16->32 3x3 128", {4, 16, 32, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 32->32 3x3 128", {2, 32, 32, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 32->39 3x3 128", {2, 32, 39, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 32->32 3x3 16", {1, 32, 32, 16, 16, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 32->64 3x3 8", {1, 32, 64, 8, 8, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 64->32 3x3 128", {1, 64, 32, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"crossover 64->64 3x3 128", {1, 64, 64, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"U-Net 1024->512 3x3 128", {1, 1024, 512, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"U-Net 512->256 3x3 128", {1, 512, 256, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"U-Net 256->128 3x3/2 128", {1, 256, 128, 128, 128, 3, 2, 0.01f, 1, 0, {0}}},
+    {"U-Net 128->64 3x3 128", {1, 128, 64, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"U-Net 128->39 3x3 128", {1, 128, 39, 128, 128, 3, 1, 0.01f, 1, 0, {0}}},
+    {"U-Net 512->384 3x3 8", {1, 512, 384, 8, 8, 3, 1, 0.01f, 1, 0, {0}}},
 };
 
-static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
-                                                          &v2v_conv_openblas};
+static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_winograd,
+                                                          &v2v_conv_onednn, &v2v_conv_openblas};
 
 struct buffers {
     float *in, *out, *weight, *bias, *dweight, *dbias;
@@ -96,10 +96,14 @@ done:
     return rc;
 }
 
+/* GFLOP/s are those of the direct sums, whatever a backend saves. */
 static enum v2v_status measure(const struct layer *layer, const struct v2v_conv_backend *backend)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_conv_spec *spec = &layer->spec;
+    struct v2v_workspace workspace = {0};
+    struct v2v_conv_spec with_workspace = layer->spec;
+    const struct v2v_conv_spec *spec = &with_workspace;
+    with_workspace.method.workspace = &workspace;
     struct buffers b = {0};
     struct v2v_conv *conv = NULL;
     int64_t taps = (int64_t)spec->kernel * spec->kernel;
@@ -125,11 +129,20 @@ static enum v2v_status measure(const struct layer *layer, const struct v2v_conv_
     fflush(stdout);
 done:
     v2v_conv_destroy(&conv);
+    v2v_workspace_fini(&workspace);
     float *owned[] = {b.in, b.out, b.weight, b.dweight, b.bias, b.dbias};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) {
         v2v_mem_free(owned[i]);
     }
     return rc;
+}
+
+static int applies(const struct v2v_conv_backend *backend, const struct v2v_conv_spec *spec)
+{
+    if (backend == &v2v_conv_direct) {
+        return spec->stride == 1 && spec->in * spec->out <= 128 * 64;
+    }
+    return backend != &v2v_conv_winograd || (spec->kernel == 3 && spec->stride == 1);
 }
 
 int main(int argc, char **argv)
@@ -142,8 +155,7 @@ int main(int argc, char **argv)
             continue;
         }
         for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
-            int large = layers[i].spec.in * layers[i].spec.out > 128 * 64;
-            if (backends[j] == &v2v_conv_direct && (layers[i].spec.stride > 1 || large)) {
+            if (!applies(backends[j], &layers[i].spec)) {
                 continue;
             }
             if (measure(&layers[i], backends[j]) != V2V_OK) {
