@@ -38,10 +38,10 @@
                   .mode = V2V_NUMBER_AUTO, .meaning = meaning_                                     \
     }
 
-/* A number or "none" (the default). */
-#define NONE(s, n, least_, most_, meaning_)                                                        \
+/* A number, "auto" or "off" (the default). */
+#define SKIP(s, n, least_, most_, meaning_)                                                        \
     {                                                                                              \
-        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 0,             \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1,             \
                   .mode = V2V_NUMBER_NONE, .meaning = meaning_                                     \
     }
 
@@ -107,7 +107,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),
 
     WORD(recon, precision, V2V_PRECISION_F32, "of the convolutions", "f32", "bf16"),
-    NONE(recon, skip, 0.0, 1.0, "tolerance for skipping what the scene doesn't need"),
+    SKIP(recon, skip, 0.0, 1.0, "light, of the brightest, below which nothing is computed"),
 
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
     WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),

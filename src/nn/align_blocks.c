@@ -153,9 +153,14 @@ void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *we
 }
 
 void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
-                              const struct v2v_padded *features, int64_t first, int64_t last)
+                              const struct v2v_padded *features,
+                              const struct v2v_winograd_part *part)
 {
-    v2v_winograd_forward_rows(self->winograd, out, features->data, 0, first, last);
+    if (part == NULL) {
+        v2v_winograd_forward(self->winograd, out, features->data);
+    } else {
+        v2v_winograd_forward_part(self->winograd, out, features->data, part);
+    }
 }
 
 void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,

@@ -22,7 +22,8 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *blocks,
 void v2v_align_blocks_set_weights(struct v2v_align_blocks *blocks, const float *weight,
                                   const float *bias);
 void v2v_align_blocks_forward(struct v2v_align_blocks *blocks, float *out,
-                              const struct v2v_padded *features, int64_t first, int64_t last);
+                              const struct v2v_padded *features,
+                              const struct v2v_winograd_part *part);
 void v2v_align_blocks_backward(struct v2v_align_blocks *blocks, float *dweight,
                                struct v2v_padded *dfeatures, const struct v2v_padded *features,
                                const float *dout);

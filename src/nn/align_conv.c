@@ -74,13 +74,13 @@ void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight
 }
 
 void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
-                            const struct v2v_padded *features, int64_t first, int64_t last)
+                            const struct v2v_padded *features, const struct v2v_winograd_part *part)
 {
     if (conv->blocks != NULL) {
-        v2v_align_blocks_forward(conv->blocks, out, features, first, last);
+        v2v_align_blocks_forward(conv->blocks, out, features, part);
     }
     if (conv->taps != NULL) {
-        v2v_align_taps_forward(conv->taps, out, features, first, last);
+        v2v_align_taps_forward(conv->taps, out, features, part);
     }
 }
 

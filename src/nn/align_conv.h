@@ -5,6 +5,7 @@
 
 #include "nn/padded.h"
 #include "v2v3d/op/conv.h"
+#include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/shifts.h"
 
 struct v2v_align_conv;
@@ -30,10 +31,11 @@ enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv, const struct v2
 void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight,
                                 const float *bias);
 
-/* out[o,y,x] = leaky(bias + sum of taps) for the rows [first, last), as v2v_winograd_forward_rows.
- */
+/* out[o,y,x] = leaky(bias + sum of taps), for a part of the tiles as v2v_winograd_forward_part (its
+ * shift is 0); NULL: all. */
 void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
-                            const struct v2v_padded *features, int64_t first, int64_t last);
+                            const struct v2v_padded *features,
+                            const struct v2v_winograd_part *part);
 
 /* dweight, dbias and dfeatures are added to; dout is the gradient before the activation and is used
  * up. */

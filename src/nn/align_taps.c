@@ -191,18 +191,57 @@ static void add_full_gradient(const struct v2v_align_taps *conv, const struct re
 
 /* ---- strips ---- */
 
-/* Rows [y0,y1) of a region: what one matrix product takes. */
-struct strip {
-    const struct region *region;
-    int64_t y0, y1, width, pixels;
+struct rectangle {
+    int64_t y0, y1, x0, x1;
 };
 
-static struct strip strip_at(const struct region *region, int64_t y, int64_t last)
+/* A region's pixels in a run of tiles. */
+static struct rectangle cut(const struct region *region, const struct v2v_tile_run *run)
 {
-    struct strip strip = {.region = region, .y0 = y, .width = region->x1 - region->x0};
+    int64_t y0 = run->row * V2V_TILE, x0 = run->first * V2V_TILE;
+    int64_t y1 = y0 + V2V_TILE, x1 = x0 + run->count * V2V_TILE;
+    return (struct rectangle){.y0 = y0 > region->y0 ? y0 : region->y0,
+                              .y1 = y1 < region->y1 ? y1 : region->y1,
+                              .x0 = x0 > region->x0 ? x0 : region->x0,
+                              .x1 = x1 < region->x1 ? x1 : region->x1};
+}
+
+/* The next rectangle of a region's pixels in the runs from *run on: runs of neighbouring rows with
+ * the same columns are one. Without rows: there is none. */
+static struct rectangle next_rectangle(int64_t *run, const struct region *region,
+                                       const struct v2v_winograd_part *part)
+{
+    struct rectangle joined = {0};
+    for (; *run < part->runs; (*run)++) {
+        struct rectangle more = cut(region, &part->run[*run]);
+        if (more.y0 >= more.y1 || more.x0 >= more.x1) {
+            continue;
+        }
+        if (joined.y0 == joined.y1) {
+            joined = more;
+        } else if (more.y0 == joined.y1 && more.x0 == joined.x0 && more.x1 == joined.x1) {
+            joined.y1 = more.y1;
+        } else {
+            break;
+        }
+    }
+    return joined;
+}
+
+/* Rows [y0,y1) of a rectangle of a region: what one matrix product takes. */
+struct strip {
+    const struct region *region;
+    int64_t y0, y1, x0, width, pixels;
+};
+
+static struct strip strip_at(const struct region *region, const struct rectangle *rectangle,
+                             int64_t y)
+{
+    struct strip strip = {
+        .region = region, .y0 = y, .x0 = rectangle->x0, .width = rectangle->x1 - rectangle->x0};
     int64_t rows = STRIP_PIXELS / strip.width;
     strip.y1 = y + (rows > 1 ? rows : 1);
-    strip.y1 = strip.y1 < last ? strip.y1 : last;
+    strip.y1 = strip.y1 < rectangle->y1 ? strip.y1 : rectangle->y1;
     strip.pixels = (strip.y1 - strip.y0) * strip.width;
     return strip;
 }
@@ -213,7 +252,7 @@ static float *tap_source(const struct v2v_align_taps *conv, const struct strip *
 {
     const struct v2v_tap *tap = &strip->region->taps.tap[t];
     return features->data + v2v_padded_offset(features, conv->views[tap->view], c) +
-           (strip->y0 + tap->y) * v2v_padded_pitch(features) + strip->region->x0 + tap->x;
+           (strip->y0 + tap->y) * v2v_padded_pitch(features) + strip->x0 + tap->x;
 }
 
 /* patch[(tap,feature), pixel] */
@@ -268,7 +307,7 @@ static void finish_strip(const struct v2v_align_taps *conv, const struct strip *
     for (int64_t o = 0; o < conv->spec.out; o++) {
         const float *from = conv->strip + o * strip->pixels;
         for (int64_t y = strip->y0; y < strip->y1; y++) {
-            float *to = out + (o * conv->out_rows + y - first) * conv->width + strip->region->x0;
+            float *to = out + (o * conv->out_rows + y - first) * conv->width + strip->x0;
             for (int64_t x = 0; x < strip->width; x++) {
                 float value = from[x] + conv->bias[o];
                 to[x] = value > 0.0f ? value : slope * value;
@@ -278,25 +317,43 @@ static void finish_strip(const struct v2v_align_taps *conv, const struct strip *
     }
 }
 
+static void forward_rectangle(struct v2v_align_taps *conv, float *out,
+                              const struct v2v_padded *features, const struct region *region,
+                              const struct rectangle *rectangle, int64_t first)
+{
+    int64_t columns = region->taps.count * conv->spec.features;
+    for (int64_t y = rectangle->y0; y < rectangle->y1;) {
+        struct strip strip = strip_at(region, rectangle, y);
+        gather(conv, &strip, features);
+        v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
+                 region->weight, columns, conv->patch, strip.pixels, 0.0f, conv->strip,
+                 strip.pixels);
+        finish_strip(conv, &strip, out, first);
+        y = strip.y1;
+    }
+}
+
+static struct rectangle whole(const struct region *region)
+{
+    return (struct rectangle){region->y0, region->y1, region->x0, region->x1};
+}
+
 void v2v_align_taps_forward(struct v2v_align_taps *conv, float *out,
-                            const struct v2v_padded *features, int64_t first, int64_t last)
+                            const struct v2v_padded *features, const struct v2v_winograd_part *part)
 {
     for (int i = 0; i < REGIONS; i++) {
         const struct region *region = &conv->region[i];
-        int64_t y0 = region->y0 > first ? region->y0 : first;
-        int64_t y1 = region->y1 < last ? region->y1 : last;
+        struct rectangle rectangle = whole(region);
         if (skips(conv, i)) {
             continue;
         }
-        int64_t columns = region->taps.count * conv->spec.features;
-        for (int64_t y = y0; y < y1;) {
-            struct strip strip = strip_at(region, y, y1);
-            gather(conv, &strip, features);
-            v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
-                     region->weight, columns, conv->patch, strip.pixels, 0.0f, conv->strip,
-                     strip.pixels);
-            finish_strip(conv, &strip, out, first);
-            y = strip.y1;
+        if (part == NULL) {
+            forward_rectangle(conv, out, features, region, &rectangle, 0);
+            continue;
+        }
+        for (int64_t run = 0; run < part->runs;) {
+            rectangle = next_rectangle(&run, region, part);
+            forward_rectangle(conv, out, features, region, &rectangle, part->first_row * V2V_TILE);
         }
     }
 }
@@ -309,7 +366,7 @@ static void take_strip(const struct v2v_align_taps *conv, const struct strip *st
     for (int64_t o = 0; o < conv->spec.out; o++) {
         float *to = conv->strip + o * strip->pixels;
         for (int64_t y = strip->y0; y < strip->y1; y++) {
-            memcpy(to, dout + (o * conv->height + y) * conv->width + strip->region->x0,
+            memcpy(to, dout + (o * conv->height + y) * conv->width + strip->x0,
                    (size_t)strip->width * sizeof *to);
             to += strip->width;
         }
@@ -329,8 +386,9 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
         }
         int64_t columns = region->taps.count * conv->spec.features;
         memset(conv->dweight, 0, (size_t)(out * columns) * sizeof *conv->dweight);
+        struct rectangle rectangle = whole(region);
         for (int64_t y = region->y0; y < region->y1;) {
-            struct strip strip = strip_at(region, y, region->y1);
+            struct strip strip = strip_at(region, &rectangle, y);
             int64_t pixels = strip.pixels;
             gather(conv, &strip, features);
             take_strip(conv, &strip, dout);

@@ -21,7 +21,8 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *taps, int64_t height,
 void v2v_align_taps_set_weights(struct v2v_align_taps *taps, const float *weight,
                                 const float *bias);
 void v2v_align_taps_forward(struct v2v_align_taps *taps, float *out,
-                            const struct v2v_padded *features, int64_t first, int64_t last);
+                            const struct v2v_padded *features,
+                            const struct v2v_winograd_part *part);
 void v2v_align_taps_backward(struct v2v_align_taps *taps, float *dweight,
                              struct v2v_padded *dfeatures, const struct v2v_padded *features,
                              const float *dout);

@@ -26,6 +26,9 @@ struct v2v_model {
     int64_t view_count[BRANCHES];
     int32_t *held; /* views of all branches held, in batch order */
     int64_t held_count;
+    struct v2v_shifts shifts; /* a copy */
+    struct v2v_scene scene;   /* where tiles may be skipped */
+    double computed_part;
     struct v2v_padded features, dfeatures;
     float *batch;   /* [held,y,x]: the encoder's input */
     float *dbatch;  /* [held,feature,y,x] training */
@@ -152,6 +155,7 @@ enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_mode
     }
     V2V_TRY(create(&self, spec, shifts));
     self->ring = v2v_shifts_reach(shifts) + 1;
+    V2V_TRY(v2v_shifts_copy(&self->shifts, shifts));
     self->parameters.fields = &self->fields;
     V2V_TRY(V2V_ALLOC(self->parameters.weights, "model.weights", self->fields.total));
 done:
@@ -169,6 +173,7 @@ static void free_workspace(struct v2v_model *model)
     v2v_padded_fini(&model->features);
     v2v_padded_fini(&model->dfeatures);
     v2v_workspace_fini(&model->shared);
+    v2v_scene_fini(&model->scene);
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(*memory[i]);
         *memory[i] = NULL;
@@ -187,6 +192,7 @@ void v2v_model_destroy(struct v2v_model **model)
         v2v_unet_destroy(&self->unet[b]);
         v2v_mem_free(self->views[b]);
     }
+    v2v_shifts_fini(&self->shifts);
     v2v_mem_free(self->held);
     v2v_mem_free(self->parameters.weights);
     v2v_mem_free(self->parameters.gradients);
@@ -249,6 +255,11 @@ done:
     return rc;
 }
 
+static int skips(const struct v2v_model *model)
+{
+    return model->spec.skip > 0.0 && v2v_unet_knows_scenes(model->unet[first_branch(model)]);
+}
+
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
 {
     enum v2v_status rc = V2V_OK;
@@ -271,6 +282,9 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
             V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0],
                                   &model->features, training));
         }
+    }
+    if (skips(model)) {
+        V2V_TRY(v2v_scene_init(&model->scene, &model->shifts, height, width));
     }
     v2v_model_weights_changed(model);
 done:
@@ -330,6 +344,13 @@ void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, 
 {
     float *volume[BRANCHES] = {volume1, volume2};
     int64_t voxels = model->spec.slices * model->height * model->width;
+    const struct v2v_scene *scene = NULL;
+    model->computed_part = 1.0;
+    if (skips(model) && v2v_scene_look(&model->scene, views, model->spec.skip)) {
+        scene = &model->scene;
+        model->computed_part = (double)scene->computed.count /
+                               (double)(scene->computed.rows * scene->computed.columns);
+    }
     if (!model->training) {
         encode_one_by_one(model, views);
     }
@@ -338,10 +359,15 @@ void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, 
             if (model->training) {
                 encode_branch(model, b, views);
             }
-            const float *output = v2v_unet_forward(model->unet[b], &model->features);
+            const float *output = v2v_unet_forward(model->unet[b], &model->features, scene);
             scale(volume[b], output, voxels, (float)model->spec.volume_scale);
         }
     }
+}
+
+double v2v_model_computed_part(const struct v2v_model *model)
+{
+    return model->computed_part;
 }
 
 static void encode_back(struct v2v_model *model, int b)

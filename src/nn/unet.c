@@ -1,6 +1,6 @@
 #include "nn/unet.h"
 
-#include "nn/head.h"
+#include "nn/strips.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/op/activation.h"
@@ -36,6 +36,13 @@ enum {
     LAYERS
 };
 
+/* The full-size layers, chained where they can be computed in strips. */
+enum { HEAD, TAIL, CHAINS };
+
+static const struct {
+    int first, last;
+} chain_table[CHAINS] = {[HEAD] = {INIT2, INIT6}, [TAIL] = {UP4, FINAL4}};
+
 static const struct {
     const char *name;
     int in, out, stride, half, up;
@@ -69,8 +76,10 @@ struct v2v_unet {
     struct v2v_layer first; /* sizes and parameters only: align computes it */
     struct v2v_align_conv *align;
     struct v2v_layer layer[LAYERS];
-    struct v2v_head *head;  /* the first three layers of inference in strips; NULL: one by one */
-    float *strips;          /* of the head */
+    /* Inference by minimal filtering: the full-size layers in strips, before and after the rest;
+     * NULL: one by one. */
+    struct v2v_strips *chain[CHAINS];
+    float *strips[CHAINS];
     float *aligned;         /* [8n,y,x] */
     float *out[LAYERS];     /* of every layer */
     float *entered[LEVELS]; /* input of DOWN */
@@ -180,33 +189,60 @@ static int last_reader(int i)
     return i >= DOWN1 && i <= DOWN4 ? i : i + 1;
 }
 
-static int has_head(const struct v2v_unet *unet)
+int v2v_unet_knows_scenes(const struct v2v_unet *unet)
 {
     return unet->spec.method.winograd && !unet->training;
 }
 
-static struct v2v_head_spec head_spec(const struct v2v_unet *unet)
+/* The chain that layer i is in; CHAINS: none. */
+static int chain_of(const struct v2v_unet *unet, int i)
 {
-    return (struct v2v_head_spec){.first = &unet->layer[INIT2],
-                                  .second = &unet->layer[INIT4],
-                                  .height = unet->height,
-                                  .width = unet->width,
-                                  .most_floats = V2V_HEAD_FLOATS};
+    int chain = 0;
+    while (chain < CHAINS && (i < chain_table[chain].first || i > chain_table[chain].last)) {
+        chain++;
+    }
+    return v2v_unet_knows_scenes(unet) ? chain : CHAINS;
+}
+
+static struct v2v_strips_spec chain_spec(struct v2v_unet *unet, int chain)
+{
+    struct v2v_strips_spec spec = {.align = chain == HEAD ? unet->align : NULL,
+                                   .height = unet->height,
+                                   .width = unet->width,
+                                   .most_floats = V2V_STRIPS_FLOATS,
+                                   .workspace = unet->spec.method.workspace};
+    for (int i = chain_table[chain].first; i <= chain_table[chain].last; i++) {
+        spec.layer[spec.layers++] = &unet->layer[i];
+    }
+    return spec;
+}
+
+/* Is the output of layer i kept as a whole? */
+static int is_kept(const struct v2v_unet *unet, int i)
+{
+    int chain = chain_of(unet, i);
+    return chain == CHAINS || i == chain_table[chain].last;
 }
 
 static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
 {
     int64_t n = 0;
-    int64_t aligned = channels(unet, 8) * pixels_at(unet, 0);
-    if (has_head(unet)) {
-        struct v2v_head_spec head = head_spec(unet);
-        slot[n++] = needed(unet, &unet->strips, v2v_head_floats(&head), ALIGN, INIT4);
+    if (v2v_unet_knows_scenes(unet)) {
+        for (int chain = 0; chain < CHAINS; chain++) {
+            struct v2v_strips_spec spec = chain_spec(unet, chain);
+            slot[n++] =
+                needed(unet, &unet->strips[chain], v2v_strips_floats(&spec),
+                       chain == HEAD ? ALIGN : chain_table[chain].first, chain_table[chain].last);
+        }
     } else {
+        int64_t aligned = channels(unet, 8) * pixels_at(unet, 0);
         slot[n++] = needed(unet, &unet->aligned, aligned, ALIGN, INIT2);
-        slot[n++] = needed(unet, &unet->out[INIT2], out_count(unet, INIT2), INIT2, INIT4);
     }
-    for (int i = INIT4; i < LAYERS; i++) {
-        slot[n++] = needed(unet, &unet->out[i], out_count(unet, i), i, last_reader(i));
+    for (int i = 0; i < LAYERS; i++) {
+        int chain = chain_of(unet, i), first = chain == CHAINS ? i : chain_table[chain].first;
+        if (is_kept(unet, i)) {
+            slot[n++] = needed(unet, &unet->out[i], out_count(unet, i), first, last_reader(i));
+        }
     }
     for (int k = 0; k < LEVELS; k++) {
         int down = DOWN1 + k, reader = k < LEVELS - 1 ? UP3 - k : BOTTOM;
@@ -215,7 +251,8 @@ static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
     }
     slot[n++] = needed(unet, &unet->bottom, in_count(unet, BOTTOM), BOTTOM, BOTTOM);
     for (int k = 0; k < STEPS; k++) {
-        slot[n++] = needed(unet, &unet->joined[k], in_count(unet, UP1 + k), UP1 + k, UP1 + k);
+        int chain = chain_of(unet, UP1 + k), last = chain == CHAINS ? UP1 + k : FINAL4;
+        slot[n++] = needed(unet, &unet->joined[k], in_count(unet, UP1 + k), UP1 + k, last);
     }
     for (int k = 0; k < LEVELS && unet->training; k++) {
         slot[n++] = needed(unet, &unet->dskip[k], in_count(unet, DOWN1 + k), 0, 0);
@@ -243,6 +280,13 @@ static void free_which(struct v2v_unet *unet)
     }
 }
 
+static void free_chains(struct v2v_unet *unet)
+{
+    for (int chain = 0; chain < CHAINS; chain++) {
+        v2v_strips_destroy(&unet->chain[chain]);
+    }
+}
+
 enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
                               const struct v2v_padded *like, int training)
 {
@@ -259,20 +303,20 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
     for (int k = 0; k < LEVELS && training; k++) {
         V2V_TRY(V2V_ALLOC(unet->which[k], "unet.workspace", out_count(unet, DOWN1 + k) / 4));
     }
-    v2v_head_destroy(&unet->head);
-    if (has_head(unet)) {
-        v2v_layer_fini(&unet->layer[INIT2]);
-        v2v_layer_fini(&unet->layer[INIT4]);
-        struct v2v_head_spec head = head_spec(unet);
-        V2V_TRY(
-            v2v_head_create(&unet->head, &head, unet->align, like, unet->spec.method.workspace));
-    } else {
+    free_chains(unet);
+    for (int chain = 0; chain < CHAINS && v2v_unet_knows_scenes(unet); chain++) {
+        struct v2v_strips_spec spec = chain_spec(unet, chain);
+        V2V_TRY(v2v_strips_create(&unet->chain[chain], &spec, like));
+    }
+    if (!v2v_unet_knows_scenes(unet)) {
         V2V_TRY(v2v_align_conv_plan(unet->align, like, height, training));
     }
-    for (int i = unet->head != NULL ? INIT6 : INIT2; i < LAYERS; i++) {
+    for (int i = 0; i < LAYERS; i++) {
         int half = layer_table[i].half;
-        V2V_TRY(v2v_layer_plan(&unet->layer[i], 1, height >> half, width >> half,
-                               &unet->spec.method, training));
+        if (chain_of(unet, i) == CHAINS) {
+            V2V_TRY(v2v_layer_plan(&unet->layer[i], 1, height >> half, width >> half,
+                                   &unet->spec.method, training));
+        }
     }
 done:
     return rc;
@@ -286,7 +330,7 @@ void v2v_unet_destroy(struct v2v_unet **unet)
     for (int i = 0; i < LAYERS; i++) {
         v2v_layer_fini(&(*unet)->layer[i]);
     }
-    v2v_head_destroy(&(*unet)->head);
+    free_chains(*unet);
     v2v_align_conv_destroy(&(*unet)->align);
     free_which(*unet);
     v2v_mem_free(*unet);
@@ -299,8 +343,10 @@ void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters
     v2v_align_conv_set_weights(unet->align,
                                v2v_parameter(fields, parameters->weights, unet->first.weight),
                                v2v_parameter(fields, parameters->weights, unet->first.bias));
-    if (unet->head != NULL) {
-        v2v_head_weights_changed(unet->head, parameters);
+    for (int chain = 0; chain < CHAINS; chain++) {
+        if (unet->chain[chain] != NULL) {
+            v2v_strips_weights_changed(unet->chain[chain], parameters);
+        }
     }
     for (int i = 0; i < LAYERS; i++) {
         v2v_layer_weights_changed(&unet->layer[i], parameters);
@@ -330,37 +376,67 @@ static void go_down(struct v2v_unet *unet, int k)
                          unet->width >> half);
 }
 
-static void go_up(struct v2v_unet *unet, int k)
+static void join(struct v2v_unet *unet, int k)
 {
     int i = UP1 + k;
     const float *deeper = k == 0 ? unet->out[BOTTOM] : unet->out[i - 1];
     int64_t skip_count = in_count(unet, DOWN4 - k), count = in_count(unet, i);
     v2v_leaky_forward(unet->joined[k], skip_at(unet, 3 - k), skip_count, LEAKY);
     v2v_leaky_forward(unet->joined[k] + skip_count, deeper, count - skip_count, LEAKY);
-    run(unet, i, unet->joined[k]);
 }
 
-const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features)
+/* From the features to E0, and from the last joint to the volume, a layer after the other. */
+static void run_head(struct v2v_unet *unet, const struct v2v_padded *features)
 {
-    if (unet->head != NULL) {
-        v2v_head_forward(unet->head, unet->out[INIT4], unet->strips, features);
-    } else {
-        v2v_align_conv_forward(unet->align, unet->aligned, features, 0, unet->height);
-        run(unet, INIT2, unet->aligned);
-        run(unet, INIT4, unet->out[INIT2]);
-    }
+    v2v_align_conv_forward(unet->align, unet->aligned, features, NULL);
+    run(unet, INIT2, unet->aligned);
+    run(unet, INIT4, unet->out[INIT2]);
     run(unet, INIT6, unet->out[INIT4]);
+}
+
+static void run_tail(struct v2v_unet *unet)
+{
+    run(unet, UP4, unet->joined[STEPS - 1]);
+    run(unet, FINAL0, unet->out[UP4]);
+    run(unet, FINAL2, unet->out[FINAL0]);
+    run(unet, FINAL4, unet->out[FINAL2]);
+}
+
+static void run_chain(struct v2v_unet *unet, int chain, const struct v2v_padded *features,
+                      const struct v2v_scene *scene)
+{
+    struct v2v_strips_data data = {.features = features,
+                                   .images = unet->joined[STEPS - 1],
+                                   .strips = unet->strips[chain],
+                                   .out = unet->out[chain_table[chain].last]};
+    v2v_strips_forward(unet->chain[chain], &data, scene);
+}
+
+const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features,
+                              const struct v2v_scene *scene)
+{
+    int chained = v2v_unet_knows_scenes(unet);
+    if (chained) {
+        run_chain(unet, HEAD, features, scene);
+    } else {
+        run_head(unet, features);
+    }
     for (int k = 0; k < LEVELS; k++) {
         go_down(unet, k);
     }
     v2v_leaky_forward(unet->bottom, unet->pooled[LEVELS - 1], in_count(unet, BOTTOM), LEAKY_BOTTOM);
     run(unet, BOTTOM, unet->bottom);
     for (int k = 0; k < STEPS; k++) {
-        go_up(unet, k);
+        join(unet, k);
+        if (k < STEPS - 1) {
+            run(unet, UP1 + k, unet->joined[k]);
+        }
     }
-    run(unet, FINAL0, unet->out[UP4]);
-    run(unet, FINAL2, unet->out[FINAL0]);
-    run(unet, FINAL4, unet->out[FINAL2]);
+    if (chained) {
+        run_chain(unet, TAIL, features, scene);
+    } else {
+        run_tail(unet);
+    }
     return unet->out[FINAL4];
 }
 

@@ -4,6 +4,7 @@
 
 #include "nn/align_conv.h"
 #include "nn/layer.h"
+#include "nn/scene.h"
 
 struct v2v_unet;
 
@@ -29,8 +30,13 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
                               const struct v2v_padded *like, int training) V2V_MUST_CHECK;
 void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters *parameters);
 
-/* The network's output [z,y,x]; it lives in the U-Net until the next call. */
-const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features);
+/* Can it compute a scene's tiles alone? Only by minimal filtering, and not in training. */
+int v2v_unet_knows_scenes(const struct v2v_unet *unet);
+
+/* The network's output [z,y,x]; it lives in the U-Net until the next call. With a scene the
+ * full-size layers compute its tiles alone; NULL: the whole frame. */
+const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features,
+                              const struct v2v_scene *scene);
 
 /* Add the gradients of the parameters and of the features; `doutput` [z,y,x] is the gradient after
  * the last activation. */

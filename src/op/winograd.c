@@ -14,6 +14,8 @@
 
 enum { TILES = PANEL_COLUMNS, FILTERS = PANEL_ROWS };
 
+_Static_assert((int)WINOGRAD_TILE == (int)V2V_TILE, "lists of tiles are lists of our tiles");
+
 /** Channels or tiles of one pass of products: a panel's share, 16 KB, stays in the first-level
  *  cache, all left rows' share in the second-level one. */
 enum { DEPTH = 128 };
@@ -25,13 +27,13 @@ static const int64_t CHUNK_FLOATS = 16 << 20;
 struct v2v_winograd {
     struct v2v_winograd_spec spec;
     struct v2v_plane *plane;
+    struct v2v_tiles tiles; /* all */
     const struct panel_kernel *panel;
     const struct winograd_kernel *kernel;
     int threads;
     int64_t in8, out8, out32; /**< channels, filled up */
-    int64_t tiles_y, tiles_x;
     int64_t out_rows;
-    int64_t chunk_rows, panels;       /**< of the largest chunk */
+    int64_t chunk_tiles, panels;      /**< of the largest chunk */
     int64_t line_floats, pack_floats; /**< of one thread */
     const float *bias;
     float *weights; /**< [point][run of DEPTH inputs][out8/8][input of the run][8] */
@@ -52,19 +54,18 @@ static int64_t smaller(int64_t a, int64_t b)
 static void plan(struct v2v_winograd *self)
 {
     const struct v2v_winograd_spec *spec = &self->spec;
-    self->out_rows = spec->out_rows > 0 ? spec->out_rows : spec->height;
+    int half = spec->stride2;
+    self->out_rows = spec->out_rows > 0 ? spec->out_rows : (spec->height + half) >> half;
     self->in8 = round_up(spec->in, PANEL_ROWS);
     self->out8 = round_up(spec->out, PANEL_ROWS);
     self->out32 = round_up(spec->out, PANEL_COLUMNS);
-    self->tiles_y = (spec->height + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
-    self->tiles_x = (spec->width + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
-    int64_t row = WINOGRAD_VALUES * (self->in8 + self->out8) * self->tiles_x;
+    int64_t row = WINOGRAD_VALUES * (self->in8 + self->out8) * self->tiles.columns;
     int64_t floats = spec->chunk_floats > 0 ? spec->chunk_floats : CHUNK_FLOATS;
     int64_t most = floats / row > 1 ? floats / row : 1;
-    int64_t chunks = (self->tiles_y + most - 1) / most;
-    self->chunk_rows = (self->tiles_y + chunks - 1) / chunks;
-    self->panels = (self->chunk_rows * self->tiles_x + TILES - 1) / TILES;
-    self->line_floats = v2v_rows_floats(self->tiles_x);
+    int64_t chunks = (self->tiles.rows + most - 1) / most;
+    self->chunk_tiles = (self->tiles.rows + chunks - 1) / chunks * self->tiles.columns;
+    self->panels = (self->chunk_tiles + TILES - 1) / TILES;
+    self->line_floats = v2v_rows_floats(self->tiles.columns);
     int64_t pack = spec->training ? DEPTH * (self->in8 > self->out32 ? self->in8 : self->out32) : 0;
     self->pack_floats = pack + DEPTH * PANEL_ROWS;
 }
@@ -105,6 +106,7 @@ enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
     self->panel = v2v_panel_choose();
     self->kernel = v2v_winograd_choose();
     self->threads = omp_get_max_threads();
+    V2V_TRY(v2v_tiles_init(&self->tiles, spec->height, spec->width));
     plan(self);
     V2V_TRY(V2V_ALLOC(self->weights, "conv.weights",
                       v2v_mem_product(WINOGRAD_VALUES, self->out8, spec->in)));
@@ -124,6 +126,7 @@ void v2v_winograd_destroy(struct v2v_winograd **winograd)
         return;
     }
     v2v_mem_free((*winograd)->plane);
+    v2v_tiles_fini(&(*winograd)->tiles);
     v2v_mem_free((*winograd)->weights);
     v2v_mem_free(*winograd);
     *winograd = NULL;
@@ -173,7 +176,7 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
 
 /* ---- stages ---- */
 
-/* A chunk of tile rows and the memory it uses. */
+/* A chunk of runs and the memory it uses. */
 struct chunk {
     struct rows rows;
     int64_t tiles, panels;
@@ -181,27 +184,39 @@ struct chunk {
     float *input, *output, *gradient;
 };
 
-/* From tile row `first` on, before tile row `end`. */
-static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first, int64_t end)
+/* As many of these runs as a chunk holds. */
+static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_tile_run *run,
+                             int64_t runs)
 {
     struct chunk chunk = {0};
     const struct v2v_winograd_spec *spec = &self->spec;
-    int64_t count = smaller(self->chunk_rows, end - first);
+    int64_t taken = 0;
+    while (taken < runs && chunk.tiles + run[taken].count <= self->chunk_tiles) {
+        V2V_ASSERT(run[taken].row < self->tiles.rows);
+        V2V_ASSERT(run[taken].first + run[taken].count <= self->tiles.columns);
+        chunk.tiles += run[taken++].count;
+    }
     chunk.rows = (struct rows){.kernel = self->kernel,
-                               .first = first,
-                               .count = count,
-                               .tiles_x = self->tiles_x,
+                               .run = run,
+                               .runs = taken,
+                               .tiles_x = self->tiles.columns,
                                .height = spec->height,
                                .width = spec->width,
+                               .stride2 = spec->stride2,
                                .pitch = spec->pitch,
                                .half = spec->half,
                                .line_floats = self->line_floats};
-    chunk.tiles = count * self->tiles_x;
     chunk.panels = (chunk.tiles + TILES - 1) / TILES;
     chunk.rows.panels = chunk.panels;
     (void)lay_out(self, spec->workspace->data, &chunk.rows.lines, &chunk.packs, &chunk.input,
                   &chunk.output, &chunk.gradient);
     return chunk;
+}
+
+/* From row of tiles `first` on. */
+static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first)
+{
+    return chunk_of(self, self->tiles.run + first, self->tiles.rows - first);
 }
 
 static float *thread_pack(const struct v2v_winograd *self, const struct chunk *chunk)
@@ -220,10 +235,11 @@ static void transform_input(const struct v2v_winograd *self, const struct chunk 
 
 static void transform_output(const struct v2v_winograd *self, const struct chunk *chunk, float *out)
 {
+    int64_t width = (self->spec.width + self->spec.stride2) >> self->spec.stride2;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        v2v_rows_output(&chunk->rows, out + o * self->out_rows * self->spec.width,
-                        chunk->output + o * TILES, self->out8, self->bias[o], self->spec.slope);
+        v2v_rows_output(&chunk->rows, out + o * self->out_rows * width, chunk->output + o * TILES,
+                        self->out8, self->bias[o], self->spec.slope);
     }
 }
 
@@ -379,16 +395,15 @@ static void clear_tail(const struct v2v_winograd *self, const struct chunk *chun
 
 /* ---- the three computations ---- */
 
-void v2v_winograd_forward_rows(struct v2v_winograd *self, float *out, const float *base,
-                               int64_t shift, int64_t first, int64_t last)
+void v2v_winograd_forward_part(struct v2v_winograd *self, float *out, const float *base,
+                               const struct v2v_winograd_part *part)
 {
-    int64_t end = (last + WINOGRAD_TILE - 1) / WINOGRAD_TILE;
-    V2V_ASSERT(first % WINOGRAD_TILE == 0 && last <= self->spec.height);
-    V2V_ASSERT(last - first <= self->out_rows);
-    for (int64_t row = first / WINOGRAD_TILE; row < end; row += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, row, end);
-        chunk.rows.shift = shift;
-        chunk.rows.out_first = first;
+    int64_t runs;
+    for (int64_t done = 0; done < part->runs; done += runs) {
+        struct chunk chunk = chunk_of(self, part->run + done, part->runs - done);
+        runs = chunk.rows.runs;
+        chunk.rows.shift = part->shift;
+        chunk.rows.first_row = part->first_row;
         transform_input(self, &chunk, base);
         multiply(self, &chunk);
         transform_output(self, &chunk, out);
@@ -397,13 +412,16 @@ void v2v_winograd_forward_rows(struct v2v_winograd *self, float *out, const floa
 
 void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *base)
 {
-    v2v_winograd_forward_rows(self, out, base, 0, 0, self->spec.height);
+    struct v2v_winograd_part whole = {.run = self->tiles.run, .runs = self->tiles.rows};
+    v2v_winograd_forward_part(self, out, base, &whole);
 }
 
 void v2v_winograd_backward_data(struct v2v_winograd *self, float *base, const float *dout)
 {
-    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, first, self->tiles_y);
+    int64_t rows;
+    for (int64_t first = 0; first < self->tiles.rows; first += rows) {
+        struct chunk chunk = chunk_at(self, first);
+        rows = chunk.rows.runs;
         transform_output_gradient(self, &chunk, dout);
         multiply_data(self, &chunk);
         add_input_gradient(self, &chunk, base);
@@ -435,8 +453,10 @@ void v2v_winograd_backward_weights(struct v2v_winograd *self, float *dweight, co
                                    const float *dout)
 {
     float *gradient = NULL;
-    for (int64_t first = 0; first < self->tiles_y; first += self->chunk_rows) {
-        struct chunk chunk = chunk_at(self, first, self->tiles_y);
+    int64_t rows;
+    for (int64_t first = 0; first < self->tiles.rows; first += rows) {
+        struct chunk chunk = chunk_at(self, first);
+        rows = chunk.rows.runs;
         transform_input(self, &chunk, base);
         transform_output_gradient(self, &chunk, dout);
         clear_tail(self, &chunk, chunk.input, self->in8);

@@ -6,11 +6,14 @@
 #include <omp.h>
 #include <string.h>
 
-enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS };
+/* No batch has more runs than this. */
+enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, RUNS = 64 };
 
-/* A line is one image row with the pixels that its first and last tile read beyond it; phase j is
- * every tile's pixel j, phase[j][t] = line[t * tile + j]; points[i][j][t] are the lines of a row of
- * tiles behind the transform along x, i counting lines. */
+/* A batch is as many runs as a row of the frame has tiles: short ones go through the transforms
+ * together. A line is one image row of every run, from one pixel to the left of it on; phase j is
+ * every tile's pixel j, phase[j][t] = line[t * tile + j], the last two phases being the next tile's
+ * first ones; points[i][j][t] are the lines of the tiles behind the transform along x, i counting
+ * lines. */
 struct scratch {
     float *line;
     float *phase;
@@ -42,9 +45,38 @@ static struct scratch thread_scratch(const struct rows *rows)
     return scratch;
 }
 
+struct batch {
+    const struct v2v_tile_run *run;
+    int64_t runs, tiles;
+    int64_t place; /* of the first tile among the values */
+};
+
+static int64_t within(int64_t x, int64_t low, int64_t high)
+{
+    x = x > low ? x : low;
+    return x < high ? x : high;
+}
+
+/* The runs behind those of `batch`; none: an empty one. */
+static struct batch next_batch(const struct rows *rows, const struct batch *batch)
+{
+    struct batch next = {.run = batch->run + batch->runs, .place = batch->place + batch->tiles};
+    const struct v2v_tile_run *end = rows->run + rows->runs;
+    for (const struct v2v_tile_run *run = next.run;
+         run < end && next.runs < RUNS && next.tiles + run->count <= rows->tiles_x; run++) {
+        next.tiles += run->count;
+        next.runs++;
+    }
+    return next;
+}
+
+static struct batch first_batch(const struct rows *rows)
+{
+    return next_batch(rows, &(struct batch){.run = rows->run});
+}
+
 /* ---- lines and phases ---- */
 
-/* One tile more than the row has: its first two pixels are the last tile's last ones. */
 V2V_SIMD_CLONES
 static void split(float *restrict phase, int64_t step, const float *restrict line, int64_t count)
 {
@@ -65,97 +97,135 @@ static void join(float *restrict line, const float *restrict phase, int64_t step
     }
 }
 
-static int64_t within(int64_t x, int64_t low, int64_t high)
+/* Tiles' pixels, and two more with `beyond`: short copies of fixed sizes are instructions. */
+static void copy_tiles(float *to, const float *from, int64_t tiles, int beyond)
 {
-    x = x > low ? x : low;
-    return x < high ? x : high;
+    for (int64_t t = 0; t < tiles; t++) {
+        memcpy(to + t * TILE, from + t * TILE, TILE * sizeof *to);
+    }
+    if (beyond) {
+        memcpy(to + tiles * TILE, from + tiles * TILE, 2 * sizeof *to);
+    }
 }
 
-/* Image row y of a plane behind one pixel to the left: line[x + 1], zero where the plane ends. */
-static void load_line(const struct rows *rows, float *line, const float *base,
-                      const struct v2v_plane *plane, int64_t y)
+/* Pixels [start, start + length) of an image row, zero where the plane ends. */
+static void load_pixels(const struct rows *rows, float *line, int64_t start, int64_t length,
+                        const float *row, const struct v2v_plane *plane)
 {
-    int64_t length = (rows->tiles_x + 1) * TILE;
-    if (y < plane->y0 || y >= plane->y1) {
-        memset(line, 0, (size_t)length * sizeof *line);
-        return;
-    }
-    int64_t x0 = within(plane->x0, -1, length - 1), x1 = within(plane->x1, x0, length - 1);
-    const float *from = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
-    memset(line, 0, (size_t)(x0 + 1) * sizeof *line);
+    int64_t x0 = within(plane->x0, start, start + length);
+    int64_t x1 = within(plane->x1, x0, start + length);
+    memset(line, 0, (size_t)(x0 - start) * sizeof *line);
     if (rows->half) {
         for (int64_t x = x0; x < x1; x++) {
-            line[x + 1] = from[x >> 1];
+            line[x - start] = row[x >> 1];
         }
     } else {
-        memcpy(line + x0 + 1, from + x0, (size_t)(x1 - x0) * sizeof *line);
+        memcpy(line + x0 - start, row + x0, (size_t)(x1 - x0) * sizeof *line);
     }
-    memset(line + x1 + 1, 0, (size_t)(length - 1 - x1) * sizeof *line);
+    memset(line + x1 - start, 0, (size_t)(start + length - x1) * sizeof *line);
 }
 
-/* Adjoint of load_line. */
-static void add_line(const struct rows *rows, float *base, const struct v2v_plane *plane, int64_t y,
-                     const float *line)
+/* Line i of a batch, split into its phases. */
+static void load_phases(const struct rows *rows, const struct scratch *scratch,
+                        const struct batch *batch, int64_t i, const float *base,
+                        const struct v2v_plane *plane)
 {
-    int64_t length = rows->tiles_x * TILE + 2;
+    float *line = scratch->line, *phase = scratch->phase;
+    int64_t step = scratch->step, tile = 0;
+    float beyond[2 * RUNS];
+    for (int64_t r = 0; r < batch->runs; r++) {
+        const struct v2v_tile_run *run = batch->run + r;
+        int64_t y = run->row * TILE - 1 + i, start = run->first * TILE - 1;
+        int64_t length = run->count * TILE + 2;
+        if (y < plane->y0 || y >= plane->y1) {
+            memset(line, 0, (size_t)length * sizeof *line);
+        } else {
+            const float *row = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
+            if (!rows->half && start >= plane->x0 && start + length <= plane->x1) {
+                copy_tiles(line, row + start, run->count, 1);
+            } else {
+                load_pixels(rows, line, start, length, row, plane);
+            }
+        }
+        line += run->count * TILE;
+        beyond[2 * r] = line[0];
+        beyond[2 * r + 1] = line[1];
+    }
+    split(phase, step, scratch->line, batch->tiles);
+    for (int64_t j = 0; j < 2; j++) {
+        memcpy(phase + (TILE + j) * step, phase + j * step + 1,
+               (size_t)batch->tiles * sizeof *phase);
+    }
+    for (int64_t r = 0; r < batch->runs; r++) {
+        tile += batch->run[r].count;
+        phase[TILE * step + tile - 1] = beyond[2 * r];
+        phase[(TILE + 1) * step + tile - 1] = beyond[2 * r + 1];
+    }
+}
+
+/* Adjoint of load_pixels for one run. */
+static void add_line(const struct rows *rows, float *base, const struct v2v_plane *plane, int64_t y,
+                     const struct v2v_tile_run *run, const float *line)
+{
+    int64_t length = run->count * TILE + 2, start = run->first * TILE - 1;
     if (y < plane->y0 || y >= plane->y1) {
         return;
     }
-    int64_t x0 = within(plane->x0, -1, length - 1), x1 = within(plane->x1, x0, length - 1);
+    int64_t x0 = within(plane->x0, start, start + length);
+    int64_t x1 = within(plane->x1, x0, start + length);
     float *to = base + plane->offset + (y >> rows->half) * rows->pitch;
     if (rows->half) {
         for (int64_t x = x0; x < x1; x++) {
-            to[x >> 1] += line[x + 1];
+            to[x >> 1] += line[x - start];
         }
     } else {
         for (int64_t x = x0; x < x1; x++) {
-            to[x] += line[x + 1];
+            to[x] += line[x - start];
         }
     }
 }
 
-/* ---- along y: between the lines of a row of tiles and the panels ---- */
+/* ---- along y: between the lines of a batch and the panels ---- */
 
-struct run {
+struct span {
     int64_t offset; /* of the first tile's value */
-    int64_t tile;   /* in the row */
     int64_t count;
 };
 
-/* The row's tiles from `tile` on that lie in one panel. */
-static struct run run_at(const struct rows *rows, int64_t row, int64_t tile, int64_t channels)
+/* From tile `tile` of the batch on, those of one panel. */
+static struct span span_at(const struct batch *batch, int64_t tile, int64_t channels)
 {
-    int64_t index = row * rows->tiles_x + tile, lane = index % PANEL_COLUMNS;
-    return (struct run){.offset = index / PANEL_COLUMNS * channels * PANEL_COLUMNS + lane,
-                        .tile = tile,
-                        .count = within(PANEL_COLUMNS - lane, 0, rows->tiles_x - tile)};
+    int64_t place = batch->place + tile, lane = place % PANEL_COLUMNS;
+    return (struct span){.offset = place / PANEL_COLUMNS * channels * PANEL_COLUMNS + lane,
+                         .count = within(PANEL_COLUMNS - lane, 0, batch->tiles - tile)};
 }
 
 static void lines_to_values(const struct rows *rows, winograd_axis *axis, float *values,
-                            int64_t channels, const struct scratch *scratch, int64_t row)
+                            int64_t channels, const struct scratch *scratch,
+                            const struct batch *batch)
 {
     int64_t point = v2v_rows_point(rows->panels, channels);
-    struct run run;
-    for (int64_t tile = 0; tile < rows->tiles_x; tile += run.count) {
-        run = run_at(rows, row, tile, channels);
+    struct span span;
+    for (int64_t tile = 0; tile < batch->tiles; tile += span.count) {
+        span = span_at(batch, tile, channels);
         for (int64_t j = 0; j < POINTS; j++) {
-            axis(values + run.offset + j * point, POINTS * point,
-                 scratch->points + j * scratch->step + tile, POINTS * scratch->step, run.count);
+            axis(values + span.offset + j * point, POINTS * point,
+                 scratch->points + j * scratch->step + tile, POINTS * scratch->step, span.count);
         }
     }
 }
 
 static void values_to_lines(const struct rows *rows, winograd_axis *axis,
                             const struct scratch *scratch, const float *values, int64_t channels,
-                            int64_t row)
+                            const struct batch *batch)
 {
     int64_t point = v2v_rows_point(rows->panels, channels);
-    struct run run;
-    for (int64_t tile = 0; tile < rows->tiles_x; tile += run.count) {
-        run = run_at(rows, row, tile, channels);
+    struct span span;
+    for (int64_t tile = 0; tile < batch->tiles; tile += span.count) {
+        span = span_at(batch, tile, channels);
         for (int64_t j = 0; j < POINTS; j++) {
             axis(scratch->points + j * scratch->step + tile, POINTS * scratch->step,
-                 values + run.offset + j * point, POINTS * point, run.count);
+                 values + span.offset + j * point, POINTS * point, span.count);
         }
     }
 }
@@ -167,31 +237,50 @@ static float *line_points(const struct scratch *scratch, int64_t i)
     return scratch->points + i * POINTS * scratch->step;
 }
 
-static void input_line(const struct rows *rows, const struct scratch *scratch, int64_t i,
-                       const float *base, const struct v2v_plane *plane, int64_t y)
+/* Does a batch of one run lie right under the one before? Two lines of it are known then. */
+static int is_under(const struct rows *rows, const struct batch *batch)
 {
-    int64_t step = scratch->step;
-    load_line(rows, scratch->line, base, plane, y);
-    split(scratch->phase, step, scratch->line, rows->tiles_x + 1);
-    for (int64_t j = 0; j < 2; j++) {
-        memcpy(scratch->phase + (TILE + j) * step, scratch->phase + j * step + 1,
-               (size_t)rows->tiles_x * sizeof *scratch->phase);
-    }
-    rows->kernel->input(line_points(scratch, i), step, scratch->phase, step, rows->tiles_x);
+    const struct v2v_tile_run *run = batch->run, *above = run - 1;
+    return batch->runs == 1 && run > rows->run && run->count == rows->tiles_x &&
+           above->row == run->row - 1 && above->count == run->count;
 }
 
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
                     const struct v2v_plane *plane)
 {
     struct scratch scratch = thread_scratch(rows);
-    for (int64_t row = 0; row < rows->count; row++) {
-        int64_t y = (rows->first + row) * TILE - 1, known = row > 0 ? 2 : 0;
+    int64_t step = scratch.step;
+    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+        int64_t known = is_under(rows, &batch) ? 2 : 0;
         memcpy(scratch.points, line_points(&scratch, TILE),
-               (size_t)(known * POINTS * scratch.step) * sizeof *scratch.points);
+               (size_t)(known * POINTS * step) * sizeof *scratch.points);
         for (int64_t i = known; i < POINTS; i++) {
-            input_line(rows, &scratch, i, base, plane, y + i);
+            load_phases(rows, &scratch, &batch, i, base, plane);
+            rows->kernel->input(line_points(&scratch, i), step, scratch.phase, step, batch.tiles);
         }
-        lines_to_values(rows, rows->kernel->input, values, channels, &scratch, row);
+        lines_to_values(rows, rows->kernel->input, values, channels, &scratch, &batch);
+    }
+}
+
+/* Line i of every run, whose tiles' phases are in the scratch: added to the plane. */
+static void add_phases(const struct rows *rows, const struct scratch *scratch,
+                       const struct batch *batch, int64_t i, float *base,
+                       const struct v2v_plane *plane)
+{
+    int64_t step = scratch->step, tile = 0;
+    for (int64_t r = 0; r < batch->runs; r++) {
+        const struct v2v_tile_run *run = batch->run + r;
+        const float *phase = scratch->phase + tile;
+        float *next = scratch->line + TILE;
+        join(scratch->line, phase, step, run->count);
+        next[(run->count - 1) * TILE] = next[(run->count - 1) * TILE + 1] = 0.0f;
+        for (int64_t j = 0; j < 2; j++) {
+            for (int64_t t = 0; t < run->count; t++) {
+                next[t * TILE + j] += phase[(TILE + j) * step + t];
+            }
+        }
+        add_line(rows, base, plane, run->row * TILE - 1 + i, run, scratch->line);
+        tile += run->count;
     }
 }
 
@@ -200,31 +289,47 @@ void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2
 {
     struct scratch scratch = thread_scratch(rows);
     int64_t step = scratch.step;
-    for (int64_t row = 0; row < rows->count; row++) {
-        values_to_lines(rows, rows->kernel->input_turned, &scratch, values, channels, row);
+    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+        values_to_lines(rows, rows->kernel->input_turned, &scratch, values, channels, &batch);
         for (int64_t i = 0; i < POINTS; i++) {
             rows->kernel->input_turned(scratch.phase, step, line_points(&scratch, i), step,
-                                       rows->tiles_x);
-            join(scratch.line, scratch.phase, step, rows->tiles_x);
-            float *next = scratch.line + TILE;
-            next[(rows->tiles_x - 1) * TILE] = next[(rows->tiles_x - 1) * TILE + 1] = 0.0f;
-            for (int64_t j = 0; j < 2; j++) {
-                for (int64_t t = 0; t < rows->tiles_x; t++) {
-                    next[t * TILE + j] += scratch.phase[(TILE + j) * step + t];
-                }
-            }
-            add_line(rows, base, plane, (rows->first + row) * TILE - 1 + i, scratch.line);
+                                       batch.tiles);
+            add_phases(rows, &scratch, &batch, i, base, plane);
         }
     }
 }
 
 V2V_SIMD_CLONES
-static void finish_line(float *restrict to, const float *restrict line, int64_t count, float bias,
-                        float slope)
+static void finish_line(float *restrict line, int64_t count, float bias, float slope)
 {
     for (int64_t x = 0; x < count; x++) {
         float value = line[x] + bias;
-        to[x] = value > 0.0f ? value : slope * value;
+        line[x] = value > 0.0f ? value : slope * value;
+    }
+}
+
+static void drop_odd(float *line, int64_t count)
+{
+    for (int64_t x = 0; 2 * x < count; x++) {
+        line[x] = line[2 * x];
+    }
+}
+
+/* Line i of every run, lying in the scratch, to the image. */
+static void store_line(const struct rows *rows, const struct scratch *scratch,
+                       const struct batch *batch, int64_t i, float *image)
+{
+    int64_t half = rows->stride2, width = (rows->width + half) >> half;
+    const float *line = scratch->line;
+    for (int64_t r = 0; r < batch->runs; r++) {
+        const struct v2v_tile_run *run = batch->run + r;
+        int64_t y = run->row * TILE + i, x = run->first * TILE;
+        int64_t count = within(run->count * TILE, 0, rows->width - x);
+        if (y < rows->height) {
+            memcpy(image + ((y - rows->first_row * TILE) >> half) * width + (x >> half), line,
+                   (size_t)((count + half) >> half) * sizeof *line);
+        }
+        line += run->count * TILE >> half;
     }
 }
 
@@ -232,16 +337,34 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
                      float bias, float slope)
 {
     struct scratch scratch = thread_scratch(rows);
-    for (int64_t row = 0; row < rows->count; row++) {
-        int64_t y = (rows->first + row) * TILE, count = within(TILE, 0, rows->height - y);
-        values_to_lines(rows, rows->kernel->output, &scratch, values, channels, row);
-        for (int64_t i = 0; i < count; i++) {
+    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+        int64_t pixels = batch.tiles * TILE;
+        values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);
+        for (int64_t i = 0; i < TILE; i += 1 + rows->stride2) {
             rows->kernel->output(scratch.phase, scratch.step, line_points(&scratch, i),
-                                 scratch.step, rows->tiles_x);
-            join(scratch.line, scratch.phase, scratch.step, rows->tiles_x);
-            finish_line(image + (y + i - rows->out_first) * rows->width, scratch.line, rows->width,
-                        bias, slope);
+                                 scratch.step, batch.tiles);
+            join(scratch.line, scratch.phase, scratch.step, batch.tiles);
+            if (rows->stride2) {
+                drop_odd(scratch.line, pixels);
+            }
+            finish_line(scratch.line, pixels >> rows->stride2, bias, slope);
+            store_line(rows, &scratch, &batch, i, image);
         }
+    }
+}
+
+/* Line i of every run, from the image to the scratch; zero beyond the image. */
+static void load_line(const struct rows *rows, const struct scratch *scratch,
+                      const struct batch *batch, int64_t i, const float *image)
+{
+    float *line = scratch->line;
+    for (int64_t r = 0; r < batch->runs; r++) {
+        const struct v2v_tile_run *run = batch->run + r;
+        int64_t y = run->row * TILE + i, x = run->first * TILE, length = run->count * TILE;
+        int64_t count = y < rows->height ? within(length, 0, rows->width - x) : 0;
+        memcpy(line, image + y * rows->width + x, (size_t)count * sizeof *line);
+        memset(line + count, 0, (size_t)(length - count) * sizeof *line);
+        line += length;
     }
 }
 
@@ -249,18 +372,13 @@ void v2v_rows_output_turned(const struct rows *rows, float *values, int64_t chan
                             const float *image)
 {
     struct scratch scratch = thread_scratch(rows);
-    int64_t length = rows->tiles_x * TILE;
-    for (int64_t row = 0; row < rows->count; row++) {
-        int64_t y = (rows->first + row) * TILE;
+    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
         for (int64_t i = 0; i < TILE; i++) {
-            int64_t count = y + i < rows->height ? rows->width : 0;
-            memcpy(scratch.line, image + (y + i) * rows->width,
-                   (size_t)count * sizeof *scratch.line);
-            memset(scratch.line + count, 0, (size_t)(length - count) * sizeof *scratch.line);
-            split(scratch.phase, scratch.step, scratch.line, rows->tiles_x);
+            load_line(rows, &scratch, &batch, i, image);
+            split(scratch.phase, scratch.step, scratch.line, batch.tiles);
             rows->kernel->output_turned(line_points(&scratch, i), scratch.step, scratch.phase,
-                                        scratch.step, rows->tiles_x);
+                                        scratch.step, batch.tiles);
         }
-        lines_to_values(rows, rows->kernel->output_turned, values, channels, &scratch, row);
+        lines_to_values(rows, rows->kernel->output_turned, values, channels, &scratch, &batch);
     }
 }

@@ -1,4 +1,4 @@
-/** Rows of tiles between images and panels of values: the transforms along both axes. The value of
+/** Runs of tiles between images and panels of values: the transforms along both axes. The value of
  *  point p, tile t, channel c is at values[p * point + (t/32 * channels + c) * 32 + t%32].
  *  All functions take one channel and are called by one thread each.
  */
@@ -10,11 +10,13 @@
 
 struct rows {
     const struct winograd_kernel *kernel;
-    int64_t first, count;  /**< rows of tiles */
-    int64_t tiles_x;       /**< tiles of a row */
+    const struct v2v_tile_run *run;
+    int64_t runs;
+    int64_t tiles_x;       /**< most tiles of a run */
     int64_t panels;        /**< of the values */
-    int64_t height, width; /**< of the output image */
-    int64_t out_first;     /**< its row that comes first in memory */
+    int64_t height, width; /**< convolved */
+    int64_t first_row;     /**< row of tiles that comes first in the output image's memory */
+    int stride2;           /**< the output image has every second row and column */
     int64_t shift;         /**< added to the planes' offsets */
     int64_t pitch;         /**< of the input planes */
     int half;
@@ -36,7 +38,7 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
 void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2v_plane *plane,
                            const float *values, int64_t channels);
 
-/** image [height,width] = leaky(values transformed back + bias) */
+/** image = leaky(values transformed back + bias) */
 void v2v_rows_output(const struct rows *rows, float *image, const float *values, int64_t channels,
                      float bias, float slope);
 /** Adjoint, without bias and activation. */

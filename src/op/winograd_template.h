@@ -119,6 +119,22 @@ INLINE void filter_turned(values *g, const values *u)
 
 typedef void transform(values *out, const values *in);
 
+/* The first `count` lanes, fewer than a vector has: copies of fixed sizes become instructions. */
+INLINE void copy_lanes(void *to, const void *from, int64_t count)
+{
+    char *out = to;
+    const char *in = from;
+#pragma GCC unroll 4
+    for (size_t lanes = LANES / 2; lanes > 0; lanes /= 2) {
+        if ((size_t)count & lanes) {
+            size_t bytes = lanes * sizeof(float);
+            memcpy(out, in, bytes);
+            out += bytes;
+            in += bytes;
+        }
+    }
+}
+
 /* The last vector may be filled in part. */
 INLINE void along(transform *apply, float *out, int64_t out_step, int outs, const float *in,
                   int64_t in_step, int ins, int64_t count)
@@ -139,14 +155,13 @@ INLINE void along(transform *apply, float *out, int64_t out_step, int outs, cons
     if (t == count) {
         return;
     }
-    size_t bytes = (size_t)(count - t) * sizeof *out;
     for (int i = 0; i < ins; i++) {
         x[i] = (values){0};
-        memcpy(&x[i], in + i * in_step + t, bytes);
+        copy_lanes(&x[i], in + i * in_step + t, count - t);
     }
     apply(y, x);
     for (int i = 0; i < outs; i++) {
-        memcpy(out + i * out_step + t, &y[i], bytes);
+        copy_lanes(out + i * out_step + t, &y[i], count - t);
     }
 }
 

@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* One axis: the pixel nearest to the flipped slice's centroid, seen from the centre pixel. A
  * flipped slice is convolved, hence the sign: feat is read where the PSF puts the light. For even
@@ -51,6 +52,22 @@ enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts, const struct v2v_
 done:
     if (rc != V2V_OK) {
         v2v_shifts_fini(shifts);
+    }
+    return rc;
+}
+
+enum v2v_status v2v_shifts_copy(struct v2v_shifts *copy, const struct v2v_shifts *shifts)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = shifts->views * shifts->slices;
+    *copy = (struct v2v_shifts){.views = shifts->views, .slices = shifts->slices};
+    V2V_TRY(V2V_ALLOC(copy->dy, "shifts", count));
+    V2V_TRY(V2V_ALLOC(copy->dx, "shifts", count));
+    memcpy(copy->dy, shifts->dy, (size_t)count * sizeof *copy->dy);
+    memcpy(copy->dx, shifts->dx, (size_t)count * sizeof *copy->dx);
+done:
+    if (rc != V2V_OK) {
+        v2v_shifts_fini(copy);
     }
     return rc;
 }

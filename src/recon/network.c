@@ -25,6 +25,7 @@ struct job {
     float *output[2];                    /* [z,y,x] padded; NULL for a branch not held */
     float *branch[2];                    /* [z,y,x] in units of the recording; NULL likewise */
     float *mean;                         /* [z,y,x] */
+    double parts[2];                     /* computed of the frames so far, and how many */
 };
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
@@ -120,6 +121,8 @@ static enum v2v_status compute(struct job *job, int64_t t)
         v2v_pad_reflect(job->padded, job->recorded, job->views, job->height, job->width,
                         job->padded_height, job->padded_width);
         v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
+        job->parts[0] += v2v_model_computed_part(job->model);
+        job->parts[1] += 1.0;
     }
     for (int b = 0; b < 2; b++) {
         if (t >= 0 && holds(job->grid, b)) {
@@ -174,7 +177,7 @@ done:
 
 enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *recording,
                                 const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
-                                int branches, const struct v2v_grid *grid)
+                                int branches, const struct v2v_grid *grid, double *computed_part)
 {
     enum v2v_status rc = V2V_OK;
     struct job job = {
@@ -195,6 +198,8 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
         v2v_progress_step(&progress, done < job.frames ? done : job.frames, NULL);
     }
     v2v_progress_end(&progress);
+    v2v_par_sum_f64(grid->world, job.parts, 2);
+    *computed_part = job.parts[0] / job.parts[1];
 done:
     job_fini(&job);
     return rc;

@@ -25,6 +25,11 @@ if command -v h5dump >/dev/null; then
     done
 fi
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o skipped.h5 --skip auto
+grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped tiles: $(cat stderr)"
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped.h5 --skip 0
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o off.h5 --skip off
+same unskipped.h5 off.h5 /volume 0
 if [ "$ranks" -gt 1 ]; then
     # Branches on different ranks compute what one rank computes; only the mean is added elsewhere.
     mv volumes.h5 many.h5

@@ -52,8 +52,10 @@ refuses 2 '--frames: ' simulate --frames 0
 refuses 2 '--seed: ' simulate --seed -1
 refuses 2 "--max-time: 'soon' is no duration" train --max-time soon
 refuses 2 '--stop heldout is not there yet' deconvolve --psf p --input r -o out.h5 --stop heldout
-refuses 2 '--skip with a tolerance is not there yet' \
-    reconstruct --psf p --weights w --input r -o out.h5 --skip 0.01
+refuses 2 '--skip needs model.winograd: true' \
+    reconstruct --psf p --weights w --input r -o out.h5 --skip auto --set model.winograd=false
+refuses 2 '--skip: 1.5 is outside' \
+    reconstruct --psf p --weights w --input r -o out.h5 --skip 1.5
 refuses 2 '--precision bf16 is not there yet' \
     reconstruct --psf p --weights w --input r -o out.h5 --precision bf16
 refuses 2 '--branches needs an HDF5 output' \

@@ -89,7 +89,7 @@ struct v2v_train_settings {
 
 struct v2v_recon_settings {
     int precision;          /**< enum v2v_precision */
-    struct v2v_number skip; /**< tolerance of DESIGN.md 7; none: nothing is skipped */
+    struct v2v_number skip; /**< of the brightest light; none: nothing is skipped */
 };
 
 /** The scene and the noise of `v2v3d demo`. */

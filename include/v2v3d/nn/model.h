@@ -43,6 +43,8 @@ struct v2v_model_spec {
     int every_slice;     /**< 1: the first convolution takes every slice by itself, as the
                               reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
+    double skip;         /**< tiles whose light is below this part of the brightest are not
+                              computed; 0: all are. By minimal filtering, and not in training */
 };
 
 struct v2v_model;
@@ -70,8 +72,12 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
 /** Volumes of the branches that this rank holds from all views; weights that changed since the last
  *  call need v2v_model_weights_changed before.
  *  @kind Local, deterministic for a thread count. @param volume1, volume2 [z,y,x] out, NULL for a
- *  branch not held. @param views [v,y,x], of which only the held branches' views are read */
+ *  branch not held. @param views [v,y,x], of which only the held branches' views are read when
+ *  nothing is skipped */
 void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views);
+
+/** The part of the frame's full-size layers that the last forward computed, 0 .. 1. @kind Local. */
+double v2v_model_computed_part(const struct v2v_model *model);
 
 /** Merge and repack after the weights were set or stepped; needless before v2v_model_plan, which
  *  does it. @kind Local. */

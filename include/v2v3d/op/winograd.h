@@ -2,6 +2,7 @@
 #define V2V3D_OP_WINOGRAD_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
 #include <stdint.h>
 
@@ -17,15 +18,16 @@ struct v2v_plane {
     int64_t owner; /**< planes that share memory are neighbours in the list and have one owner */
 };
 
-/** A 3 x 3 convolution of stride 1 by Winograd's minimal filtering, over planes that may lie
- *  anywhere: 36 multiply-adds a channel pair for every tile of 4 x 4 outputs, not 144. */
+/** A 3 x 3 convolution by Winograd's minimal filtering, over planes that may lie anywhere: 36
+ *  multiply-adds a channel pair for every tile of 4 x 4 pixels, not 144. */
 struct v2v_winograd_spec {
     int64_t in, out;
-    int64_t height, width;         /**< of the output */
-    int64_t out_rows;              /**< that the output array holds; 0: height */
+    int64_t height, width;         /**< convolved */
+    int64_t out_rows;              /**< that the output array holds; 0: all */
     const struct v2v_plane *plane; /**< [in], copied */
     int64_t pitch;
     int half;    /**< 1: pixel (y,x) of a plane is read at (y/2, x/2): nearest upsampling by 2 */
+    int stride2; /**< 1: the output has every second row and column; forward only */
     float slope; /**< negative slope of the fused activation, 1: none */
     int training;
     int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
@@ -47,12 +49,18 @@ void v2v_winograd_set_weights(struct v2v_winograd *winograd, const float *weight
 /** out = leaky(conv + bias), [out,y,x]. @kind Local. */
 void v2v_winograd_forward(struct v2v_winograd *winograd, float *out, const float *base);
 
-/** The same for the rows [first, last) alone, first a multiple of V2V_WINOGRAD_ROWS and last one
- * too or the height: to the bits of the whole. Row `first` of every channel comes first in out
- *  [out,out_rows,x]; planes are read `shift` floats from their offsets. @kind Local. */
-enum { V2V_WINOGRAD_ROWS = 4 };
-void v2v_winograd_forward_rows(struct v2v_winograd *winograd, float *out, const float *base,
-                               int64_t shift, int64_t first, int64_t last);
+/** A part of the tiles, to the bits of the whole. */
+struct v2v_winograd_part {
+    const struct v2v_tile_run *run; /**< [runs], no tile twice, row after row */
+    int64_t runs;
+    int64_t
+        first_row; /**< convolved row of tiles whose pixels come first in out [out,out_rows,x] */
+    int64_t shift; /**< planes are read so many floats from their offsets */
+};
+
+/** The same for these tiles alone; the rest of out is left as it is. @kind Local. */
+void v2v_winograd_forward_part(struct v2v_winograd *winograd, float *out, const float *base,
+                               const struct v2v_winograd_part *part);
 
 /** Planes at `base` += adjoint of the convolution applied to dout [out,y,x]. @kind Local. */
 void v2v_winograd_backward_data(struct v2v_winograd *winograd, float *base, const float *dout);

@@ -21,6 +21,10 @@ enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts,
                                     const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 void v2v_shifts_fini(struct v2v_shifts *shifts);
 
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_shifts_copy(struct v2v_shifts *copy,
+                                const struct v2v_shifts *shifts) V2V_MUST_CHECK;
+
 /** The largest |dy| or |dx|. @kind Local. */
 int64_t v2v_shifts_reach(const struct v2v_shifts *shifts);
 

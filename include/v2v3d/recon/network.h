@@ -20,13 +20,15 @@ extern "C" {
  *  @param  model planned by this function; holds the branches of grid; NULL on an idle rank
  *  @param  writer created with the recording's frame count and frame size; BRANCH1 and BRANCH2 are
  *          written when `branches`
+ *  @param  computed_part mean over the frames of v2v_model_computed_part, on all ranks
  *  The watchdog is re-armed for every frame and stays armed; the caller disarms it.
  *  @return V2V_OK | V2V_STOPPED (the frames so far are written and marked done) | V2V_E_NUMERIC
  * (frame and voxel) | V2V_E_INPUT | V2V_E_IO | V2V_E_MEMORY; agreed
  */
 enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *recording,
                                 const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
-                                int branches, const struct v2v_grid *grid) V2V_MUST_CHECK;
+                                int branches, const struct v2v_grid *grid,
+                                double *computed_part) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

@@ -107,6 +107,7 @@ static struct v2v_recording *recording_file(const char *folder)
 /** Reconstruct into `path`; `broken` plants a NaN in the weights of the last rank with a model. */
 static enum v2v_status reconstruct(const char *folder, const char *path, int branches, int broken)
 {
+    double part = 0.0;
     struct v2v_grid grid;
     struct v2v_model *model = NULL;
     struct v2v_volume_writer *writer = NULL;
@@ -125,7 +126,7 @@ static enum v2v_status reconstruct(const char *folder, const char *path, int bra
         }
     }
     assert_ok(v2v_volume_create(&writer, path, &info, datasets, NULL, 0, test_world()));
-    enum v2v_status rc = v2v_reconstruct(model, recording, &scaling, writer, 1, &grid);
+    enum v2v_status rc = v2v_reconstruct(model, recording, &scaling, writer, 1, &grid, &part);
     if (rc == V2V_OK) {
         assert_ok(v2v_volume_finish(&writer));
     }

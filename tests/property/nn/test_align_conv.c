@@ -87,7 +87,7 @@ static void setup(struct layer_case *c, const struct way *how)
     assert_ok(v2v_align_conv_create(&c->conv, &c->shifts, &spec));
     assert_ok(v2v_align_conv_plan(c->conv, &c->features, HEIGHT, 1));
     v2v_align_conv_set_weights(c->conv, c->w, c->b);
-    v2v_align_conv_forward(c->conv, c->out, &c->features, 0, HEIGHT);
+    v2v_align_conv_forward(c->conv, c->out, &c->features, NULL);
 }
 
 static void teardown(struct layer_case *c)

@@ -65,6 +65,7 @@ static struct v2v_model *load(struct scene *scene, const char *path)
 static enum v2v_status reconstruct(struct scene *scene, const char *weights, const char *volume)
 {
     enum v2v_status rc = V2V_OK;
+    double part;
     struct v2v_grid grid = {0};
     struct v2v_scaling scaling;
     struct v2v_volume_writer *writer = NULL;
@@ -74,7 +75,7 @@ static enum v2v_status reconstruct(struct scene *scene, const char *weights, con
     V2V_TRY(v2v_grid_create(&grid, NULL, 1));
     V2V_TRY(v2v_scaling_decide(&scaling, scene->recording, &scene->config.input, NULL));
     V2V_TRY(v2v_volume_create(&writer, volume, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, NULL));
-    V2V_TRY(v2v_reconstruct(model, scene->recording, &scaling, writer, 0, &grid));
+    V2V_TRY(v2v_reconstruct(model, scene->recording, &scaling, writer, 0, &grid, &part));
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     v2v_volume_abandon(&writer);

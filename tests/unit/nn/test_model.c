@@ -243,6 +243,67 @@ static void the_scale_multiplies_the_volume(void **state)
     }
 }
 
+/* Stripes of light over all of the frame: nothing can be left out, and nothing changes. */
+static void a_frame_without_background_has_the_bits_of_no_skipping(void **state)
+{
+    (void)state;
+    static float plain[BRANCHES][VOXELS], skipping[BRANCHES][VOXELS];
+    struct v2v_model_spec spec = small;
+    spec.winograd = 1;
+    for (int tolerance = 0; tolerance < 2; tolerance++) {
+        spec.skip = 0.05 * tolerance;
+        struct v2v_model *model = create(&spec);
+        fill(views, VIEWS * PIXELS, 0);
+        for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+            views[i] += (float)(i % SIDE / 8 % 2);
+        }
+        float(*volume)[VOXELS] = tolerance ? skipping : plain;
+        assert_ok(v2v_model_plan(model, SIDE, SIDE, 0));
+        v2v_model_forward(model, volume[0], volume[1], views);
+        assert_true(v2v_model_computed_part(model) == 1.0);
+        v2v_model_destroy(&model);
+    }
+    assert_memory_equal(plain, skipping, sizeof plain);
+}
+
+/* A square of light: most is left out, to the same volume outside for both branches alone or
+ * together, and the square itself hardly changes. */
+static void skipping_keeps_what_holds_light(void **state)
+{
+    (void)state;
+    static float plain[BRANCHES][VOXELS], skipping[BRANCHES][VOXELS];
+    struct v2v_model_spec spec = small;
+    spec.winograd = 1;
+    double part = 1.0, error = 0.0, size = 0.0;
+    for (int tolerance = 0; tolerance < 2; tolerance++) {
+        spec.skip = 0.05 * tolerance;
+        struct v2v_model *model = create(&spec);
+        for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+            int64_t y = i / SIDE % SIDE, x = i % SIDE;
+            views[i] = (float)(y >= 4 && y < 16 && x >= 4 && x < 16);
+            views[i] += (float)(0.01 * v2v_random_normal(31, 9, (uint64_t)i));
+        }
+        float(*volume)[VOXELS] = tolerance ? skipping : plain;
+        assert_ok(v2v_model_plan(model, SIDE, SIDE, 0));
+        v2v_model_forward(model, volume[0], volume[1], views);
+        part = v2v_model_computed_part(model);
+        v2v_model_destroy(&model);
+    }
+    for (int64_t i = 0; i < VOXELS; i++) {
+        int64_t y = i / SIDE % SIDE, x = i % SIDE;
+        if (y >= 4 && y < 16 && x >= 4 && x < 16) {
+            double d = (double)skipping[0][i] - (double)plain[0][i];
+            error += d * d;
+            size += (double)plain[0][i] * (double)plain[0][i];
+        }
+    }
+    print_message("%.1f %% computed, %.1e relative difference in the light\n", 100.0 * part,
+                  sqrt(error / size));
+    assert_true(part >= 9.0 / 256.0 && part <= 0.5);
+    /* what noise of 1 % adds to untrained deep layers that see all of the frame */
+    assert_true(sqrt(error / size) <= 0.1);
+}
+
 static void replanning_for_another_size_and_back_gives_the_same_bits(void **state)
 {
     (void)state;
@@ -398,6 +459,8 @@ int main(void)
         cmocka_unit_test(training_and_inference_plans_agree),
         cmocka_unit_test(widths_features_and_libraries_agree),
         cmocka_unit_test(the_scale_multiplies_the_volume),
+        cmocka_unit_test(a_frame_without_background_has_the_bits_of_no_skipping),
+        cmocka_unit_test(skipping_keeps_what_holds_light),
         cmocka_unit_test(replanning_for_another_size_and_back_gives_the_same_bits),
         cmocka_unit_test(changed_weights_count_once_they_are_announced),
         cmocka_unit_test(gradients_of_the_branches_add_up),

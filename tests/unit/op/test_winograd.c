@@ -267,6 +267,75 @@ static void shifted_planes_of_one_owner_read_and_add_up(void **state)
     v2v_workspace_fini(&workspace);
 }
 
+/* Some runs of tiles, in an image whose memory begins at the second row of tiles. */
+static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **state)
+{
+    (void)state;
+    enum { SIDE = 46, IN = 5, OUT = 9, ROW = 4 * SIDE };
+    static const struct problem problem = {.in = IN, .out = OUT, .height = SIDE, .width = SIDE};
+    static const struct v2v_tile_run runs[] = {{1, 0, 3}, {1, 5, 7}, {2, 11, 1}, {11, 0, 12}};
+    static uint8_t mask[12][12];
+    struct fixture f;
+    fixture_init(&f, &problem);
+    struct v2v_winograd_part part = {.run = runs, .runs = 4, .first_row = 1};
+    float *some = draw(f.out_floats, 11), *before = draw(f.out_floats, 11);
+    v2v_winograd_forward(f.winograd, f.out, f.small);
+    v2v_winograd_forward_part(f.winograd, some, f.small, &part);
+    for (int i = 0; i < 4; i++) {
+        memset(&mask[runs[i].row][runs[i].first], 1, (size_t)runs[i].count);
+    }
+    for (int64_t i = 0; i < f.out_floats - ROW; i++) {
+        int64_t y = i / SIDE % SIDE, x = i % SIDE;
+        if (y < SIDE - 4) { /* the last rows of a channel's memory begin the next one's image */
+            int listed = mask[y / 4 + 1][x / 4];
+            assert_true(some[i] == (listed ? f.out[i + ROW] : before[i]));
+        }
+    }
+    v2v_mem_free(some);
+    v2v_mem_free(before);
+    fixture_fini(&f);
+}
+
+static void stride_two_takes_every_second_row_and_column(void **state)
+{
+    (void)state;
+    enum { SIDE = 22, HALF = SIDE / 2, IN = 3, OUT = 5 };
+    static float image[IN * SIDE * SIDE], weight[OUT * IN * 9], bias[OUT];
+    static float whole[OUT * SIDE * SIDE], halved[OUT * HALF * HALF];
+    struct v2v_workspace workspace = {0};
+    struct v2v_plane plane[IN];
+    float *drawn = draw(IN * SIDE * SIDE, 1), *taps = draw(OUT * IN * 9, 2);
+    memcpy(image, drawn, sizeof image);
+    memcpy(weight, taps, sizeof weight);
+    for (int64_t c = 0; c < IN; c++) {
+        plane[c] = (struct v2v_plane){c * SIDE * SIDE, 0, SIDE, 0, SIDE, c};
+    }
+    for (int stride2 = 0; stride2 < 2; stride2++) {
+        struct v2v_winograd *winograd = NULL;
+        struct v2v_winograd_spec spec = {.in = IN,
+                                         .out = OUT,
+                                         .height = SIDE,
+                                         .width = SIDE,
+                                         .plane = plane,
+                                         .pitch = SIDE,
+                                         .stride2 = stride2,
+                                         .slope = 0.01f,
+                                         .workspace = &workspace};
+        assert_ok(v2v_winograd_create(&winograd, &spec));
+        v2v_winograd_set_weights(winograd, weight, bias);
+        v2v_winograd_forward(winograd, stride2 ? halved : whole, image);
+        v2v_winograd_destroy(&winograd);
+    }
+    for (int i = 0; i < OUT * HALF * HALF; i++) {
+        int c = i / (HALF * HALF), y = i / HALF % HALF, x = i % HALF;
+        assert_true(halved[i] == whole[(c * SIDE + 2 * y) * SIDE + 2 * x]);
+    }
+    v2v_mem_free(drawn);
+    v2v_mem_free(taps);
+    v2v_workspace_fini(&workspace);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -274,6 +343,8 @@ int main(void)
         cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
+        cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
+        cmocka_unit_test(stride_two_takes_every_second_row_and_column),
         cmocka_unit_test(shifted_planes_of_one_owner_read_and_add_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

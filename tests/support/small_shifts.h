@@ -1,4 +1,4 @@
-/** Alignment shifts of a small, lopsided microscope, for the tests of nn. */
+/** Alignment shifts of a small, lopsided microscope. */
 #ifndef TEST_SMALL_SHIFTS_H
 #define TEST_SMALL_SHIFTS_H
 

@@ -1,0 +1,32 @@
+/* What of a frame is computed: tiles that may hold light, and one square of background that stands
+ * for all others. */
+#ifndef V2V3D_NN_SCENE_H
+#define V2V3D_NN_SCENE_H
+
+#include "v2v3d/op/tiles.h"
+#include "v2v3d/optics/carve.h"
+
+/* Tiles of the sample's side; what counts is the inside, without the outermost tiles. */
+enum { V2V_SAMPLE_TILES = 8 };
+
+struct v2v_scene {
+    struct v2v_carve *carve;
+    float *light;              /* [rows,columns] of tiles */
+    uint8_t *mask;             /* the same */
+    struct v2v_tiles computed; /* may hold light */
+    struct v2v_tiles halo;     /* the tiles about them, which they read */
+    struct v2v_tiles skipped;  /* all but the computed ones */
+    struct v2v_tiles sample, sample_halo;
+    int64_t sample_row, sample_column; /* of its first tile */
+};
+
+enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts *shifts,
+                               int64_t height, int64_t width) V2V_MUST_CHECK;
+void v2v_scene_fini(struct v2v_scene *scene);
+
+/* Sort the tiles by the views [v,y,x]: those are computed whose light is more than `tolerance`
+ * times the brightest tiles' and more than noise alone would show. Returns 0 when it is not worth
+ * while: nearly all tiles may hold light, or there is no square of background. */
+int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance);
+
+#endif

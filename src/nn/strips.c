@@ -1,0 +1,280 @@
+#include "nn/strips.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/op/winograd.h"
+
+enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1 };
+
+/* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
+ * same bits whatever the strips' rows, a step computes one row of tiles more at either end than the
+ * next one. */
+struct v2v_strips {
+    struct v2v_strips_spec spec;
+    int64_t steps;
+    struct v2v_winograd *layer[V2V_STRIPS_MOST];
+    struct v2v_tiles all;
+    int64_t rows;        /* of the frame a strip, without those at its ends */
+    int64_t held[STEPS]; /* rows of the strip behind each step */
+    float *level[STEPS]; /* [out] background behind each step */
+};
+
+static int64_t within(int64_t y, int64_t low, int64_t high)
+{
+    y = y > low ? y : low;
+    return y < high ? y : high;
+}
+
+/* Rows that step i computes at either end beyond the strip. */
+static int64_t margin(const struct v2v_strips *self, int64_t i)
+{
+    return TILE * (self->steps - 1 - i);
+}
+
+/* The layer of step i; NULL: the alignment. */
+static struct v2v_layer *layer_of(const struct v2v_strips *self, int64_t i)
+{
+    int64_t first = self->spec.align != NULL;
+    return i >= first ? self->spec.layer[i - first] : NULL;
+}
+
+/* Channels behind step i. */
+static int64_t channels(const struct v2v_strips *self, int64_t i)
+{
+    const struct v2v_layer *layer = layer_of(self, i);
+    return layer != NULL ? layer->out : layer_of(self, i + 1)->in;
+}
+
+/* ---- plan ---- */
+
+static void choose_rows(struct v2v_strips *self)
+{
+    int64_t height = self->spec.height, spare = self->spec.most_floats / self->spec.width, row = 0;
+    for (int64_t i = 0; i < self->steps - 1; i++) {
+        spare -= channels(self, i) * 2 * margin(self, i);
+        row += channels(self, i);
+    }
+    int64_t most = within(spare / row, V2V_SAMPLE_TILES * TILE, height);
+    int64_t strips = (height + most - 1) / most;
+    int64_t rows = (height + strips - 1) / strips;
+    self->rows = (rows + TILE - 1) / TILE * TILE;
+    for (int64_t i = 0; i < self->steps - 1; i++) {
+        self->held[i] = within(self->rows + 2 * margin(self, i), 0, height);
+    }
+}
+
+static struct v2v_strips laid_out(const struct v2v_strips_spec *spec)
+{
+    struct v2v_strips strips = {.spec = *spec, .steps = spec->layers + (spec->align != NULL)};
+    choose_rows(&strips);
+    return strips;
+}
+
+static enum v2v_status create_layer(struct v2v_strips *self, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_layer *layer = layer_of(self, i);
+    int half = layer->upsample;
+    int64_t height = self->spec.height, width = self->spec.width;
+    int64_t rows = i > 0 ? self->held[i - 1] : height >> half;
+    struct v2v_plane *plane = NULL;
+    V2V_ASSERT(i == 0 || !half);
+    V2V_TRY(V2V_ALLOC(plane, "strips.planes", layer->in));
+    for (int64_t c = 0; c < layer->in; c++) {
+        plane[c] = (struct v2v_plane){
+            .offset = c * rows * (width >> half), .y1 = height, .x1 = width, .owner = c};
+    }
+    struct v2v_winograd_spec spec = {.in = layer->in,
+                                     .out = layer->out,
+                                     .height = height,
+                                     .width = width,
+                                     .out_rows = i < self->steps - 1 ? self->held[i] : 0,
+                                     .plane = plane,
+                                     .pitch = width >> half,
+                                     .half = half,
+                                     .stride2 = layer->stride == 2,
+                                     .slope = layer->slope,
+                                     .workspace = self->spec.workspace};
+    V2V_TRY(v2v_winograd_create(&self->layer[i - (self->spec.align != NULL)], &spec));
+done:
+    v2v_mem_free(plane);
+    return rc;
+}
+
+enum v2v_status v2v_strips_create(struct v2v_strips **strips, const struct v2v_strips_spec *spec,
+                                  const struct v2v_padded *like)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_strips *self = NULL;
+    V2V_TRY(V2V_ALLOC(self, "strips", 1));
+    *self = laid_out(spec);
+    V2V_TRY(v2v_tiles_init(&self->all, spec->height, spec->width));
+    if (spec->align != NULL) {
+        V2V_TRY(v2v_align_conv_plan(spec->align, like, self->held[0], 0));
+    }
+    for (int64_t i = 0; i < self->steps; i++) {
+        V2V_TRY(V2V_ALLOC(self->level[i], "strips", channels(self, i)));
+        if (layer_of(self, i) != NULL) {
+            v2v_layer_fini(layer_of(self, i));
+            V2V_TRY(create_layer(self, i));
+        }
+    }
+done:
+    if (rc != V2V_OK) {
+        v2v_strips_destroy(&self);
+    }
+    *strips = self;
+    return rc;
+}
+
+void v2v_strips_destroy(struct v2v_strips **strips)
+{
+    struct v2v_strips *self = *strips;
+    if (self == NULL) {
+        return;
+    }
+    for (int i = 0; i < V2V_STRIPS_MOST; i++) {
+        v2v_winograd_destroy(&self->layer[i]);
+    }
+    for (int i = 0; i < STEPS; i++) {
+        v2v_mem_free(self->level[i]);
+    }
+    v2v_tiles_fini(&self->all);
+    v2v_mem_free(self);
+    *strips = NULL;
+}
+
+static int64_t strip_floats(const struct v2v_strips *self, int64_t i)
+{
+    return (channels(self, i) * self->held[i] * self->spec.width + 15) / 16 * 16;
+}
+
+int64_t v2v_strips_floats(const struct v2v_strips_spec *spec)
+{
+    struct v2v_strips self = laid_out(spec);
+    int64_t floats = 0;
+    for (int64_t i = 0; i < self.steps - 1; i++) {
+        floats += strip_floats(&self, i);
+    }
+    return floats;
+}
+
+void v2v_strips_weights_changed(struct v2v_strips *self, const struct v2v_parameters *parameters)
+{
+    for (int64_t i = 0; i < self->spec.layers; i++) {
+        const struct v2v_layer *layer = self->spec.layer[i];
+        v2v_winograd_set_weights(
+            self->layer[i], v2v_parameter(parameters->fields, parameters->weights, layer->weight),
+            v2v_parameter(parameters->fields, parameters->weights, layer->bias));
+    }
+}
+
+/* ---- forward ---- */
+
+/* What step i leaves, for the rows of tiles [first, last). The last step's is the whole frame. */
+static struct v2v_tiles_image behind(const struct v2v_strips *self,
+                                     const struct v2v_strips_data *data, int64_t i, int64_t first,
+                                     int64_t last)
+{
+    const struct v2v_layer *layer = layer_of(self, i);
+    int half = layer != NULL && layer->stride == 2;
+    struct v2v_tiles_image image = {.data = data->strips,
+                                    .channels = channels(self, i),
+                                    .width = self->spec.width >> half,
+                                    .begin = i < self->steps - 1 ? first : 0,
+                                    .first = first,
+                                    .last = last,
+                                    .size = TILE >> half};
+    if (i == self->steps - 1) {
+        image.data = data->out;
+        image.rows_held = self->spec.height >> half;
+        return image;
+    }
+    image.rows_held = self->held[i];
+    for (int64_t before = 0; before < i; before++) {
+        image.data += strip_floats(self, before);
+    }
+    return image;
+}
+
+/* Compute the tiles of step i in the rows of `image` from what the step before left. */
+static void compute(const struct v2v_strips *self, const struct v2v_strips_data *data, int64_t i,
+                    const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
+                    const struct v2v_tiles_image *before)
+{
+    struct v2v_winograd_part part = {.run = tiles->run + tiles->first[image->first],
+                                     .runs = tiles->first[image->last] - tiles->first[image->first],
+                                     .first_row = image->begin};
+    if (layer_of(self, i) == NULL) {
+        v2v_align_conv_forward(self->spec.align, image->data, data->features, &part);
+        return;
+    }
+    const float *in = i > 0 ? before->data : data->images;
+    part.shift = i > 0 ? -before->begin * TILE * self->spec.width : 0;
+    v2v_winograd_forward_part(self->layer[i - (self->spec.align != NULL)], image->data, in, &part);
+}
+
+/* The mean inside the sample. */
+static void measure_level(float *level, const struct v2v_tiles_image *image,
+                          const struct v2v_scene *scene)
+{
+    int64_t y0 = (scene->sample_row + 1 - image->begin) * image->size;
+    int64_t x0 = (scene->sample_column + 1) * image->size;
+    int64_t side = (V2V_SAMPLE_TILES - 2) * image->size;
+#pragma omp parallel for schedule(static)
+    for (int64_t c = 0; c < image->channels; c++) {
+        const float *channel = image->data + c * image->rows_held * image->width;
+        double sum = 0.0;
+        for (int64_t i = 0; i < side * side; i++) {
+            sum += (double)channel[(y0 + i / side) * image->width + x0 + i % side];
+        }
+        level[c] = (float)(sum / (double)(side * side));
+    }
+}
+
+/* The sample with one row of tiles above and below, in all strips: the shortest holds so many. */
+static void compute_sample(struct v2v_strips *self, const struct v2v_strips_data *data,
+                           const struct v2v_scene *scene)
+{
+    struct v2v_tiles_image image, before = {0};
+    int64_t first = scene->sample_row - 1, last = scene->sample_row + V2V_SAMPLE_TILES + 1;
+    for (int64_t i = 0; i < self->steps; i++) {
+        image = behind(self, data, i, first, last);
+        compute(self, data, i, &scene->sample, &image, &before);
+        measure_level(self->level[i], &image, scene);
+        v2v_tiles_fill(&scene->sample_halo, &image, self->level[i]);
+        before = image;
+    }
+}
+
+static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
+                          const struct v2v_scene *scene, int64_t y)
+{
+    struct v2v_tiles_image image, before = {0};
+    int64_t height = self->spec.height, end = y + self->rows;
+    for (int64_t i = 0; i < self->steps; i++) {
+        int64_t first = within(y - margin(self, i), 0, height);
+        int64_t last = within(end + margin(self, i), 0, height);
+        image = behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
+        compute(self, data, i, scene != NULL ? &scene->computed : &self->all, &image, &before);
+        if (scene != NULL && i < self->steps - 1) {
+            v2v_tiles_fill(&scene->halo, &image, self->level[i]);
+        }
+        before = image;
+    }
+}
+
+void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,
+                        const struct v2v_scene *scene)
+{
+    if (scene != NULL) {
+        compute_sample(self, data, scene);
+    }
+    for (int64_t y = 0; y < self->spec.height; y += self->rows) {
+        compute_strip(self, data, scene, y);
+    }
+    if (scene != NULL) {
+        int64_t last = self->steps - 1;
+        struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
+        v2v_tiles_fill(&scene->skipped, &out, self->level[last]);
+    }
+}
