@@ -8,12 +8,18 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
 
+#include <string.h>
+
 /* Both floors are relative, so that the units of the recording and of the PSFs don't matter.
  * A projection below this fraction of the mean view counts as this fraction: */
 static const double projection_floor = 1e-6;
 /* A voxel that contributes less than this fraction of a view's total PSF to that view is invisible
  * in it (of 39 slices, an even share is 2.6e-2) and keeps its value; one that no view sees is 0. */
 static const double sensitivity_floor = 1e-4;
+/* The same fraction makes a pixel blind that would see less of a volume of ones: near the border of
+ * a tilted view all of its voxels may lie beyond the frame. Its ratio is recorded light over round-
+ * off, up to 1 / projection_floor; the adjoint takes it nowhere, but the transforms' round-off of a
+ * number so large spreads over the whole volume (1e-3 of it, measured). */
 
 /* Longest wait for one iteration, seconds; 5 s are usual for 512 x 512 on two cores. */
 static const double iteration_watchdog_s = 600;
@@ -29,28 +35,33 @@ struct v2v_rld {
     float *ratio;         /* [y,x]: projection, then recorded / projected */
     float *correction;    /* [slices,y,x]: A_v^T ratio */
     double *seen;         /* [slices,x]: a row of A_v^T 1 for each slice */
+    uint8_t *blind;       /* [v,y,x]: no voxel of the frame lights this pixel */
 };
 
-/** Mean projection of ones: every rank sums what its slices contribute to all views. */
-static double constant_view(struct v2v_rld *rld)
+/** Project a volume of ones: its mean, and the pixels that stay dark. Collective(comm).
+ *  @param light [y,x] scratch */
+static void project_ones(struct v2v_rld *rld, double *light)
 {
     double sum = 0;
+    int64_t pixels = rld->height * rld->width;
     for (int64_t v = 0; v < rld->views; v++) {
-        for (int64_t z = 0; z < rld->slices.count; z++) {
-            for (int64_t y = 0; y < rld->height; y++) {
-                v2v_sensitivity_row(&rld->sensitivity, rld->seen, v, z, y);
-                for (int64_t x = 0; x < rld->width; x++) {
-                    sum += rld->seen[x];
-                }
-            }
+        memset(light, 0, (size_t)pixels * sizeof *light);
+        for (int64_t y = 0; y < rld->height; y++) {
+            v2v_sensitivity_pixels(&rld->sensitivity, light + y * rld->width, v, y);
+        }
+        v2v_par_sum_f64(rld->comm, light, pixels);
+        double floor = sensitivity_floor * rld->sensitivity.total[v];
+        for (int64_t i = 0; i < pixels; i++) {
+            sum += light[i];
+            rld->blind[v * pixels + i] = !(light[i] > floor);
         }
     }
-    v2v_par_sum_f64(rld->comm, &sum, 1);
-    return sum / ((double)rld->views * (double)(rld->height * rld->width));
+    rld->constant_view = sum / (double)(rld->views * pixels);
 }
 
-/** Local: what the run needs beside the projector. */
-static enum v2v_status take_memory(struct v2v_rld *rld, const struct v2v_psf_file *psf)
+/** Local: what the run needs beside the projector, and what only its creation needs. */
+static enum v2v_status take_memory(struct v2v_rld *rld, double **light,
+                                   const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_sensitivity_init(&rld->sensitivity, psf, rld->slices, rld->height, rld->width));
@@ -60,6 +71,9 @@ static enum v2v_status take_memory(struct v2v_rld *rld, const struct v2v_psf_fil
     V2V_TRY(
         V2V_ALLOC(rld->seen, "rld.seen",
                   v2v_mem_product(rld->slices.count > 0 ? rld->slices.count : 1, rld->width, 1)));
+    V2V_TRY(
+        V2V_ALLOC(rld->blind, "rld.blind", v2v_mem_product(rld->views, rld->height, rld->width)));
+    V2V_TRY(V2V_ALLOC(*light, "rld.light", v2v_mem_product(rld->height, rld->width, 1)));
 done:
     return rc;
 }
@@ -69,6 +83,7 @@ enum v2v_status v2v_rld_create(struct v2v_rld **rld, const struct v2v_psf_file *
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_rld *made = NULL;
+    double *light = NULL;
     *rld = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(made, "rld", 1)));
     made->comm = comm;
@@ -78,11 +93,12 @@ enum v2v_status v2v_rld_create(struct v2v_rld **rld, const struct v2v_psf_file *
     made->weight = weight;
     V2V_TRY(v2v_projector_create(&made->projector, psf, height, width, comm));
     made->slices = v2v_projector_slices(made->projector);
-    V2V_TRY(v2v_par_agree(comm, take_memory(made, psf)));
-    made->constant_view = constant_view(made);
+    V2V_TRY(v2v_par_agree(comm, take_memory(made, &light, psf)));
+    project_ones(made, light);
     *rld = made;
     made = NULL;
 done:
+    v2v_mem_free(light);
     v2v_rld_destroy(&made);
     return rc;
 }
@@ -97,6 +113,7 @@ void v2v_rld_destroy(struct v2v_rld **rld)
         v2v_mem_free(old->ratio);
         v2v_mem_free(old->correction);
         v2v_mem_free(old->seen);
+        v2v_mem_free(old->blind);
         v2v_mem_free(old);
     }
 }
@@ -147,13 +164,14 @@ static void start(const struct v2v_rld *rld, float *volume)
     }
 }
 
-/** ratio <- recorded / projected, in units of the mean view. */
-static void divide(float *ratio, const float *recorded, int64_t count, double mean)
+/** ratio <- recorded / projected, in units of the mean view; 0 where the view is blind. */
+static void divide(float *ratio, const float *recorded, const uint8_t *blind, int64_t count,
+                   double mean)
 {
     float scale = (float)(1 / mean), least = (float)projection_floor;
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        float above = recorded[i] > 0 ? recorded[i] * scale : 0;
+        float above = recorded[i] > 0 && !blind[i] ? recorded[i] * scale : 0;
         ratio[i] = above / (ratio[i] > least ? ratio[i] : least);
     }
 }
@@ -202,7 +220,7 @@ static enum v2v_status iterate(struct v2v_rld *rld, float *volume, const float *
     v2v_watchdog_arm(iteration_watchdog_s, "an RLD iteration");
     for (int32_t v = 0; v < rld->views; v++) {
         v2v_projector_forward(rld->projector, rld->ratio, volume, &v, 1);
-        divide(rld->ratio, views + v * pixels, pixels, mean);
+        divide(rld->ratio, views + v * pixels, rld->blind + v * pixels, pixels, mean);
         v2v_projector_adjoint(rld->projector, rld->correction, rld->ratio, &v, 1);
         multiply(rld, volume, v);
     }

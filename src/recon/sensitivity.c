@@ -15,6 +15,14 @@ static struct taps taps_inside(int64_t i, int64_t n, int64_t kernel)
     return (struct taps){first > 0 ? first : 0, end < kernel ? end : kernel};
 }
 
+/** The same from pixel i: voxel i - k + c lies in [0, n). */
+static struct taps taps_of_pixel(int64_t i, int64_t n, int64_t kernel)
+{
+    int64_t centre = (kernel + 1) / 2 - 1;
+    int64_t first = i + centre - n + 1, end = i + centre + 1;
+    return (struct taps){first > 0 ? first : 0, end < kernel ? end : kernel};
+}
+
 /** Summed-area table of one PSF slice. @param table [ky 0..K, kx 0..K] out, zeroed */
 static void tabulate(double *table, const float *psf, int64_t height, int64_t width)
 {
@@ -72,16 +80,39 @@ void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity)
     *sensitivity = (struct v2v_sensitivity){0};
 }
 
-void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
-                         int64_t z, int64_t y)
+/** Tables of view v's slice z: taps below row ky.end and below ky.first. */
+static void table_rows(const struct v2v_sensitivity *sensitivity, const double **low,
+                       const double **high, int64_t v, int64_t z, struct taps ky)
 {
     int64_t stride = sensitivity->kernel_width + 1;
     int64_t cells = (sensitivity->kernel_height + 1) * stride;
     const double *table = sensitivity->table + (v * sensitivity->slices.count + z) * cells;
-    struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
-    const double *low = table + ky.first * stride, *high = table + ky.end * stride;
+    *low = table + ky.first * stride;
+    *high = table + ky.end * stride;
+}
+
+void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
+                         int64_t z, int64_t y)
+{
+    const double *low, *high;
+    table_rows(sensitivity, &low, &high, v, z,
+               taps_inside(y, sensitivity->height, sensitivity->kernel_height));
     for (int64_t x = 0; x < sensitivity->width; x++) {
         struct taps kx = taps_inside(x, sensitivity->width, sensitivity->kernel_width);
         row[x] = (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+    }
+}
+
+void v2v_sensitivity_pixels(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
+                            int64_t y)
+{
+    const double *low, *high;
+    for (int64_t z = 0; z < sensitivity->slices.count; z++) {
+        table_rows(sensitivity, &low, &high, v, z,
+                   taps_of_pixel(y, sensitivity->height, sensitivity->kernel_height));
+        for (int64_t x = 0; x < sensitivity->width; x++) {
+            struct taps kx = taps_of_pixel(x, sensitivity->width, sensitivity->kernel_width);
+            row[x] += (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+        }
     }
 }

@@ -1,4 +1,4 @@
-/** How much of each voxel a view sees: A_v^T 1.
+/** How much of each voxel a view sees, A_v^T 1, and how much of the volume each pixel sees, A_v 1.
  *
  *  With ones for a view, the correlation is the PSF summed over the rectangle that falls inside the
  *  frame, which summed-area tables answer without a transform and in K*K instead of y*x numbers per
@@ -27,5 +27,10 @@ void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity);
  *  @param row [x] out; its values are >= 0 up to round-off of double precision */
 void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
                          int64_t z, int64_t y);
+
+/** row[x] += (A_v 1)[y, x] of the slices tabulated: what a volume of ones gives to row y of view v.
+ *  @kind Local, thread-safe. @param row [x]; round-off as above */
+void v2v_sensitivity_pixels(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
+                            int64_t y);
 
 #endif

@@ -43,7 +43,8 @@ struct v2v_part v2v_rld_slices(const struct v2v_rld *rld);
  *  @kind Collective(comm), no allocation. @param volume [slices of this rank,y,x] out
  *  @param views [v,y,x], the same on all ranks; negative values count as 0
  *  A voxel that gives a view less than 1e-4 of its PSF's sum is left alone by that view, and is 0
- *  when no view sees it; a projection counts as at least 1e-6 of the mean view. Both floors are
+ *  when no view sees it; a pixel that would get less than 1e-4 of the PSF's sum from a volume of
+ *  ones has no say; a projection counts as at least 1e-6 of the mean view. All floors are
  *  relative: scaled views give the scaled volume. The watchdog is re-armed for every iteration and
  *  stays armed: what follows is usually a write; the caller disarms it.
  *  @return V2V_OK | V2V_STOPPED (agreed) | V2V_E_NUMERIC (agreed) */

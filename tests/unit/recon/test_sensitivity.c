@@ -6,6 +6,7 @@
 #include "v2v3d/optics/projector.h"
 
 #include <math.h>
+#include <string.h>
 
 /** A set of random taps: nothing symmetric, nothing normalised. */
 static struct v2v_psf_file random_psf(int64_t height, int64_t width)
@@ -55,6 +56,40 @@ static void compare(int64_t height, int64_t width, int64_t kernel_height, int64_
     v2v_psf_file_fini(&psf);
 }
 
+static void compare_pixels(int64_t height, int64_t width, int64_t kernel_height,
+                           int64_t kernel_width)
+{
+    struct v2v_psf_file psf = random_psf(kernel_height, kernel_width);
+    struct v2v_projector *projector = NULL;
+    struct v2v_sensitivity sensitivity;
+    float *ones = NULL, *projection = NULL;
+    double *row = NULL;
+    assert_ok(v2v_projector_create(&projector, &psf, height, width, NULL));
+    struct v2v_part slices = v2v_projector_slices(projector);
+    assert_ok(v2v_sensitivity_init(&sensitivity, &psf, slices, height, width));
+    assert_ok(V2V_ALLOC(ones, "test", slices.count * height * width));
+    assert_ok(V2V_ALLOC(projection, "test", psf.views * height * width));
+    assert_ok(V2V_ALLOC(row, "test", width));
+    for (int64_t i = 0; i < slices.count * height * width; i++) {
+        ones[i] = 1;
+    }
+    v2v_projector_forward(projector, projection, ones, NULL, psf.views);
+    for (int64_t i = 0; i < psf.views * height; i++) {
+        memset(row, 0, (size_t)width * sizeof *row);
+        v2v_sensitivity_pixels(&sensitivity, row, i / height, i % height);
+        for (int64_t x = 0; x < width; x++) { /* as above, of three slices */
+            double bound = 24 * 6e-8 * (double)(3 * kernel_height * kernel_width);
+            assert_true(fabs(row[x] - (double)projection[i * width + x]) < bound);
+        }
+    }
+    v2v_mem_free(row);
+    v2v_mem_free(projection);
+    v2v_mem_free(ones);
+    v2v_sensitivity_fini(&sensitivity);
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+}
+
 static void sensitivity_is_the_adjoint_of_ones(void **state)
 {
     (void)state;
@@ -64,8 +99,18 @@ static void sensitivity_is_the_adjoint_of_ones(void **state)
     compare(1, 30, 5, 4);
 }
 
+static void pixels_see_the_projection_of_ones(void **state)
+{
+    (void)state;
+    compare_pixels(20, 24, 7, 7);
+    compare_pixels(20, 24, 8, 5);
+    compare_pixels(9, 6, 16, 13);
+    compare_pixels(1, 30, 5, 4);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(sensitivity_is_the_adjoint_of_ones)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sensitivity_is_the_adjoint_of_ones),
+                                       cmocka_unit_test(pixels_see_the_projection_of_ones)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
