@@ -1,15 +1,18 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/base/memory.h"
 
+#include <float.h>
+
 /* REFERENCE.md 1: cameras that store signed counts as unsigned ones put their zero here. The
  * reference subtracts it whenever the maximum is above; here the mean must be above too, or a
  * recording that merely uses all of its 16 bits (mean 6000, maximum 62835) would become negative
- * almost everywhere. */
+ * almost everywhere; and none may be above 16 bits, as in recordings of other units. */
 #define SIGNED_ZERO 32767.0
+#define LARGEST_COUNT 65535.0
 #define TARGET_MEAN 0.2
 
 struct statistics {
-    double mean;
+    double mean, largest;
 };
 
 /* Sums by frame, added in the order of the frames: the same bits at any rank count. */
@@ -24,6 +27,7 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
         v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
     double *sums = NULL;
     float *views = NULL;
+    float largest = 0.0f;
     rc = V2V_ALLOC(sums, "io.scaling", info->frames);
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(views, "io.scaling", count);
@@ -32,10 +36,13 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
         rc = v2v_recording_read(recording, views, t);
         for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
             sums[t] += views[i];
+            largest = views[i] > largest ? views[i] : largest;
         }
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_sum_f64(comm, sums, info->frames);
+    statistics->largest = (double)largest;
+    v2v_par_max_f64(comm, &statistics->largest, 1);
     statistics->mean = 0.0;
     for (int64_t t = 0; t < info->frames; t++) {
         statistics->mean += sums[t] / (double)count / (double)info->frames;
@@ -51,7 +58,7 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    struct statistics statistics = {0.0};
+    struct statistics statistics = {0};
     scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
     scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
     if (settings->offset.mode == V2V_NUMBER_AUTO) {
@@ -61,12 +68,12 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
         V2V_TRY(measure(&statistics, recording, comm));
     }
-    if (guess && statistics.mean > SIGNED_ZERO) {
+    if (guess && statistics.mean > SIGNED_ZERO && statistics.largest <= LARGEST_COUNT) {
         scaling->offset = SIGNED_ZERO;
     }
     if (settings->gain.mode == V2V_NUMBER_AUTO) {
         const double mean = statistics.mean - scaling->offset;
-        if (!(mean > 0.0)) {
+        if (!(mean > 0.0 && TARGET_MEAN / mean <= FLT_MAX)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                              "the recording's mean is %g after subtracting the offset %g: no gain "
                              "makes it %g; set input.offset or input.gain",

@@ -15,12 +15,12 @@ struct v2v_scaling {
     double offset, gain;
 };
 
-/** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the
- * recording states, else 32767 when its mean is above it, else 0; auto gain: the recording's
- * mean after the offset becomes 0.2 (REFERENCE.md 1). Reads all frames once when something is auto,
- * split over ranks.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that is not
- * positive); agreed */
+/** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
+ * else 32767 when its mean is above it and no sample above 65535, else 0; auto gain: the
+ * recording's mean after the offset becomes 0.2 (REFERENCE.md 1). Reads all frames once when
+ * something is auto, split over ranks.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
+ * makes 0.2); agreed */
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

@@ -10,17 +10,21 @@
 static char path[512];
 
 /* A recording of two frames of one view. */
-static struct v2v_recording *recording_of(const double values[8])
+static struct v2v_recording *recording_as(enum test_h5_type type, const double values[8])
 {
     struct v2v_recording *recording = NULL;
     snprintf(path, sizeof path, "%s/rec.h5", test_folder(NULL));
-    test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",
-                                              .type = TEST_H5_U16,
-                                              .rank = 4,
-                                              .shape = {2, 1, 2, 2},
-                                              .values = values});
+    test_h5_make(
+        path,
+        &(struct test_h5_spec){
+            .dataset = "/views", .type = type, .rank = 4, .shape = {2, 1, 2, 2}, .values = values});
     assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
     return recording;
+}
+
+static struct v2v_recording *recording_of(const double values[8])
+{
+    return recording_as(TEST_H5_U16, values);
 }
 
 static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19};       /* mean 5 */
@@ -86,6 +90,29 @@ static void an_image_without_light_has_no_auto_gain(void **state)
     v2v_recording_close(&recording);
 }
 
+static void samples_above_16_bits_are_no_camera_counts(void **state)
+{
+    (void)state;
+    static const double bright[8] = {40000, 40000, 40000, 40000, 40000, 40000, 40000, 65536};
+    struct v2v_recording *recording = recording_as(TEST_H5_F32, bright);
+    struct v2v_scaling scaling;
+    assert_ok(v2v_scaling_decide(&scaling, recording, &(struct v2v_input_settings){0}, NULL));
+    assert_true(scaling.offset == 0.0);
+    v2v_recording_close(&recording);
+}
+
+static void a_gain_beyond_float32_is_refused(void **state)
+{
+    (void)state;
+    static const double faint[8] = {1e-40, 1e-40, 1e-40, 1e-40, 1e-40, 1e-40, 1e-40, 1e-40};
+    struct v2v_recording *recording = recording_as(TEST_H5_F32, faint);
+    struct v2v_scaling scaling;
+    assert_int_equal(v2v_scaling_decide(&scaling, recording, &(struct v2v_input_settings){0}, NULL),
+                     V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "no gain makes it 0.2"));
+    v2v_recording_close(&recording);
+}
+
 static void applying_subtracts_then_multiplies(void **state)
 {
     (void)state;
@@ -100,6 +127,8 @@ int main(void)
         cmocka_unit_test(offset_and_gain_follow_their_modes),
         cmocka_unit_test(a_stated_offset_goes_before_the_guess),
         cmocka_unit_test(an_image_without_light_has_no_auto_gain),
+        cmocka_unit_test(samples_above_16_bits_are_no_camera_counts),
+        cmocka_unit_test(a_gain_beyond_float32_is_refused),
         cmocka_unit_test(applying_subtracts_then_multiplies),
     };
     return cmocka_run_group_tests_name("scaling", tests, NULL, NULL);
