@@ -108,6 +108,33 @@ const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *
     return &recording->info;
 }
 
+/* Pages of a TIFF file into views `first` .. of frame t. The file knows nothing of frames and
+ * views: what is wrong with a page is said in both terms. */
+static enum v2v_status read_pages(struct v2v_recording *recording, float *views, int64_t page,
+                                  int64_t first, int64_t count, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = recording->info.height * recording->info.width;
+    for (int64_t i = 0; i < count && rc == V2V_OK; i++) {
+        rc = v2v_stack_read(&recording->stack, views + (first + i) * pixels, page + i, 1);
+        if (rc == V2V_E_INPUT) {
+            rc = V2V_FAIL(rc, "%s; the page is frame %lld, view %lld (from 0)",
+                          v2v_status_message(), (long long)t, (long long)(first + i));
+        }
+    }
+    return rc;
+}
+
+static enum v2v_status read_views(struct v2v_recording *recording, float *views, int64_t page,
+                                  int64_t first, int64_t count, int64_t t)
+{
+    if (recording->stack.tiff != NULL) {
+        return read_pages(recording, views, page, first, count, t);
+    }
+    const int64_t pixels = recording->info.height * recording->info.width;
+    return v2v_stack_read(&recording->stack, views + first * pixels, page, count);
+}
+
 enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
@@ -117,9 +144,8 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     const int64_t page = recording->first_page + t * recording->stride;
     const int64_t view = t * recording->stride % info->views;
     const int64_t late = info->views - view;
-    V2V_TRY(
-        v2v_stack_read(&recording->stack, views + view * info->height * info->width, page, late));
-    V2V_TRY(v2v_stack_read(&recording->stack, views, page + late, view));
+    V2V_TRY(read_views(recording, views, page, view, late, t));
+    V2V_TRY(read_views(recording, views, page + late, 0, view, t));
 done:
     return rc;
 }

@@ -269,8 +269,8 @@ static void what_is_no_regular_file_is_refused(void **state)
     assert_refused(&settings, "");
 }
 
-/* A TIFF stack whose page p is p everywhere. */
-static void make_stack(const struct v2v_tiff_info *info)
+/* A TIFF stack whose page p is p everywhere; page `bad` has a NaN at y 1, x 2 (-1: none has). */
+static void make_bad_stack(const struct v2v_tiff_info *info, int64_t bad)
 {
     struct v2v_tiff_writer *writer = NULL;
     float page[6];
@@ -278,11 +278,16 @@ static void make_stack(const struct v2v_tiff_info *info)
     assert_ok(v2v_tiff_create(&writer, path, info));
     for (int64_t p = 0; p < info->pages; p++) {
         for (int i = 0; i < 6; i++) {
-            page[i] = (float)p;
+            page[i] = i == 5 && p == bad ? NAN : (float)p;
         }
         assert_ok(v2v_tiff_write_page(writer, page));
     }
     assert_ok(v2v_tiff_finish(&writer));
+}
+
+static void make_stack(const struct v2v_tiff_info *info)
+{
+    make_bad_stack(info, -1);
 }
 
 static struct v2v_tiff_info stack_info(int64_t slices, int64_t frames)
@@ -333,6 +338,29 @@ static void pages_become_views_by_first_view_and_stride(void **state)
         }
         v2v_recording_close(&recording);
     }
+}
+
+/* Page 7 of a sliding window over 3 views: view 1 of the frames that start at pages 5, 6 and 7. */
+static void a_nan_in_a_page_is_refused_with_frame_and_view(void **state)
+{
+    (void)state;
+    const struct v2v_tiff_info stack = stack_info(12, 1);
+    const struct v2v_input_settings settings = {.views = 3, .stride = 1};
+    struct v2v_recording *recording = NULL;
+    float views[3 * 6];
+    make_bad_stack(&stack, 7);
+    assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+    assert_ok(v2v_recording_read(recording, views, 4));
+    for (int64_t t = 5; t <= 7; t++) {
+        char frame[64];
+        snprintf(frame, sizeof frame, "frame %lld, view 1 (from 0)", (long long)t);
+        assert_int_equal(v2v_recording_read(recording, views, t), V2V_E_INPUT);
+        assert_says(path);
+        assert_says("y = 1, x = 2 (from 0) is NaN");
+        assert_says(frame);
+    }
+    assert_ok(v2v_recording_read(recording, views, 8));
+    v2v_recording_close(&recording);
 }
 
 static void pages_that_make_no_whole_frames_are_refused_with_the_counts(void **state)
@@ -505,6 +533,7 @@ int main(void)
         cmocka_unit_test(links_and_groups_in_the_datasets_place_are_refused),
         cmocka_unit_test(attributes_that_contradict_are_refused),
         cmocka_unit_test(a_nan_is_refused_with_frame_view_and_pixel),
+        cmocka_unit_test(a_nan_in_a_page_is_refused_with_frame_and_view),
         cmocka_unit_test(a_checksum_mismatch_is_refused_with_its_reason),
         cmocka_unit_test(a_truncated_file_is_refused_at_every_length),
         cmocka_unit_test(what_is_no_regular_file_is_refused),
