@@ -29,8 +29,19 @@ static int winograd_pays(const struct v2v_conv_spec *spec)
            rows * columns >= WINOGRAD_TILES;
 }
 
+/** Layers of few channels stay with our own kernel: their reorders would take longer than their
+ *  multiplications. */
+static int bf16_pays(const struct v2v_conv_spec *spec)
+{
+    return spec->method.precision != V2V_PRECISION_F32 && spec->kernel == 3 &&
+           spec->in * spec->out > DIRECT_LIMIT;
+}
+
 const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
 {
+    if (bf16_pays(spec)) {
+        return &v2v_conv_bf16;
+    }
     if (spec->stride == 1 && spec->in * spec->out <= DIRECT_LIMIT) {
         return &v2v_conv_direct;
     }
@@ -180,6 +191,8 @@ void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbi
 {
     V2V_ASSERT(conv->spec.training);
     conv->backend->backward_weights(conv->state, dweight, full_size(conv, in), dout);
-    v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out, conv_out_height(&conv->spec),
-                      conv_out_width(&conv->spec));
+    if (dbias != NULL) {
+        v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out,
+                          conv_out_height(&conv->spec), conv_out_width(&conv->spec));
+    }
 }

@@ -17,6 +17,7 @@ struct v2v_conv_backend {
 };
 
 extern const struct v2v_conv_backend v2v_conv_onednn;
+extern const struct v2v_conv_backend v2v_conv_bf16;
 extern const struct v2v_conv_backend v2v_conv_openblas;
 extern const struct v2v_conv_backend v2v_conv_direct;
 extern const struct v2v_conv_backend v2v_conv_winograd;

@@ -13,6 +13,7 @@ static const int64_t STRIP_BYTES_PER_THREAD = 4 << 20;
  * four times the work, but for the one small layer of that kind) with flipped, transposed weights.
  */
 struct task {
+    dnnl_data_type_t type; /**< of both strips, and of the weights that are multiplied */
     int64_t in, out;       /**< channels */
     int64_t width;         /**< of the strip read */
     int64_t rows, columns; /**< of the strip at the output */
@@ -24,7 +25,7 @@ struct task {
     dnnl_primitive_t primitive;
     dnnl_primitive_t reorder; /**< of the weights: from the caller's, of their gradient: to them */
     dnnl_memory_t strip_read, strip_other, weights, plain;
-    float *packed; /**< weights in oneDNN's layout, or a strip's share of their gradient */
+    float *packed; /**< weights in oneDNN's layout and type, or a strip's share of their gradient */
 };
 
 struct state {
@@ -42,7 +43,7 @@ static void choose_rows(struct task *task)
     int64_t budget = STRIP_BYTES_PER_THREAD * omp_get_max_threads();
     budget = budget > STRIP_BYTES ? budget : STRIP_BYTES;
     int64_t row = task->in * task->stride * task->width + task->out * task->columns;
-    int64_t most = budget / (row * (int64_t)sizeof(float));
+    int64_t most = budget / (row * (int64_t)dnnl_data_type_size(task->type));
     most = most < 1 ? 1 : most;
     int64_t strips = (task->height + most - 1) / most;
     task->rows = (task->height + strips - 1) / strips;
@@ -76,8 +77,10 @@ struct shapes {
     dnnl_dims_t strides, before, after;
 };
 
-/** Shapes of a strip's convolution with layouts of oneDNN's choice. */
-static enum v2v_status describe(struct shapes *shapes, const struct task *task)
+/** Shapes of a strip's convolution with layouts of oneDNN's choice; a gradient of weights is a
+ *  float32 sum whatever is multiplied. */
+static enum v2v_status describe(struct shapes *shapes, const struct task *task,
+                                dnnl_data_type_t weights)
 {
     enum v2v_status rc = V2V_OK;
     int64_t k = task->kernel, before = (k - 1) / 2;
@@ -88,16 +91,16 @@ static enum v2v_status describe(struct shapes *shapes, const struct task *task)
     V2V_TRY(onednn_check(
         dnnl_memory_desc_init_by_tag(&shapes->read, 4,
                                      (dnnl_dims_t){1, task->in, rows_read(task), task->width},
-                                     dnnl_f32, dnnl_format_tag_any),
+                                     task->type, dnnl_format_tag_any),
         "shape"));
     V2V_TRY(onednn_check(
         dnnl_memory_desc_init_by_tag(&shapes->written, 4,
                                      (dnnl_dims_t){1, task->out, task->rows, task->columns},
-                                     dnnl_f32, dnnl_format_tag_any),
+                                     task->type, dnnl_format_tag_any),
         "shape"));
     V2V_TRY(onednn_check(dnnl_memory_desc_init_by_tag(&shapes->weights, 4,
                                                       (dnnl_dims_t){task->out, task->in, k, k},
-                                                      dnnl_f32, dnnl_format_tag_any),
+                                                      weights, dnnl_format_tag_any),
                          "shape"));
     V2V_TRY(onednn_check(
         dnnl_memory_desc_init_by_tag(&shapes->bias, 1, (dnnl_dims_t){task->out}, dnnl_f32, dnnl_a),
@@ -115,7 +118,7 @@ static enum v2v_status plan_convolution(struct task *task, const struct onednn *
     dnnl_primitive_desc_t plan = NULL;
     dnnl_primitive_attr_t attributes = NULL;
     dnnl_post_ops_t after = NULL;
-    V2V_TRY(describe(&shapes, task));
+    V2V_TRY(describe(&shapes, task, task->type));
     V2V_TRY(onednn_check(dnnl_convolution_forward_desc_init(
                              &convolution, dnnl_forward_inference, dnnl_convolution_direct,
                              &shapes.read, &shapes.weights, with_bias ? &shapes.bias : NULL,
@@ -145,15 +148,16 @@ done:
 static enum v2v_status plan_gradient(struct task *task, const struct onednn *dnnl)
 {
     enum v2v_status rc = V2V_OK;
-    struct shapes shapes;
+    struct shapes shapes, like;
     dnnl_convolution_desc_t forward, backward;
     dnnl_primitive_desc_t hint = NULL, plan = NULL;
-    V2V_TRY(describe(&shapes, task));
-    V2V_TRY(onednn_check(
-        dnnl_convolution_forward_desc_init(&forward, dnnl_forward_training, dnnl_convolution_direct,
-                                           &shapes.read, &shapes.weights, NULL, &shapes.written,
-                                           shapes.strides, shapes.before, shapes.after),
-        "convolution"));
+    V2V_TRY(describe(&like, task, task->type));
+    V2V_TRY(describe(&shapes, task, dnnl_f32));
+    V2V_TRY(onednn_check(dnnl_convolution_forward_desc_init(&forward, dnnl_forward_training,
+                                                            dnnl_convolution_direct, &like.read,
+                                                            &like.weights, NULL, &like.written,
+                                                            like.strides, like.before, like.after),
+                         "convolution"));
     V2V_TRY(onednn_check(dnnl_primitive_desc_create(&hint, &forward, NULL, dnnl->engine, NULL),
                          "convolution"));
     V2V_TRY(onednn_check(dnnl_convolution_backward_weights_desc_init(
@@ -229,7 +233,8 @@ done:
     return rc;
 }
 
-static void define_tasks(struct state *state, const struct v2v_conv_spec *spec)
+static void define_tasks(struct state *state, const struct v2v_conv_spec *spec,
+                         dnnl_data_type_t type)
 {
     int64_t rows = conv_out_height(spec), columns = conv_out_width(spec);
     struct port image = {.direction = PORT_LOAD,
@@ -242,7 +247,8 @@ static void define_tasks(struct state *state, const struct v2v_conv_spec *spec)
                           .height = rows,
                           .width = columns,
                           .step = 1};
-    state->forward = (struct task){.in = spec->in,
+    state->forward = (struct task){.type = type,
+                                   .in = spec->in,
                                    .out = spec->out,
                                    .width = spec->width,
                                    .columns = columns,
@@ -257,7 +263,8 @@ static void define_tasks(struct state *state, const struct v2v_conv_spec *spec)
     choose_rows(&state->forward);
     state->gradient.rows = state->forward.rows;
 
-    state->data = (struct task){.in = spec->out,
+    state->data = (struct task){.type = type,
+                                .in = spec->out,
                                 .out = spec->in,
                                 .width = spec->width,
                                 .columns = spec->width,
@@ -349,7 +356,8 @@ done:
     return rc;
 }
 
-static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
+static enum v2v_status create_of_type(void **opaque, const struct v2v_conv_spec *spec,
+                                      dnnl_data_type_t type)
 {
     enum v2v_status rc = V2V_OK;
     dnnl_memory_desc_t bias;
@@ -360,7 +368,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     V2V_TRY(onednn_check(dnnl_engine_create(&dnnl->engine, dnnl_cpu, 0), "engine"));
     V2V_TRY(onednn_check(dnnl_stream_create(&dnnl->stream, dnnl->engine, dnnl_stream_default_flags),
                          "stream"));
-    define_tasks(state, spec);
+    define_tasks(state, spec, type);
     V2V_TRY(plan_convolution(&state->forward, dnnl, 1));
     if (spec->training) {
         V2V_TRY(plan_convolution(&state->data, dnnl, 0));
@@ -382,6 +390,16 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
 done:
     destroy(state);
     return rc;
+}
+
+static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
+{
+    return create_of_type(opaque, spec, dnnl_f32);
+}
+
+static enum v2v_status create_bf16(void **opaque, const struct v2v_conv_spec *spec)
+{
+    return create_of_type(opaque, spec, dnnl_bf16);
 }
 
 static void pack(struct task *task, const struct onednn *dnnl, const float *weight)
@@ -483,3 +501,11 @@ const struct v2v_conv_backend v2v_conv_onednn = {.name = "oneDNN",
                                                  .forward = forward,
                                                  .backward_data = backward_data,
                                                  .backward_weights = backward_weights};
+
+const struct v2v_conv_backend v2v_conv_bf16 = {.name = "oneDNN bf16",
+                                               .create = create_bf16,
+                                               .destroy = destroy,
+                                               .set_weights = set_weights,
+                                               .forward = forward,
+                                               .backward_data = backward_data,
+                                               .backward_weights = backward_weights};

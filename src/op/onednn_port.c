@@ -34,7 +34,7 @@ enum v2v_status onednn_primitive(dnnl_primitive_t *primitive, dnnl_primitive_des
 
 int64_t port_floats(const dnnl_memory_desc_t *desc)
 {
-    return (int64_t)(dnnl_memory_desc_get_size(desc) / sizeof(float));
+    return (int64_t)((dnnl_memory_desc_get_size(desc) + sizeof(float) - 1) / sizeof(float));
 }
 
 /** The rows of the image that the strip at `first` holds. With a step the strip is the whole image:

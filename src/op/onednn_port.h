@@ -1,4 +1,5 @@
-/** Moving rows of an image between the caller's plain [c,y,x] and a strip in oneDNN's own layout.
+/** Moving rows of an image between the caller's plain float32 [c,y,x] and a strip in oneDNN's own
+ *  layout and data type.
  *
  *  A convolution runs over strips of rows: the copies in oneDNN's layout then take some MB whatever
  *  the frame's size, and stay in the cache between the reorder and the convolution. Rows outside
@@ -49,7 +50,7 @@ struct port {
     dnnl_memory_desc_t desc;         /**< of the strip [1,c,rows,x] */
     int64_t rows;
     int step;       /**< strip pixels from one image pixel to the next; 2: zeros in between */
-    float *memory;  /**< the strip; borrowed */
+    float *memory;  /**< the strip, of any type; borrowed */
     int64_t floats; /**< of the strip, padding included */
     struct window windows[PORT_WINDOWS];
     int count;
@@ -60,7 +61,7 @@ struct port {
 enum v2v_status port_prepare(struct port *port, const struct onednn *dnnl, int64_t first,
                              int64_t from) V2V_MUST_CHECK;
 
-/** Bytes of a strip of this description, as floats. */
+/** Bytes of a strip of this description in whole floats. */
 int64_t port_floats(const dnnl_memory_desc_t *desc);
 
 /** Copy the rows of port_prepare's window; the rest of a loaded strip becomes zero. */

@@ -35,6 +35,9 @@ struct v2v_conv_method {
                        the backend, where that is faster */
     int winograd; /**< 1: minimal filtering for 3 x 3 kernels of stride 1 where it is faster */
     struct v2v_workspace *workspace; /**< shared by all operators; needed with winograd */
+    int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round
+                        images and weights to bf16 and add up in float32, through oneDNN whatever
+                        the backend; needs v2v_op_bf16 */
 };
 
 /** Convolution with bias, zero padding (kernel-1)/2. */
@@ -54,7 +57,7 @@ struct v2v_conv;
 
 /** Plan for the threads that OpenMP has now (v2v_op_set_threads comes first).
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL (sizes that overflow; the library
- *          refused: its message) */
+ *          refused: its message; bf16 where v2v_op_bf16 has none) */
 enum v2v_status v2v_conv_create(struct v2v_conv **conv,
                                 const struct v2v_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_conv_destroy(struct v2v_conv **conv);
@@ -72,7 +75,7 @@ void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
  *  @kind Local. */
 void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout);
 
-/** dweight += , dbias += . @kind Local. */
+/** dweight += , dbias += (NULL: not wanted). @kind Local. */
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout);
 

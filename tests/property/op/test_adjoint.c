@@ -3,6 +3,7 @@
 #include "support.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/op/bf16.h"
 #include "v2v3d/op/gemm.h"
 #include "v2v3d/op/resample.h"
 #include <math.h>
@@ -209,6 +210,55 @@ static void convolution_has_its_adjoints_in_data_and_weights(void **unused)
     for_all(check_products);
 }
 
+/** Factors of 8 bits, which bf16 holds: what errs then are the images that come out, by 2^-8 of
+ *  their elements each, and the sums in float32. */
+static void check_products_in_bf16(struct layer *l)
+{
+    float *arrays[] = {l->x, l->y, l->w};
+    const int64_t counts[] = {l->inputs, l->outputs, l->weights};
+    double rounded[2] = {0.0, 0.0};
+    for (int i = 0; i < 3; i++) {
+        for (int64_t j = 0; j < counts[i]; j++) {
+            arrays[i][j] = roundf(arrays[i][j] * 128.0f) / 128.0f;
+        }
+    }
+    v2v_conv_set_weights(l->conv, l->w, l->zero);
+    run(l);
+    for (int64_t j = 0; j < l->outputs; j++) {
+        rounded[0] += fabs((double)l->ax[j] * (double)l->y[j]);
+    }
+    for (int64_t j = 0; j < l->inputs; j++) {
+        rounded[1] += fabs((double)l->aty[j] * (double)l->x[j]);
+    }
+    /* |x - round(x)| <= 2^-8 |x|, so 2^-8 / (1 - 2^-8) |round(x)| at most */
+    double unit = 1.0 / 255.0;
+    int64_t taps = l->spec.in * l->spec.kernel * l->spec.kernel;
+    int64_t terms = taps + l->spec.out * taps / l->spec.in + l->spec.batch * l->pixels + 2;
+    double sums = (double)l->outputs * (double)taps * (double)terms * ldexp(1.0, -23);
+    double by_weights = inner(l->w, l->dw, l->weights);
+    assert_true(fabs(inner(l->ax, l->y, l->outputs) - by_weights) <= unit * rounded[0] + sums);
+    assert_true(fabs(inner(l->x, l->aty, l->inputs) - by_weights) <= unit * rounded[1] + sums);
+}
+
+static void for_all_bf16(void (*check)(struct layer *))
+{
+    if (v2v_op_bf16() == V2V_BF16_NONE) {
+        print_message("no bf16 convolutions on this processor\n");
+        skip();
+    }
+    for (size_t i = 0; i < sizeof layers / sizeof *layers; i++) {
+        struct layer l = layer_init(&layers[i], &v2v_conv_bf16);
+        check(&l);
+        layer_fini(&l);
+    }
+}
+
+static void convolution_in_bf16_has_its_adjoints_within_rounding(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_products_in_bf16);
+}
+
 static void check_repeats(struct layer *l)
 {
     float *results[] = {l->ax, l->aty, l->dw, l->db};
@@ -235,6 +285,12 @@ static void the_same_thread_count_gives_the_same_bits(void **unused)
         for_all(check_repeats);
     }
     v2v_op_set_threads(before);
+}
+
+static void the_same_thread_count_gives_the_same_bits_in_bf16(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_repeats);
 }
 
 /** Each output element of forward and data gradient is one thread's work: only the weight gradient
@@ -280,7 +336,9 @@ int main(void)
         cmocka_unit_test(bilinear_upsampling_has_its_adjoint),
         cmocka_unit_test(max_pooling_has_its_adjoint),
         cmocka_unit_test(convolution_has_its_adjoints_in_data_and_weights),
+        cmocka_unit_test(convolution_in_bf16_has_its_adjoints_within_rounding),
         cmocka_unit_test(the_same_thread_count_gives_the_same_bits),
+        cmocka_unit_test(the_same_thread_count_gives_the_same_bits_in_bf16),
         cmocka_unit_test(forward_and_data_gradient_of_the_direct_kernel_ignore_the_thread_count),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/op/activation.h"
+#include "v2v3d/op/bf16.h"
 #include <math.h>
 #include <string.h>
 
@@ -29,6 +30,8 @@ struct fixture {
     float *in, *out, *weight, *bias;
     float *result;
     struct twin twin;
+    double factor_unit; /**< unit round-off with which what is multiplied is rounded first */
+    double image_unit;  /**< and an image that comes out, at the end; 0 for both: not rounded */
 };
 
 static float *draw(int64_t count, uint64_t stream)
@@ -70,12 +73,16 @@ static void fixture_fini(struct fixture *f)
 
 /** A float32 sum of n products in any order, with or without fused multiply-adds, errs by at most
  *  (n + 2) * 2^-24 times the sum of the moduli (Higham, Accuracy and Stability, 3.1; the 2 for
- *  slope and bias). */
+ *  slope and bias). Factors rounded with unit u first: each product errs by (1 + u)^2 - 1 more; a
+ *  result rounded with unit w: by w of its modulus more. */
 static void assert_close(const struct fixture *f, const char *what, const char *name, int64_t count,
-                         int64_t terms)
+                         int64_t terms, double result_unit)
 {
+    double u = f->factor_unit;
+    double share = (1.0 + u) * (1.0 + u) * (1.0 + (double)(terms + 2) * ldexp(1.0, -24)) - 1.0;
     for (int64_t i = 0; i < count; i++) {
-        double bound = (double)(terms + 2) * ldexp(1.0, -24) * f->twin.moduli[i];
+        double bound = share * f->twin.moduli[i];
+        bound += result_unit * (fabs(f->twin.value[i]) + bound);
         double error = fabs((double)f->result[i] - f->twin.value[i]);
         if (!(error <= bound)) {
             fail_msg("%s %s, %lld to %lld channels, %lld x %lld, kernel %d stride %d: element %lld "
@@ -106,7 +113,7 @@ static void check_forward(struct fixture *f, struct v2v_conv *conv, const char *
     twin_conv_forward(f->twin, s, f->in, f->weight, f->bias);
     twin_activate(f);
     v2v_conv_forward(conv, f->result, f->in);
-    assert_close(f, "forward", name, f->outputs, s->in * s->kernel * s->kernel + 1);
+    assert_close(f, "forward", name, f->outputs, s->in * s->kernel * s->kernel + 1, f->image_unit);
 }
 
 static void check_data(struct fixture *f, struct v2v_conv *conv, const char *name)
@@ -114,7 +121,8 @@ static void check_data(struct fixture *f, struct v2v_conv *conv, const char *nam
     const struct v2v_conv_spec *s = &f->spec;
     twin_conv_backward_data(f->twin, s, f->out, f->weight);
     v2v_conv_backward_data(conv, f->result, f->out);
-    assert_close(f, "data gradient", name, f->inputs, s->out * s->kernel * s->kernel);
+    assert_close(f, "data gradient", name, f->inputs, s->out * s->kernel * s->kernel,
+                 f->image_unit);
 }
 
 /** Gradients are added: the result starts at 1, one more term. */
@@ -131,7 +139,7 @@ static void check_weights(struct fixture *f, struct v2v_conv *conv, const char *
         f->twin.moduli[i] += 1.0;
     }
     v2v_conv_backward_weights(conv, f->result, dbias, f->in, f->out);
-    assert_close(f, "weight gradient", name, f->weights, s->batch * pixels + 1);
+    assert_close(f, "weight gradient", name, f->weights, s->batch * pixels + 1, 0.0);
     for (int64_t o = 0; o < s->out; o++) {
         double sum = (double)before[o], moduli = fabs(sum);
         for (int64_t i = 0; i < s->batch * pixels; i++) {
@@ -146,18 +154,22 @@ static void check_weights(struct fixture *f, struct v2v_conv *conv, const char *
     v2v_mem_free(before);
 }
 
+static void run_check(struct fixture *f, check check_one, const struct v2v_conv_backend *backend)
+{
+    struct v2v_conv *conv = NULL;
+    assert_ok(v2v_conv_create_with(&conv, &f->spec, backend));
+    v2v_conv_set_weights(conv, f->weight, f->bias);
+    check_one(f, conv, backend->name);
+    v2v_conv_destroy(&conv);
+}
+
 static void for_one(const struct v2v_conv_spec *spec, check check_one)
 {
     struct fixture f = fixture_init(spec);
     for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
-        struct v2v_conv *conv = NULL;
-        if (backends[j] == &v2v_conv_direct && f.spec.stride != 1) {
-            continue;
+        if (backends[j] != &v2v_conv_direct || f.spec.stride == 1) {
+            run_check(&f, check_one, backends[j]);
         }
-        assert_ok(v2v_conv_create_with(&conv, &f.spec, backends[j]));
-        v2v_conv_set_weights(conv, f.weight, f.bias);
-        check_one(&f, conv, backends[j]->name);
-        v2v_conv_destroy(&conv);
     }
     fixture_fini(&f);
 }
@@ -201,6 +213,92 @@ static void frames_of_several_strips_match_plain_loops(void **unused)
     }
 }
 
+/** Half a unit in the last place of 8 significant bits. */
+static const double bf16_unit = 1.0 / 256.0;
+
+static void round_everything(struct fixture *f)
+{
+    f->factor_unit = f->image_unit = bf16_unit;
+}
+
+static void for_one_bf16(const struct v2v_conv_spec *spec, check check_one,
+                         void (*prepare)(struct fixture *f))
+{
+    struct fixture f = fixture_init(spec);
+    prepare(&f);
+    run_check(&f, check_one, &v2v_conv_bf16);
+    fixture_fini(&f);
+}
+
+static void skip_without_bf16(void)
+{
+    if (v2v_op_bf16() == V2V_BF16_NONE) {
+        print_message("no bf16 convolutions on this processor\n");
+        skip();
+    }
+}
+
+static void for_all_bf16(check check_one, void (*prepare)(struct fixture *f))
+{
+    skip_without_bf16();
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        for_one_bf16(&cases[i], check_one, prepare);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void forward_in_bf16_errs_by_rounding_factors_and_result(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_forward, round_everything);
+}
+
+static void data_gradient_in_bf16_errs_by_rounding_factors_and_result(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_data, round_everything);
+}
+
+static void weight_gradient_in_bf16_errs_by_rounding_factors_alone(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_weights, round_everything);
+}
+
+/** Pixels of half the bytes: twice the columns. */
+static void frames_of_several_strips_in_bf16_err_by_rounding(void **unused)
+{
+    (void)unused;
+    static const struct v2v_conv_spec wide = {1, 2, 2, 5, 640000, 3, 1, 0.01f, 1, 0, {0}};
+    static const check checks[] = {check_forward, check_data, check_weights};
+    skip_without_bf16();
+    for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
+        for_one_bf16(&wide, checks[i], round_everything);
+    }
+}
+
+/** Nothing is left to round of these factors: 7 bits and the sign. */
+static void draw_bf16(struct fixture *f)
+{
+    float *arrays[] = {f->in, f->out, f->weight};
+    const int64_t counts[] = {f->inputs, f->outputs, f->weights};
+    for (int i = 0; i < 3; i++) {
+        for (int64_t j = 0; j < counts[i]; j++) {
+            arrays[i][j] = roundf(arrays[i][j] * 128.0f) / 128.0f;
+        }
+    }
+    f->image_unit = bf16_unit;
+}
+
+static void sums_in_bf16_are_float32(void **unused)
+{
+    (void)unused;
+    static const check checks[] = {check_forward, check_data, check_weights};
+    for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
+        for_all_bf16(checks[i], draw_bf16);
+    }
+}
+
 static void fused_activation_is_the_separate_one(void **unused)
 {
     (void)unused;
@@ -241,20 +339,46 @@ few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend(void 
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_onednn);
 }
 
+static void bf16_takes_large_layers_of_3_x_3_alone(void **unused)
+{
+    (void)unused;
+    struct v2v_conv_spec spec = {.batch = 1,
+                                 .in = 64,
+                                 .out = 32,
+                                 .height = 64,
+                                 .width = 64,
+                                 .kernel = 3,
+                                 .stride = 2,
+                                 .method.precision = V2V_PRECISION_BF16};
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_bf16);
+    spec.method.backend = V2V_BACKEND_OPENBLAS;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_bf16);
+    spec.kernel = 1;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_openblas);
+    spec.kernel = 3;
+    spec.stride = 1;
+    spec.in = spec.out = 16;
+    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_direct);
+}
+
+static void check_nan(struct fixture *f, struct v2v_conv *conv, const char *name)
+{
+    (void)name;
+    f->in[0] = NAN;
+    v2v_conv_forward(conv, f->result, f->in);
+    assert_true(isnan(f->result[0]));
+}
+
 static void a_nan_in_the_input_is_seen_in_the_output(void **unused)
 {
     (void)unused;
-    for (size_t j = 0; j < sizeof backends / sizeof *backends; j++) {
-        struct fixture f = fixture_init(&cases[1]);
-        struct v2v_conv *conv = NULL;
-        assert_ok(v2v_conv_create_with(&conv, &f.spec, backends[j]));
-        v2v_conv_set_weights(conv, f.weight, f.bias);
-        f.in[0] = NAN;
-        v2v_conv_forward(conv, f.result, f.in);
-        assert_true(isnan(f.result[0]));
-        v2v_conv_destroy(&conv);
-        fixture_fini(&f);
-    }
+    for_one(&cases[1], check_nan);
+}
+
+static void a_nan_in_the_input_is_seen_in_the_output_in_bf16(void **unused)
+{
+    (void)unused;
+    for_all_bf16(check_nan, round_everything);
 }
 
 static void sizes_that_overflow_are_refused(void **unused)
@@ -331,10 +455,17 @@ int main(void)
         cmocka_unit_test(data_gradient_matches_plain_loops),
         cmocka_unit_test(weight_gradient_matches_plain_loops_and_is_added),
         cmocka_unit_test(frames_of_several_strips_match_plain_loops),
+        cmocka_unit_test(forward_in_bf16_errs_by_rounding_factors_and_result),
+        cmocka_unit_test(data_gradient_in_bf16_errs_by_rounding_factors_and_result),
+        cmocka_unit_test(weight_gradient_in_bf16_errs_by_rounding_factors_alone),
+        cmocka_unit_test(frames_of_several_strips_in_bf16_err_by_rounding),
+        cmocka_unit_test(sums_in_bf16_are_float32),
+        cmocka_unit_test(bf16_takes_large_layers_of_3_x_3_alone),
         cmocka_unit_test(fused_activation_is_the_separate_one),
         cmocka_unit_test(
             few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend),
         cmocka_unit_test(a_nan_in_the_input_is_seen_in_the_output),
+        cmocka_unit_test(a_nan_in_the_input_is_seen_in_the_output_in_bf16),
         cmocka_unit_test(sizes_that_overflow_are_refused),
         cmocka_unit_test(too_little_memory_is_a_failure_that_leaves_nothing_behind),
         cmocka_unit_test(the_example_of_the_header_runs),
