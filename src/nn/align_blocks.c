@@ -1,5 +1,6 @@
 #include "nn/align_blocks.h"
 
+#include "nn/align_gather.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/blocks.h"
@@ -14,8 +15,10 @@ struct v2v_align_blocks {
     int32_t *views; /* [view_count], owned */
     struct v2v_blocks blocks;
     int64_t channels;
-    float *weight; /* [out,channels,3,3]: of the blocks, or their gradient */
+    float *weight;   /* [out,channels,3,3]: of the blocks; their gradient too with winograd */
+    float *gradient; /* of the blocks with gather, which borrows the weights; training */
     struct v2v_winograd *winograd;
+    struct v2v_align_gather *gather; /* in bf16, in winograd's place */
 };
 
 enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
@@ -47,8 +50,10 @@ void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks)
         return;
     }
     v2v_winograd_destroy(&(*blocks)->winograd);
+    v2v_align_gather_destroy(&(*blocks)->gather);
     v2v_blocks_fini(&(*blocks)->blocks);
     v2v_mem_free((*blocks)->weight);
+    v2v_mem_free((*blocks)->gradient);
     v2v_mem_free((*blocks)->views);
     v2v_mem_free(*blocks);
     *blocks = NULL;
@@ -81,6 +86,52 @@ static struct v2v_plane plane_of(const struct v2v_align_blocks *self, const stru
     return plane;
 }
 
+static enum v2v_status plan_winograd(struct v2v_align_blocks *self, const struct v2v_plane *plane,
+                                     const struct v2v_padded *like, int64_t out_rows, int training)
+{
+    struct v2v_winograd_spec filter = {.in = self->channels,
+                                       .out = self->spec.out,
+                                       .height = like->height,
+                                       .out_rows = out_rows,
+                                       .width = like->width,
+                                       .plane = plane,
+                                       .pitch = v2v_padded_pitch(like),
+                                       .slope = self->spec.slope,
+                                       .training = training,
+                                       .workspace = self->spec.method.workspace};
+    v2v_winograd_destroy(&self->winograd);
+    return v2v_winograd_create(&self->winograd, &filter);
+}
+
+static enum v2v_status plan_gather(struct v2v_align_blocks *self, const struct v2v_plane *plane,
+                                   const struct v2v_padded *like, int training)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_conv_spec conv = {.batch = 1,
+                                 .in = self->channels,
+                                 .out = self->spec.out,
+                                 .height = like->height,
+                                 .width = like->width,
+                                 .kernel = 3,
+                                 .stride = 1,
+                                 .slope = self->spec.slope,
+                                 .training = training,
+                                 .method = self->spec.method};
+    v2v_align_gather_destroy(&self->gather);
+    V2V_TRY(v2v_align_gather_create(&self->gather, &conv, plane, v2v_padded_pitch(like)));
+    if (training && self->gradient == NULL) {
+        V2V_TRY(V2V_ALLOC(self->gradient, "align_blocks.weights",
+                          v2v_mem_product(conv.out, conv.in, PLACES)));
+    }
+done:
+    return rc;
+}
+
+static int gathers(const struct v2v_align_blocks *self)
+{
+    return self->spec.method.precision != V2V_PRECISION_F32;
+}
+
 enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struct v2v_padded *like,
                                       int64_t out_rows, int training)
 {
@@ -95,18 +146,12 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struc
             }
         }
     }
-    struct v2v_winograd_spec filter = {.in = self->channels,
-                                       .out = self->spec.out,
-                                       .height = like->height,
-                                       .out_rows = out_rows,
-                                       .width = like->width,
-                                       .plane = plane,
-                                       .pitch = v2v_padded_pitch(like),
-                                       .slope = self->spec.slope,
-                                       .training = training,
-                                       .workspace = self->spec.method.workspace};
-    v2v_winograd_destroy(&self->winograd);
-    V2V_TRY(v2v_winograd_create(&self->winograd, &filter));
+    if (gathers(self)) {
+        V2V_ASSERT(out_rows == like->height);
+        V2V_TRY(plan_gather(self, plane, like, training));
+    } else {
+        V2V_TRY(plan_winograd(self, plane, like, out_rows, training));
+    }
 done:
     v2v_mem_free(plane);
     return rc;
@@ -149,14 +194,21 @@ void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *we
         add_output(self, FULL_TO_BLOCKS, self->weight + o * row,
                    (float *)(uintptr_t)(weight + o * full));
     }
-    v2v_winograd_set_weights(self->winograd, self->weight, bias);
+    if (gathers(self)) {
+        v2v_align_gather_set_weights(self->gather, self->weight, bias);
+    } else {
+        v2v_winograd_set_weights(self->winograd, self->weight, bias);
+    }
 }
 
 void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
                               const struct v2v_padded *features,
                               const struct v2v_winograd_part *part)
 {
-    if (part == NULL) {
+    if (gathers(self)) {
+        V2V_ASSERT(part == NULL);
+        v2v_align_gather_forward(self->gather, out, features->data);
+    } else if (part == NULL) {
         v2v_winograd_forward(self->winograd, out, features->data);
     } else {
         v2v_winograd_forward_part(self->winograd, out, features->data, part);
@@ -169,11 +221,16 @@ void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
 {
     int64_t row = self->channels * PLACES;
     int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
-    memset(self->weight, 0, (size_t)(self->spec.out * row) * sizeof *self->weight);
-    v2v_winograd_backward_weights(self->winograd, self->weight, features->data, dout);
+    float *gradient = gathers(self) ? self->gradient : self->weight;
+    memset(gradient, 0, (size_t)(self->spec.out * row) * sizeof *gradient);
+    if (gathers(self)) {
+        v2v_align_gather_backward(self->gather, gradient, dfeatures->data, features->data, dout);
+    } else {
+        v2v_winograd_backward_weights(self->winograd, gradient, features->data, dout);
+        v2v_winograd_backward_data(self->winograd, dfeatures->data, dout);
+    }
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        add_output(self, BLOCKS_TO_FULL, self->weight + o * row, dweight + o * full);
+        add_output(self, BLOCKS_TO_FULL, gradient + o * row, dweight + o * full);
     }
-    v2v_winograd_backward_data(self->winograd, dfeatures->data, dout);
 }

@@ -1,6 +1,6 @@
 /* The alignment and the first 3 x 3 convolution as 3 x 3 convolutions of shifted views by minimal
- * filtering. Merged: exact inside the one-pixel border ring. Not merged, a block for every slice:
- * exact everywhere, the shifted planes end where the frame does. */
+ * filtering, or in bf16 by oneDNN. Merged: exact inside the one-pixel border ring. Not merged, a
+ * block for every slice: exact everywhere, the shifted planes end where the frame does. */
 #ifndef V2V3D_NN_ALIGN_BLOCKS_H
 #define V2V3D_NN_ALIGN_BLOCKS_H
 

@@ -1,5 +1,5 @@
-/* Two ways share the frame: sparse taps, exact everywhere, and blocks by minimal filtering, several
- * times faster. With merged blocks the one-pixel border ring is left to the taps. */
+/* Two ways share the frame: sparse taps, exact everywhere, and blocks by minimal filtering or in
+ * bf16, several times faster. With merged blocks the one-pixel border ring is left to the taps. */
 #include "nn/align_conv.h"
 
 #include "nn/align_blocks.h"
@@ -15,6 +15,11 @@ struct v2v_align_conv {
     struct v2v_align_taps *taps;     /* NULL: blocks alone */
 };
 
+static int takes_blocks(const struct v2v_conv_method *method)
+{
+    return method->winograd || method->precision != V2V_PRECISION_F32;
+}
+
 enum v2v_status v2v_align_conv_create(struct v2v_align_conv **conv, const struct v2v_shifts *shifts,
                                       const struct v2v_align_conv_spec *spec)
 {
@@ -22,11 +27,12 @@ enum v2v_status v2v_align_conv_create(struct v2v_align_conv **conv, const struct
     struct v2v_align_conv *self = NULL;
     V2V_TRY(V2V_ALLOC(self, "align_conv", 1));
     self->spec = *spec;
-    if (spec->method.winograd) {
+    int blocks = takes_blocks(&spec->method);
+    if (blocks) {
         V2V_TRY(v2v_align_blocks_create(&self->blocks, shifts, spec));
     }
-    if (!spec->method.winograd || !spec->every_slice) {
-        V2V_TRY(v2v_align_taps_create(&self->taps, shifts, spec, spec->method.winograd));
+    if (!blocks || !spec->every_slice) {
+        V2V_TRY(v2v_align_taps_create(&self->taps, shifts, spec, blocks));
     }
 done:
     if (rc != V2V_OK) {

@@ -76,9 +76,12 @@ done:
 
 static struct v2v_conv_method method_of(struct v2v_model *model)
 {
+    /* the transforms of minimal filtering would grow bf16's rounding */
+    int is_f32 = model->spec.precision == V2V_PRECISION_F32;
     return (struct v2v_conv_method){.backend = model->spec.backend,
-                                    .winograd = model->spec.winograd,
-                                    .workspace = &model->shared};
+                                    .winograd = model->spec.winograd && is_f32,
+                                    .workspace = &model->shared,
+                                    .precision = model->spec.precision};
 }
 
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */

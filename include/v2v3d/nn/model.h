@@ -40,6 +40,8 @@ struct v2v_model_spec {
     unsigned branches;   /**< V2V_BRANCH_...: what this rank holds */
     int backend;         /**< enum v2v_backend */
     int winograd;        /**< 1: 3 x 3 convolutions by minimal filtering where it is faster */
+    int precision;       /**< V2V_PRECISION_F32, or _BF16: 3 x 3 convolutions that are not too small
+                              in bf16, none by minimal filtering; needs v2v_op_bf16 */
     int every_slice;     /**< 1: the first convolution takes every slice by itself, as the
                               reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
