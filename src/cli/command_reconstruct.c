@@ -3,6 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/nn/model.h"
+#include "v2v3d/nn/precision.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/recon/network.h"
 #include <string.h>
@@ -10,7 +11,7 @@
 struct arguments {
     struct v2v_common common;
     const char *psf, *weights, *input, *output;
-    int branches, precision, resume;
+    int branches, resume;
 };
 
 static const struct v2v_option options[] = {
@@ -22,12 +23,8 @@ static const struct v2v_option options[] = {
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTION_SWITCH(struct arguments, resume, "resume",
                       "a complete output is left as it is; one that is not is computed anew"),
-    {.name = "precision",
-     .kind = V2V_OPTION_CHOICE,
-     .at = offsetof(struct arguments, precision),
-     .value = "f32|bf16",
-     .help = "of the convolutions",
-     .initial = "f32"},
+    V2V_OPTION_SET("precision", "recon.precision", "f32|bf16|bf16-always",
+                   "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET("skip", "recon.skip", "off|auto|N",
                    "leave out tiles with less light than N times the brightest or than noise"),
     V2V_OPTION_OFFSET,
@@ -50,9 +47,6 @@ static double skip_of(const struct v2v_recon_settings *recon)
 static enum v2v_status check(const struct arguments *given, const struct v2v_session *session)
 {
     const struct v2v_recon_settings *recon = &session->config.recon;
-    if (given->precision != V2V_PRECISION_F32 || recon->precision != V2V_PRECISION_F32) {
-        return V2V_FAIL(V2V_E_USAGE, "--precision bf16 is not there yet, only f32");
-    }
     if (skip_of(recon) > 0.0 && !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
     }
@@ -67,7 +61,7 @@ static enum v2v_status check(const struct arguments *given, const struct v2v_ses
 static enum v2v_status load_model(struct v2v_model **model, const char *path,
                                   const struct v2v_weights_info *info,
                                   const struct v2v_session *session, const struct v2v_psf_file *psf,
-                                  const struct v2v_grid *grid)
+                                  const struct v2v_grid *grid, int precision)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_shifts shifts = {0};
@@ -80,6 +74,7 @@ static enum v2v_status load_model(struct v2v_model **model, const char *path,
                                                                        : V2V_BRANCH_2,
                                   .backend = session->config.model.backend,
                                   .winograd = session->config.model.winograd,
+                                  .precision = precision,
                                   .every_slice = !session->config.model.merge,
                                   .volume_scale = info->volume_scale,
                                   .skip = skip_of(&session->config.recon)};
@@ -92,6 +87,19 @@ done:
     return rc;
 }
 
+/* What was decided against is not what the volume's provenance shall say. Collective. */
+static enum v2v_status decide_precision(int *precision, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recon_settings *recon = &session->config.recon;
+    V2V_TRY(v2v_precision_agree(precision, recon->precision, session->world));
+    if (*precision == V2V_PRECISION_F32) {
+        recon->precision = V2V_PRECISION_F32;
+    }
+done:
+    return rc;
+}
+
 /* Outputs get their names only when they are complete. Collective. */
 static int is_done(const struct arguments *given, const struct v2v_session *session)
 {
@@ -101,6 +109,17 @@ static int is_done(const struct arguments *given, const struct v2v_session *sess
         v2v_log(V2V_LOG_INFO, "%s is complete already", given->output);
     }
     return done;
+}
+
+static void report_skipped(double part, double tolerance, int precision)
+{
+    if (tolerance > 0.0 && precision != V2V_PRECISION_F32) {
+        v2v_log(V2V_LOG_WARN, "nothing is skipped in bf16");
+    } else if (tolerance > 0.0) {
+        v2v_log(V2V_LOG_INFO,
+                "computed %.1f %% of the tiles, the rest holds less than %g of the brightest light",
+                100.0 * part, tolerance);
+    }
 }
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
@@ -117,6 +136,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_volume_writer *writer = NULL;
     double part = 1.0;
     unsigned datasets = 1u << V2V_VOLUME_MEAN;
+    int precision = V2V_PRECISION_F32;
     V2V_TRY(check(given, session));
     if (is_done(given, session)) {
         goto done;
@@ -127,8 +147,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
     V2V_TRY(v2v_grid_create(&grid, session->world, (int)session->config.parallel.branches));
     V2V_TRY(v2v_step_weights_info(session, &network, given->weights, &psf));
+    V2V_TRY(decide_precision(&precision, session));
     if (!grid.idle) {
-        rc = load_model(&model, given->weights, &network, session, &psf, &grid);
+        rc = load_model(&model, given->weights, &network, session, &psf, &grid, precision);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
@@ -141,12 +162,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                               provenance.count, session->world));
     v2v_step_announce(session);
     V2V_TRY(v2v_reconstruct(model, recording, &scaling, writer, given->branches, &grid, &part));
-    if (skip_of(&session->config.recon) > 0.0) {
-        v2v_log(V2V_LOG_INFO,
-                "computed %.1f %% of the tiles, the rest holds less than %g of the "
-                "brightest light",
-                100.0 * part, skip_of(&session->config.recon));
-    }
+    report_skipped(part, skip_of(&session->config.recon), precision);
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     v2v_volume_abandon(&writer);

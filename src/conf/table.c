@@ -47,6 +47,10 @@
 
 #define BILLION 1000000000
 
+/* enum v2v_precision */
+#define PRECISIONS "f32", "bf16", "bf16-always"
+#define PRECISION_MEANING "of the convolutions; bf16: if processors have it; -always: or emulate it"
+
 /* clang-format off */
 const struct v2v_key v2v_key_table[] = {
     WHOLE(parallel, branches, 0, 2, 0, "ranks of a sample; 0: 2 if the rank count is even"),
@@ -103,10 +107,11 @@ const struct v2v_key v2v_key_table[] = {
     REAL(train, epsilon, 1e-30, 1.0, 1e-8, "Adam: added to the root"),
     WHOLE(train, seed, 0, INT64_MAX, 1, "of crops, flips and initial weights"),
     WORD(train, init, V2V_RULE_KAIMING, "rule of fresh weights", "kaiming", "hash", "he"),
+    WORD(train, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     REAL(train, checkpoint_every_s, 0.0, 1e9, 600.0, "s; 0: after every step"),
     WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),
 
-    WORD(recon, precision, V2V_PRECISION_F32, "of the convolutions", "f32", "bf16"),
+    WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     SKIP(recon, skip, 0.0, 1.0, "light, of the brightest, below which nothing is computed"),
 
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),

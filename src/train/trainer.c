@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/nn/precision.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -34,7 +35,8 @@ static void measure_fields(struct v2v_trainer *trainer, const struct v2v_fields 
     }
 }
 
-static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2v_train_job *job)
+static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2v_train_job *job,
+                                    int precision)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_shifts shifts = {0};
@@ -45,6 +47,7 @@ static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2
                                   .branches = held_branches(&trainer->grid),
                                   .backend = job->config->model.backend,
                                   .winograd = job->config->model.winograd,
+                                  .precision = precision,
                                   .every_slice = !job->config->model.merge,
                                   .volume_scale = job->config->model.volume_scale};
     V2V_TRY(v2v_shifts_from_psf(&shifts, job->psf));
@@ -90,12 +93,14 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
                                    struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
+    int precision = V2V_PRECISION_F32;
     *trainer = (struct v2v_trainer){.config = job->config};
     V2V_TRY(v2v_grid_create(&trainer->grid, comm, (int)job->config->parallel.branches));
     v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch ranks", trainer->grid.data_size,
             trainer->grid.branch_size);
     V2V_TRY(v2v_sampler_create(&trainer->sampler, job, comm));
-    V2V_TRY(v2v_par_agree(comm, create_model(trainer, job)));
+    V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
+    V2V_TRY(v2v_par_agree(comm, create_model(trainer, job, precision)));
     V2V_TRY(v2v_par_agree(comm, create_workspace(trainer, job)));
 done:
     return rc;

@@ -64,4 +64,23 @@ timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o 
     --max-time 1s
 [ $? -eq 85 ] || fail "--max-time did not end with 85: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights limited/weights.h5 --input recording.h5 -o limited.h5
+
+# Without the instructions bf16 is float32, to its bits, after one warning.
+export DNNL_MAX_CPU_ISA=AVX512_CORE
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o plain.h5
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o asked.h5 --precision bf16
+[ "$(grep -c 'precision bf16: .* all go on in float32' stderr)" -eq 1 ] ||
+    fail "not one warning: $(cat stderr)"
+same plain.h5 asked.h5 /volume
+works train -c tiny.yaml --set train.precision=bf16 --psf psf.h5 --input recording.h5 -o asked
+[ "$(grep -c 'precision bf16: .* all go on in float32' stderr)" -eq 1 ] ||
+    fail "not one warning: $(cat stderr)"
+if grep -qw avx512bw /proc/cpuinfo; then
+    works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o emulated.h5 \
+        --precision bf16-always
+    grep -q 'convolutions in bf16, emulated' stderr || fail "no bf16: $(cat stderr)"
+fi
+export DNNL_MAX_CPU_ISA=AVX2
+refuses 78 'bf16-always: the processors of' reconstruct --psf psf.h5 --weights w.h5 \
+    --input recording.h5 -o out.h5 --precision bf16-always
 finish

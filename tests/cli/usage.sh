@@ -56,8 +56,8 @@ refuses 2 '--skip needs model.winograd: true' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip auto --set model.winograd=false
 refuses 2 '--skip: 1.5 is outside' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip 1.5
-refuses 2 '--precision bf16 is not there yet' \
-    reconstruct --psf p --weights w --input r -o out.h5 --precision bf16
+refuses 2 "--precision: 'f16' is not f32 or bf16 or bf16-always" \
+    reconstruct --psf p --weights w --input r -o out.h5 --precision f16
 refuses 2 '--branches needs an HDF5 output' \
     reconstruct --psf p --weights w --input r -o out.tif --branches
 refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5

@@ -37,7 +37,9 @@ enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
 enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
-enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16 };
+/** Of the convolutions. BF16: on processors with the instructions, else float32; BF16_ALWAYS: also
+ *  where they are emulated. */
+enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16, V2V_PRECISION_BF16_ALWAYS };
 enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 
 /** Where a recording's frames lie in a stack of pages. */
@@ -82,7 +84,8 @@ struct v2v_train_settings {
     double clip_norm; /**< a longer gradient is scaled down to it; 0: none is */
     double beta1, beta2, epsilon;
     int64_t seed;
-    int init; /**< enum v2v_rule: fresh weights */
+    int init;      /**< enum v2v_rule: fresh weights */
+    int precision; /**< enum v2v_precision */
     double checkpoint_every_s;
     int64_t log_every;
 };

@@ -3,7 +3,8 @@
  *  Purpose: the loop that fits the two branches to noisy recordings: crops, physical flips, losses,
  *  gradients over the grid, Adam, checkpoints.
  *  Invariants: sample i of step s is drawn by (seed, s, i), never by rank; all ranks leave at the
- *  same step; RUN/weights.h5 always is a complete checkpoint, RUN/weights.prev.h5 the one before.
+ *  same step; weights, moments and sums of gradients are float32 whatever the convolutions round
+ * to; RUN/weights.h5 always is a complete checkpoint, RUN/weights.prev.h5 the one before.
  *
  *  Example (compiled by tests/unit/train):
  *

@@ -2,6 +2,7 @@
 #include "small_run.h"
 
 #include "v2v3d/base/stop.h"
+#include "v2v3d/op/bf16.h"
 
 #include <string.h>
 
@@ -49,11 +50,12 @@ static void assert_same_bits(struct scene *scene, const char *one, const char *o
     v2v_mem_free(b);
 }
 
-static void check_against_one_rank(int64_t batch, int64_t branches)
+static void check_against_one_rank(int64_t batch, int64_t branches, int precision)
 {
     struct scene scene;
     double alone = 0.0;
     setup(&scene, batch);
+    scene.config.train.precision = precision;
     double together = train(&scene, "together", branches, 20, 0, test_world());
     if (v2v_comm_rank(test_world()) == 0) {
         alone = train(&scene, "alone", 1, 20, 0, NULL);
@@ -70,19 +72,65 @@ static void check_against_one_rank(int64_t batch, int64_t branches)
 static void data_ranks_train_to_the_bits_of_one_rank(void **state)
 {
     (void)state;
-    check_against_one_rank(3, 1);
+    check_against_one_rank(3, 1, V2V_PRECISION_F32);
 }
 
 static void branch_ranks_train_to_the_bits_of_one_rank(void **state)
 {
     (void)state;
-    check_against_one_rank(2, v2v_comm_size(test_world()) > 1 ? 2 : 1);
+    check_against_one_rank(2, v2v_comm_size(test_world()) > 1 ? 2 : 1, V2V_PRECISION_F32);
 }
 
 static void more_ranks_than_samples_train_to_the_bits_of_one_rank(void **state)
 {
     (void)state;
-    check_against_one_rank(1, 1);
+    check_against_one_rank(1, 1, V2V_PRECISION_F32);
+}
+
+static void skip_without_bf16(void)
+{
+    if (v2v_op_bf16() == V2V_BF16_NONE) {
+        print_message("no bf16 convolutions on this processor\n");
+        skip();
+    }
+}
+
+static void branch_ranks_train_to_the_bits_of_one_rank_in_bf16(void **state)
+{
+    (void)state;
+    skip_without_bf16();
+    check_against_one_rank(2, v2v_comm_size(test_world()) > 1 ? 2 : 1, V2V_PRECISION_BF16_ALWAYS);
+}
+
+static double change(double value, double from)
+{
+    return fabs(value - from) / from;
+}
+
+/* The bar of RELIABILITY.md: the losses stay within 2 %. At this learning rate two ways of float32,
+ * Winograd and direct, part by 0.3 % in as many steps; at 1e-3 by 3 %, which would say nothing
+ * about bf16. Equal losses would mean that it was not taken. */
+static void a_run_in_bf16_follows_the_run_in_float32(void **state)
+{
+    (void)state;
+    enum { STEPS = 50 };
+    struct scene scene;
+    char name[32];
+    double first = 0.0, last[2] = {0.0};
+    skip_without_bf16();
+    setup(&scene, 2);
+    scene.config.model.width = 8;
+    scene.config.train.learning_rate = 1e-4;
+    first = train(&scene, "first", 1, 1, 0, test_world());
+    for (int i = 0; i < 2; i++) {
+        scene.config.train.precision = i == 0 ? V2V_PRECISION_F32 : V2V_PRECISION_BF16_ALWAYS;
+        snprintf(name, sizeof name, "precision%d", i);
+        last[i] = train(&scene, name, 1, STEPS, 0, test_world());
+    }
+    print_message("loss %.9g, after %d steps %.9g, in bf16 %.9g\n", first, STEPS, last[0], last[1]);
+    assert_true(last[0] < 0.9 * first);
+    assert_true(last[0] != last[1] && change(last[1], last[0]) <= 0.02);
+    scene_fini(&scene);
 }
 
 static void ten_and_ten_steps_equal_twenty_bit_for_bit(void **state)
@@ -152,6 +200,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(data_ranks_train_to_the_bits_of_one_rank),
         cmocka_unit_test(branch_ranks_train_to_the_bits_of_one_rank),
         cmocka_unit_test(more_ranks_than_samples_train_to_the_bits_of_one_rank),
+        cmocka_unit_test(branch_ranks_train_to_the_bits_of_one_rank_in_bf16),
+        cmocka_unit_test(a_run_in_bf16_follows_the_run_in_float32),
         cmocka_unit_test(ten_and_ten_steps_equal_twenty_bit_for_bit),
         cmocka_unit_test(a_checkpoint_resumes_on_another_rank_count),
         cmocka_unit_test(a_stop_request_on_one_rank_checkpoints_on_all),

@@ -241,9 +241,11 @@ static void set_changes_one_value_or_nothing(void **state)
     assert_ok(v2v_config_set(&c, "train.crop=32"));
     assert_ok(v2v_config_set(&c, "loss.fft=0.1"));
     assert_ok(v2v_config_set(&c, "recon.precision=bf16"));
+    assert_ok(v2v_config_set(&c, "train.precision=bf16-always"));
     assert_int_equal(c.train.crop, 32);
     assert_true(c.loss.fft.value == 0.1);
     assert_int_equal(c.recon.precision, V2V_PRECISION_BF16);
+    assert_int_equal(c.train.precision, V2V_PRECISION_BF16_ALWAYS);
 }
 
 /** Print, load and compare. */
