@@ -9,6 +9,7 @@
 #include "v2v3d/base/stop.h"
 #include "v2v3d/loss/loss.h"
 #include "v2v3d/nn/adam.h"
+#include "v2v3d/op/bf16.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -196,6 +197,14 @@ static double median(double *values, int64_t count)
     return (values[(count - 1) / 2] + values[count / 2]) / 2.0;
 }
 
+/* The rate of multiply-adds was measured in float32. */
+static double floor_of(const struct bench *bench, const struct v2v_model_spec *spec,
+                       const struct v2v_work *work)
+{
+    return spec->precision == V2V_PRECISION_F32 ? v2v_floor_seconds(&bench->result->rates, work)
+                                                : NAN;
+}
+
 static enum v2v_status finish_row(struct bench *bench, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
@@ -206,9 +215,9 @@ static enum v2v_status finish_row(struct bench *bench, int64_t i)
     V2V_TRY(v2v_work_of(&work, &spec, &bench->shifts, job->size, job->size));
     row->macs = work.macs;
     row->bytes = work.bytes;
-    row->forward_floor_s = v2v_floor_seconds(&bench->result->rates, &work);
+    row->forward_floor_s = floor_of(bench, &spec, &work);
     V2V_TRY(v2v_work_of(&work, &spec, &bench->shifts, job->step_size, job->step_size));
-    row->step_floor_s = 3.0 * v2v_floor_seconds(&bench->result->rates, &work);
+    row->step_floor_s = 3.0 * floor_of(bench, &spec, &work);
     row->forward_s = median(bench->forward + i * job->repeat, job->repeat);
     row->step_s = median(bench->step + i * job->repeat, job->repeat);
 done:
@@ -247,7 +256,8 @@ enum v2v_status v2v_bench_run(struct v2v_bench_result *result, const struct v2v_
                                         .slices = job->psf->slices,
                                         .size = job->size,
                                         .step_size = job->step_size,
-                                        .repeat = job->repeat};
+                                        .repeat = job->repeat,
+                                        .bf16 = v2v_op_bf16()};
     result->rows = v2v_variants_list(bench.variant, job);
     for (int64_t i = 0; i < result->rows; i++) {
         result->row[i] = (struct v2v_bench_row){.name = bench.variant[i].name,

@@ -4,21 +4,41 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/json.h"
+#include "v2v3d/op/bf16.h"
 #include <math.h>
 #include <stdlib.h>
 
-static const char not_built[] =
-    "bf16 and skip are not built: every row is float32, nothing skipped";
+/* What no row tells about. */
+static const char *left_out(const struct v2v_bench_result *result)
+{
+    return result->bf16 == V2V_BF16_NATIVE
+               ? "skip is not built: nothing is skipped"
+               : "no row in bf16: this processor has no instructions for it; skip is not built";
+}
+
+/* A right-aligned column; NaN: there is no such figure. */
+static void print_figure(FILE *stream, int width, int digits, double value)
+{
+    if (isnan(value)) {
+        fprintf(stream, "%*s  ", width, "-");
+    } else {
+        fprintf(stream, "%*.*f  ", width, digits, value);
+    }
+}
 
 static void print_row(FILE *stream, const struct v2v_bench_result *result,
                       const struct v2v_bench_row *row)
 {
     double frame = (double)(result->size * result->size);
     double crop = (double)(result->step_size * result->step_size);
-    fprintf(stream, "%-22s  %5lld  %9.4f  %9.4f  %7.2f  %9.4f  %9.4f  %8.2f  %8.1e  %8.1e  ",
-            row->name, (long long)row->width, row->forward_s, row->forward_floor_s,
-            result->row[0].forward_s / row->forward_s, row->step_s, row->step_floor_s,
-            row->step_s / crop / (row->forward_s / frame), row->error[0], row->error[1]);
+    fprintf(stream, "%-22s  %5lld  ", row->name, (long long)row->width);
+    print_figure(stream, 9, 4, row->forward_s);
+    print_figure(stream, 9, 4, row->forward_floor_s);
+    print_figure(stream, 7, 2, result->row[0].forward_s / row->forward_s);
+    print_figure(stream, 9, 4, row->step_s);
+    print_figure(stream, 9, 4, row->step_floor_s);
+    print_figure(stream, 8, 2, row->step_s / crop / (row->forward_s / frame));
+    fprintf(stream, "%8.1e  %8.1e  ", row->error[0], row->error[1]);
     if (isnan(row->psnr_change)) {
         fprintf(stream, "%8s", "-");
     } else {
@@ -45,7 +65,7 @@ void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
             "%.1f GB/s (copy)\n",
             fmax(rates->gemm_onednn, rates->gemm_openblas) / 1e9, rates->gemm_onednn / 1e9,
             rates->gemm_openblas / 1e9, rates->copy / 1e9);
-    fprintf(stream, "%s\n", not_built);
+    fprintf(stream, "%s\n", left_out(result));
     if (!isnan(result->twin_psnr)) {
         fprintf(stream, "the twin's PSNR is %.3f dB\n", result->twin_psnr);
     }
@@ -83,7 +103,7 @@ static void add_head(struct v2v_json_item *items, int64_t *count,
     add_text(items, count, "processor", machine->processor);
     add_text(items, count, "instructions", machine->instructions);
     add_text(items, count, "libraries", machine->libraries);
-    add_text(items, count, "note", not_built);
+    add_text(items, count, "note", left_out(result));
     add_number(items, count, "threads", machine->threads);
     add_number(items, count, "load", machine->load);
     add_number(items, count, "views", (double)result->views);

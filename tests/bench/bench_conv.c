@@ -5,6 +5,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/op/bf16.h"
 #include "v2v3d/op/gemm.h"
 #include <omp.h>
 #include <stdio.h>
@@ -45,8 +46,8 @@ static const struct layer {
     {"U-Net 512->384 3x3 8", {1, 512, 384, 8, 8, 3, 1, 0.01f, 1, 0, {0}}},
 };
 
-static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_winograd,
-                                                          &v2v_conv_onednn, &v2v_conv_openblas};
+static const struct v2v_conv_backend *const backends[] = {
+    &v2v_conv_direct, &v2v_conv_winograd, &v2v_conv_onednn, &v2v_conv_openblas, &v2v_conv_bf16};
 
 struct buffers {
     float *in, *out, *weight, *bias, *dweight, *dbias;
@@ -141,6 +142,9 @@ static int applies(const struct v2v_conv_backend *backend, const struct v2v_conv
 {
     if (backend == &v2v_conv_direct) {
         return spec->stride == 1 && spec->in * spec->out <= 128 * 64;
+    }
+    if (backend == &v2v_conv_bf16) {
+        return v2v_op_bf16() == V2V_BF16_NATIVE;
     }
     return backend != &v2v_conv_winograd || (spec->kernel == 3 && spec->stride == 1);
 }

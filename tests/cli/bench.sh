@@ -8,6 +8,8 @@ if [ "$ranks" -gt 1 ]; then
     finish
 fi
 cp "$root/configs/tiny.yaml" .
+# The same rows on every processor: none in bf16.
+export DNNL_MAX_CPU_ISA=AVX512_CORE
 "$V2V_MAKE_BAD" "$folder" || exit 1
 
 # The bar for float32 is 1e-4; NaN and Inf are no number of the pattern.
@@ -35,7 +37,7 @@ for key in processor instructions threads gemm_onednn_macs_per_s copy_bytes_per_
     peak_resident_bytes; do
     grep -q "\"$key\": " quick/bench.json || fail "bench.json has no $key"
 done
-says 'bf16 and skip are not built'
+says 'no row in bf16: this processor has no instructions for it; skip is not built'
 [ "$(head -c 4 quick/bench.png | tail -c 3)" = PNG ] || fail 'no PNG'
 refuses 2 'bench.json: exists' bench --quick -o quick
 

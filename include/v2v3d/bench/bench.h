@@ -61,7 +61,8 @@ struct v2v_bench_row {
     int64_t width;
     double forward_s, step_s;
     double forward_floor_s, step_floor_s; /**< a step computes and moves three times a forward pass:
-                                               itself, gradients of data, gradients of weights */
+                                               itself, gradients of data, gradients of weights; NaN
+                                               in bf16: no rate was measured for it */
     double macs, bytes;                   /**< of the forward pass, after the shortcuts */
     double error[2];                      /**< of the branches' volumes: |x - twin| / |twin| */
     double psnr_change;                   /**< PSNR less the twin's, dB; NaN: not measured */
@@ -70,6 +71,7 @@ struct v2v_bench_row {
 
 struct v2v_bench_result {
     int64_t views, slices, size, step_size, repeat;
+    int bf16; /**< enum v2v_bf16: a row in bf16 is there where it is native */
     struct v2v_bench_rates rates;
     double twin_psnr;  /**< NaN: not measured */
     double peak_bytes; /**< most resident memory of the process so far, the twin's included */
