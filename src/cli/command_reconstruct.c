@@ -114,7 +114,7 @@ static int is_done(const struct arguments *given, const struct v2v_session *sess
 static void report_skipped(double part, double tolerance, int precision)
 {
     if (tolerance > 0.0 && precision != V2V_PRECISION_F32) {
-        v2v_log(V2V_LOG_WARN, "nothing is skipped in bf16");
+        v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     } else if (tolerance > 0.0) {
         v2v_log(V2V_LOG_INFO,
                 "computed %.1f %% of the tiles, the rest holds less than %g of the brightest light",
