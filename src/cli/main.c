@@ -127,6 +127,7 @@ static enum v2v_status prepare(struct v2v_session *session, const struct v2v_com
     session->force = common->force;
     session->quiet = common->quiet;
     V2V_TRY(settle_config(session, command, common));
+    v2v_mem_set_limit((size_t)(1e9 * session->config.parallel.max_mem_gb));
     session->threads = v2v_cli_threads(session->config.parallel.threads, session->world);
     v2v_op_set_threads(session->threads);
     v2v_log(V2V_LOG_DEBUG, "%s: %d ranks x %d threads", command->name,

@@ -56,6 +56,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(parallel, branches, 0, 2, 0, "ranks of a sample; 0: 2 if the rank count is even"),
     WHOLE(parallel, threads, 0, 4096, 0, "OpenMP threads of a rank; 0: cores / ranks of this host"),
     REAL(parallel, watchdog_s, 0.0, 86400.0, 600.0, "a longer step ends the job, s; 0: off"),
+    REAL(parallel, max_mem_gb, 0.0, 1e9, 0.0, "that a rank may hold, GB; 0: no limit"),
 
     WHOLE(input, views, 0, 4096, 0, "views of a frame; 0: as many as the PSF set has"),
     WHOLE(input, first_view, 0, BILLION, 0, "page of the first frame's first view"),

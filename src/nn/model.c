@@ -2,6 +2,7 @@
 
 #include "nn/align_conv.h"
 #include "nn/encoder.h"
+#include "nn/strips.h"
 #include "nn/unet.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/schema.h"
@@ -226,7 +227,7 @@ float *v2v_model_gradients(struct v2v_model *model)
 
 /* Without training one view after the other goes through the encoder, and the U-Nets share one
  * workspace: a large frame then needs the memory of one view and one branch. */
-static enum v2v_status plan_workspace(struct v2v_model *model)
+static enum v2v_status plan_workspace(struct v2v_model *model, int64_t strip_floats)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_model_spec *spec = &model->spec;
@@ -234,7 +235,8 @@ static enum v2v_status plan_workspace(struct v2v_model *model)
     int64_t need[BRANCHES] = {0};
     for (int b = 0; b < BRANCHES; b++) {
         if (model->unet[b] != NULL) {
-            need[b] = v2v_unet_workspace(model->unet[b], height, width, model->training);
+            need[b] =
+                v2v_unet_workspace(model->unet[b], height, width, strip_floats, model->training);
         }
     }
     if (!model->training) {
@@ -263,16 +265,14 @@ static int skips(const struct v2v_model *model)
     return model->spec.skip > 0.0 && v2v_unet_knows_scenes(model->unet[first_branch(model)]);
 }
 
-enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
+static enum v2v_status plan(struct v2v_model *model, int64_t strip_floats)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_conv_method method = method_of(model);
-    V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
+    int64_t height = model->height, width = model->width;
+    int training = model->training;
     free_workspace(model);
-    model->height = height;
-    model->width = width;
-    model->training = training;
-    V2V_TRY(plan_workspace(model));
+    V2V_TRY(plan_workspace(model, strip_floats));
     if (training && model->parameters.gradients == NULL) {
         V2V_TRY(V2V_ALLOC(model->parameters.gradients, "model.gradients", model->fields.total));
     }
@@ -289,8 +289,27 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     if (skips(model)) {
         V2V_TRY(v2v_scene_init(&model->scene, &model->shifts, height, width));
     }
-    v2v_model_weights_changed(model);
 done:
+    return rc;
+}
+
+/* When memory is short, smaller strips may fit: they cost rows that are computed twice. */
+enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
+{
+    int64_t strip_floats = V2V_STRIPS_FLOATS;
+    V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
+    model->height = height;
+    model->width = width;
+    model->training = training;
+    enum v2v_status rc = plan(model, strip_floats);
+    while (rc == V2V_E_MEMORY && strip_floats > V2V_STRIPS_LEAST_FLOATS &&
+           v2v_unet_knows_scenes(model->unet[first_branch(model)])) {
+        strip_floats /= 2;
+        rc = plan(model, strip_floats);
+    }
+    if (rc == V2V_OK) {
+        v2v_model_weights_changed(model);
+    }
     return rc;
 }
 

@@ -224,8 +224,12 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     for (int64_t c = 0; c < image->channels; c++) {
         const float *channel = image->data + c * image->rows_held * image->width;
         double sum = 0.0;
-        for (int64_t i = 0; i < side * side; i++) {
-            sum += (double)channel[(y0 + i / side) * image->width + x0 + i % side];
+        for (int64_t y = y0; y < y0 + side; y++) {
+            float part = 0.0f;
+            for (int64_t x = x0; x < x0 + side; x++) {
+                part += channel[y * image->width + x];
+            }
+            sum += (double)part;
         }
         level[c] = (float)(sum / (double)(side * side));
     }

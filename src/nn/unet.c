@@ -73,6 +73,7 @@ struct v2v_unet {
     struct v2v_unet_spec spec;
     int64_t height, width;
     int training;
+    int64_t strip_floats;
     struct v2v_layer first; /* sizes and parameters only: align computes it */
     struct v2v_align_conv *align;
     struct v2v_layer layer[LAYERS];
@@ -209,7 +210,7 @@ static struct v2v_strips_spec chain_spec(struct v2v_unet *unet, int chain)
     struct v2v_strips_spec spec = {.align = chain == HEAD ? unet->align : NULL,
                                    .height = unet->height,
                                    .width = unet->width,
-                                   .most_floats = V2V_STRIPS_FLOATS,
+                                   .most_floats = unet->strip_floats,
                                    .workspace = unet->spec.method.workspace};
     for (int i = chain_table[chain].first; i <= chain_table[chain].last; i++) {
         spec.layer[spec.layers++] = &unet->layer[i];
@@ -263,12 +264,14 @@ static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
     return n;
 }
 
-int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width, int training)
+int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width,
+                           int64_t strip_floats, int training)
 {
     struct v2v_slot slot[MAX_SLOTS];
     unet->height = height;
     unet->width = width;
     unet->training = training;
+    unet->strip_floats = strip_floats;
     return v2v_slots_pack(slot, list_slots(slot, unet));
 }
 

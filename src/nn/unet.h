@@ -22,10 +22,12 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
                                 const struct v2v_shifts *shifts) V2V_MUST_CHECK;
 void v2v_unet_destroy(struct v2v_unet **unet);
 
-/* Floats of workspace for frames of [height,width]; then plan with that much memory, borrowed, and
- * for features of the sizes of `like`. Two
- * U-Nets that don't train may share one workspace: what one leaves the other overwrites. */
-int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width, int training);
+/* Floats of workspace for frames of [height,width], of which strips of rows may take
+ * `strip_floats`; then plan with that much memory, borrowed, and for features of the sizes of
+ * `like`. Two U-Nets that don't train may share one workspace: what one leaves the other
+ * overwrites. */
+int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width,
+                           int64_t strip_floats, int training);
 enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
                               const struct v2v_padded *like, int training) V2V_MUST_CHECK;
 void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters *parameters);

@@ -6,14 +6,12 @@
 #include <omp.h>
 #include <string.h>
 
-/* No batch has more runs than this. */
-enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, RUNS = 64 };
+enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, BATCH = 2 * PANEL_COLUMNS };
 
-/* A batch is as many runs as a row of the frame has tiles: short ones go through the transforms
- * together. A line is one image row of every run, from one pixel to the left of it on; phase j is
- * every tile's pixel j, phase[j][t] = line[t * tile + j], the last two phases being the next tile's
- * first ones; points[i][j][t] are the lines of the tiles behind the transform along x, i counting
- * lines. */
+/* A batch is tiles that go through the transforms together. A line is one image row of every run,
+ * from one pixel to the left of it on; phase j is every tile's pixel j, phase[j][t] = line[t * tile
+ * + j], the last two phases being the next tile's first ones; points[i][j][t] are the lines of the
+ * tiles behind the transform along x, i counting lines. */
 struct scratch {
     float *line;
     float *phase;
@@ -23,7 +21,8 @@ struct scratch {
 
 static int64_t phase_step(int64_t tiles_x)
 {
-    return (tiles_x + 1 + 15) / 16 * 16;
+    int64_t most = tiles_x > BATCH ? tiles_x : BATCH;
+    return (most + 1 + 15) / 16 * 16;
 }
 
 int64_t v2v_rows_point(int64_t panels, int64_t channels)
@@ -45,9 +44,11 @@ static struct scratch thread_scratch(const struct rows *rows)
     return scratch;
 }
 
+/* Of a whole row, or the tiles that fill two panels: then runs are cut where a panel ends. */
 struct batch {
     const struct v2v_tile_run *run;
     int64_t runs, tiles;
+    int64_t begun; /* tiles of the first run that belong to the batch before */
     int64_t place; /* of the first tile among the values */
 };
 
@@ -57,22 +58,51 @@ static int64_t within(int64_t x, int64_t low, int64_t high)
     return x < high ? x : high;
 }
 
-/* The runs behind those of `batch`; none: an empty one. */
-static struct batch next_batch(const struct rows *rows, const struct batch *batch)
+/* A batch's runs, cut: the next one while `tiles` of the batch remain. */
+static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t tiles)
 {
-    struct batch next = {.run = batch->run + batch->runs, .place = batch->place + batch->tiles};
-    const struct v2v_tile_run *end = rows->run + rows->runs;
-    for (const struct v2v_tile_run *run = next.run;
-         run < end && next.runs < RUNS && next.tiles + run->count <= rows->tiles_x; run++) {
-        next.tiles += run->count;
-        next.runs++;
+    struct v2v_tile_run run = batch->run[r];
+    if (r == 0) {
+        run.first += batch->begun;
+        run.count -= batch->begun;
     }
-    return next;
+    run.count = within(run.count, 0, tiles);
+    return run;
+}
+
+static struct batch batch_at(const struct rows *rows, const struct v2v_tile_run *run, int64_t begun,
+                             int64_t place)
+{
+    struct batch batch = {.run = run, .begun = begun, .place = place};
+    const struct v2v_tile_run *end = rows->run + rows->runs;
+    int64_t most = BATCH - place % BATCH;
+    if (run < end && run->count == rows->tiles_x && begun == 0) {
+        batch.runs = 1;
+        batch.tiles = run->count;
+        return batch;
+    }
+    while (run + batch.runs < end && batch.tiles < most) {
+        batch.tiles += cut_run(&batch, batch.runs, most - batch.tiles).count;
+        batch.runs++;
+    }
+    return batch;
 }
 
 static struct batch first_batch(const struct rows *rows)
 {
-    return next_batch(rows, &(struct batch){.run = rows->run});
+    return batch_at(rows, rows->run, 0, 0);
+}
+
+/* The tiles behind those of `batch`; none: an empty one. */
+static struct batch next_batch(const struct rows *rows, const struct batch *batch)
+{
+    int64_t last = batch->runs - 1, before = 0;
+    for (int64_t r = 0; r < last; r++) {
+        before += cut_run(batch, r, batch->tiles).count;
+    }
+    int64_t done = batch->tiles - before + (last == 0 ? batch->begun : 0);
+    int whole = done == batch->run[last].count;
+    return batch_at(rows, batch->run + last + whole, whole ? 0 : done, batch->place + batch->tiles);
 }
 
 /* ---- lines and phases ---- */
@@ -132,34 +162,32 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
 {
     float *line = scratch->line, *phase = scratch->phase;
     int64_t step = scratch->step, tile = 0;
-    float beyond[2 * RUNS];
+    float beyond[BATCH][2];
     for (int64_t r = 0; r < batch->runs; r++) {
-        const struct v2v_tile_run *run = batch->run + r;
-        int64_t y = run->row * TILE - 1 + i, start = run->first * TILE - 1;
-        int64_t length = run->count * TILE + 2;
+        struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
+        int64_t y = run.row * TILE - 1 + i, start = run.first * TILE - 1;
+        int64_t length = run.count * TILE + 2;
+        const float *row = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
         if (y < plane->y0 || y >= plane->y1) {
             memset(line, 0, (size_t)length * sizeof *line);
+        } else if (!rows->half && start >= plane->x0 && start + length <= plane->x1) {
+            copy_tiles(line, row + start, run.count, 1);
         } else {
-            const float *row = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
-            if (!rows->half && start >= plane->x0 && start + length <= plane->x1) {
-                copy_tiles(line, row + start, run->count, 1);
-            } else {
-                load_pixels(rows, line, start, length, row, plane);
-            }
+            load_pixels(rows, line, start, length, row, plane);
         }
-        line += run->count * TILE;
-        beyond[2 * r] = line[0];
-        beyond[2 * r + 1] = line[1];
+        line += run.count * TILE;
+        tile += run.count;
+        memcpy(beyond[r], line, sizeof beyond[r]);
     }
     split(phase, step, scratch->line, batch->tiles);
     for (int64_t j = 0; j < 2; j++) {
         memcpy(phase + (TILE + j) * step, phase + j * step + 1,
                (size_t)batch->tiles * sizeof *phase);
     }
-    for (int64_t r = 0; r < batch->runs; r++) {
-        tile += batch->run[r].count;
-        phase[TILE * step + tile - 1] = beyond[2 * r];
-        phase[(TILE + 1) * step + tile - 1] = beyond[2 * r + 1];
+    for (int64_t r = 0, last = -1; r < batch->runs; r++) {
+        last += cut_run(batch, r, batch->tiles - 1 - last).count;
+        phase[TILE * step + last] = beyond[r][0];
+        phase[(TILE + 1) * step + last] = beyond[r][1];
     }
 }
 
@@ -237,12 +265,12 @@ static float *line_points(const struct scratch *scratch, int64_t i)
     return scratch->points + i * POINTS * scratch->step;
 }
 
-/* Does a batch of one run lie right under the one before? Two lines of it are known then. */
+/* Does a whole row lie right under another one? Two lines of it are known then. */
 static int is_under(const struct rows *rows, const struct batch *batch)
 {
     const struct v2v_tile_run *run = batch->run, *above = run - 1;
-    return batch->runs == 1 && run > rows->run && run->count == rows->tiles_x &&
-           above->row == run->row - 1 && above->count == run->count;
+    return run > rows->run && run->count == rows->tiles_x && above->row == run->row - 1 &&
+           above->count == run->count;
 }
 
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
@@ -269,18 +297,18 @@ static void add_phases(const struct rows *rows, const struct scratch *scratch,
 {
     int64_t step = scratch->step, tile = 0;
     for (int64_t r = 0; r < batch->runs; r++) {
-        const struct v2v_tile_run *run = batch->run + r;
+        struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
         const float *phase = scratch->phase + tile;
         float *next = scratch->line + TILE;
-        join(scratch->line, phase, step, run->count);
-        next[(run->count - 1) * TILE] = next[(run->count - 1) * TILE + 1] = 0.0f;
+        join(scratch->line, phase, step, run.count);
+        next[(run.count - 1) * TILE] = next[(run.count - 1) * TILE + 1] = 0.0f;
         for (int64_t j = 0; j < 2; j++) {
-            for (int64_t t = 0; t < run->count; t++) {
+            for (int64_t t = 0; t < run.count; t++) {
                 next[t * TILE + j] += phase[(TILE + j) * step + t];
             }
         }
-        add_line(rows, base, plane, run->row * TILE - 1 + i, run, scratch->line);
-        tile += run->count;
+        add_line(rows, base, plane, run.row * TILE - 1 + i, &run, scratch->line);
+        tile += run.count;
     }
 }
 
@@ -319,17 +347,20 @@ static void drop_odd(float *line, int64_t count)
 static void store_line(const struct rows *rows, const struct scratch *scratch,
                        const struct batch *batch, int64_t i, float *image)
 {
-    int64_t half = rows->stride2, width = (rows->width + half) >> half;
+    int64_t half = rows->stride2, width = (rows->width + half) >> half, tile = 0;
     const float *line = scratch->line;
     for (int64_t r = 0; r < batch->runs; r++) {
-        const struct v2v_tile_run *run = batch->run + r;
-        int64_t y = run->row * TILE + i, x = run->first * TILE;
-        int64_t count = within(run->count * TILE, 0, rows->width - x);
-        if (y < rows->height) {
-            memcpy(image + ((y - rows->first_row * TILE) >> half) * width + (x >> half), line,
-                   (size_t)((count + half) >> half) * sizeof *line);
+        struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
+        int64_t y = run.row * TILE + i, x = run.first * TILE;
+        int64_t count = within(run.count * TILE, 0, rows->width - x);
+        float *to = image + ((y - rows->first_row * TILE) >> half) * width + (x >> half);
+        if (y < rows->height && !half && count == run.count * TILE) {
+            copy_tiles(to, line, run.count, 0);
+        } else if (y < rows->height) {
+            memcpy(to, line, (size_t)((count + half) >> half) * sizeof *line);
         }
-        line += run->count * TILE >> half;
+        line += run.count * TILE >> half;
+        tile += run.count;
     }
 }
 
@@ -358,13 +389,15 @@ static void load_line(const struct rows *rows, const struct scratch *scratch,
                       const struct batch *batch, int64_t i, const float *image)
 {
     float *line = scratch->line;
+    int64_t tile = 0;
     for (int64_t r = 0; r < batch->runs; r++) {
-        const struct v2v_tile_run *run = batch->run + r;
-        int64_t y = run->row * TILE + i, x = run->first * TILE, length = run->count * TILE;
+        struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
+        int64_t y = run.row * TILE + i, x = run.first * TILE, length = run.count * TILE;
         int64_t count = y < rows->height ? within(length, 0, rows->width - x) : 0;
         memcpy(line, image + y * rows->width + x, (size_t)count * sizeof *line);
         memset(line + count, 0, (size_t)(length - count) * sizeof *line);
         line += length;
+        tile += run.count;
     }
 }
 

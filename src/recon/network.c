@@ -175,6 +175,14 @@ done:
     return rc;
 }
 
+/** Collective(world): everything is planned, and nothing of it was touched yet. */
+static void announce_memory(const struct v2v_grid *grid)
+{
+    double held = (double)v2v_mem_held();
+    v2v_par_max_f64(grid->world, &held, 1);
+    v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * held);
+}
+
 enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *recording,
                                 const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
                                 int branches, const struct v2v_grid *grid, double *computed_part)
@@ -184,6 +192,7 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
         .model = model, .recording = recording, .scaling = scaling, .writer = writer, .grid = grid};
     struct v2v_progress progress;
     V2V_TRY(v2v_par_agree(grid->world, job_plan(&job)));
+    announce_memory(grid);
     v2v_progress_begin(&progress, "reconstruct", 0, job.frames);
     for (int64_t round = 0; round * grid->data_size < job.frames; round++) {
         int64_t t = round * grid->data_size + grid->data_rank;

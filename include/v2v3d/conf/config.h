@@ -109,6 +109,7 @@ struct v2v_config {
         int64_t branches; /**< 0: chosen from the rank count */
         int64_t threads;  /**< 0: cores / ranks on this host */
         double watchdog_s;
+        double max_mem_gb; /**< of a rank; 0: no limit */
     } parallel;
     struct v2v_input_settings input;
     struct {
