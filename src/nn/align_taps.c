@@ -31,9 +31,8 @@ struct v2v_align_taps {
     int64_t columns;  /* taps*features of the largest region */
     const float *bias;
     struct region region[REGIONS];
-    float *patch;   /* [columns, STRIP_PIXELS] */
-    float *strip;   /* [out, STRIP_PIXELS] */
-    float *dweight; /* [out, columns] training */
+    float *patch; /* [columns, STRIP_PIXELS] */
+    float *strip; /* [out, STRIP_PIXELS] */
 };
 
 static int skips(const struct v2v_align_taps *conv, int region)
@@ -78,7 +77,7 @@ done:
 
 static void free_scratch(struct v2v_align_taps *conv)
 {
-    float **scratch[] = {&conv->patch, &conv->strip, &conv->dweight};
+    float **scratch[] = {&conv->patch, &conv->strip};
     for (size_t i = 0; i < sizeof scratch / sizeof *scratch; i++) {
         v2v_mem_free(*scratch[i]);
         *scratch[i] = NULL;
@@ -98,6 +97,21 @@ void v2v_align_taps_destroy(struct v2v_align_taps **conv)
     v2v_mem_free((*conv)->views);
     v2v_mem_free(*conv);
     *conv = NULL;
+}
+
+static int64_t region_columns(const struct v2v_align_taps *conv, const struct region *region)
+{
+    return region->taps.count * conv->spec.features;
+}
+
+/* Gradients of all regions' merged weights, one after the other, in the shared workspace. */
+static int64_t gradient_floats(const struct v2v_align_taps *conv)
+{
+    int64_t columns = 0;
+    for (int i = 0; i < REGIONS; i++) {
+        columns += region_columns(conv, &conv->region[i]);
+    }
+    return v2v_mem_product(conv->spec.out, columns, 1);
 }
 
 enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height, int64_t width,
@@ -122,8 +136,7 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height,
     V2V_TRY(V2V_ALLOC(conv->patch, "align_taps.patch", v2v_mem_product(conv->columns, pixels, 1)));
     V2V_TRY(V2V_ALLOC(conv->strip, "align_taps.strip", v2v_mem_product(out, pixels, 1)));
     if (training) {
-        V2V_TRY(V2V_ALLOC(conv->dweight, "align_taps.gradient",
-                          v2v_mem_product(out, conv->columns, 1)));
+        V2V_TRY(v2v_workspace_reserve(conv->spec.method.workspace, gradient_floats(conv)));
     }
 done:
     return rc;
@@ -158,18 +171,19 @@ static void add_channel(const struct v2v_align_taps *conv, const struct region *
     }
 }
 
+/* All regions' share of one output channel, whose full weights then come from memory once. */
 void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight, const float *bias)
 {
     int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
     conv->bias = bias;
-    for (int i = 0; i < REGIONS; i++) {
-        struct region *region = &conv->region[i];
-        if (skips(conv, i)) {
-            continue;
-        }
-        int64_t columns = region->taps.count * conv->spec.features;
 #pragma omp parallel for schedule(static)
-        for (int64_t o = 0; o < conv->spec.out; o++) {
+    for (int64_t o = 0; o < conv->spec.out; o++) {
+        for (int i = 0; i < REGIONS; i++) {
+            const struct region *region = &conv->region[i];
+            if (skips(conv, i)) {
+                continue;
+            }
+            int64_t columns = region_columns(conv, region);
             float *merged = region->weight + o * columns;
             memset(merged, 0, (size_t)columns * sizeof *merged);
             add_channel(conv, region, FULL_TO_MERGED, merged,
@@ -178,14 +192,21 @@ void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight
     }
 }
 
-static void add_full_gradient(const struct v2v_align_taps *conv, const struct region *region,
-                              float *dweight)
+static void add_full_gradient(const struct v2v_align_taps *conv, float *dweight)
 {
     int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
-    int64_t columns = region->taps.count * conv->spec.features;
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < conv->spec.out; o++) {
-        add_channel(conv, region, MERGED_TO_FULL, conv->dweight + o * columns, dweight + o * row);
+        float *gradient = conv->spec.method.workspace->data;
+        for (int i = 0; i < REGIONS; i++) {
+            const struct region *region = &conv->region[i];
+            int64_t columns = region_columns(conv, region);
+            if (!skips(conv, i)) {
+                add_channel(conv, region, MERGED_TO_FULL, gradient + o * columns,
+                            dweight + o * row);
+            }
+            gradient += conv->spec.out * columns;
+        }
     }
 }
 
@@ -379,13 +400,13 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
 {
     int backend = conv->spec.method.backend;
     int64_t out = conv->spec.out;
+    float *gradient = conv->spec.method.workspace->data;
     for (int i = 0; i < REGIONS; i++) {
         const struct region *region = &conv->region[i];
+        int64_t columns = region_columns(conv, region);
         if (skips(conv, i)) {
             continue;
         }
-        int64_t columns = region->taps.count * conv->spec.features;
-        memset(conv->dweight, 0, (size_t)(out * columns) * sizeof *conv->dweight);
         struct rectangle rectangle = whole(region);
         for (int64_t y = region->y0; y < region->y1;) {
             struct strip strip = strip_at(region, &rectangle, y);
@@ -393,12 +414,13 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
             gather(conv, &strip, features);
             take_strip(conv, &strip, dout);
             v2v_gemm(backend, 0, 1, out, columns, pixels, 1.0f, conv->strip, pixels, conv->patch,
-                     pixels, 1.0f, conv->dweight, columns);
+                     pixels, y > region->y0 ? 1.0f : 0.0f, gradient, columns);
             v2v_gemm(backend, 1, 0, columns, pixels, out, 1.0f, region->weight, columns,
                      conv->strip, pixels, 0.0f, conv->patch, pixels);
             scatter(conv, &strip, dfeatures);
             y = strip.y1;
         }
-        add_full_gradient(conv, region, dweight);
+        gradient += out * columns;
     }
+    add_full_gradient(conv, dweight);
 }
