@@ -66,8 +66,7 @@ static void plan(struct v2v_winograd *self)
     self->chunk_tiles = (self->tiles.rows + chunks - 1) / chunks * self->tiles.columns;
     self->panels = (self->chunk_tiles + TILES - 1) / TILES;
     self->line_floats = v2v_rows_floats(self->tiles.columns);
-    int64_t pack = spec->training ? DEPTH * (self->in8 > self->out32 ? self->in8 : self->out32) : 0;
-    self->pack_floats = pack + DEPTH * PANEL_ROWS;
+    self->pack_floats = spec->training ? DEPTH * (self->in8 + PANEL_COLUMNS) : 0;
 }
 
 /* One buffer after the other: lines and packed operands of every thread, values of both sides. */
@@ -349,7 +348,18 @@ static void turn_tiles(const struct v2v_winograd *self, float *to, int64_t step,
     }
 }
 
-/* gradient[point][out/32][in8][32] (+)= sum over the chunk's tiles */
+/* Right operand of the weights' gradient: 32 outputs of a run of tiles, [tile][32]. */
+static void pack_outputs(const struct v2v_winograd *self, float *pack, const float *output,
+                         int64_t first, int64_t tile, int64_t count)
+{
+    int64_t end = smaller(self->out8, first + TILES);
+    for (int64_t o = first; o < end; o += PANEL_ROWS) {
+        turn_tiles(self, pack + o - first, TILES, output, self->out8, o, tile, count);
+    }
+}
+
+/* gradient[point][out/32][in8][32] (+)= sum over the chunk's tiles. A panel of outputs stays in the
+ * first-level cache while all inputs pass. */
 static void multiply_weights(const struct v2v_winograd *self, const struct chunk *chunk, int add)
 {
     int64_t in8 = self->in8, tiles = chunk->panels * TILES;
@@ -358,17 +368,16 @@ static void multiply_weights(const struct v2v_winograd *self, const struct chunk
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
         const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
         float *gradient = chunk->gradient + point * self->out32 * in8;
-        float *left = thread_pack(self, chunk), *right = left + DEPTH * PANEL_ROWS;
+        float *left = thread_pack(self, chunk), *right = left + DEPTH * in8;
         for (int64_t t = 0; t < tiles; t += DEPTH) {
             int64_t depth = smaller(DEPTH, tiles - t);
-            for (int64_t o = 0; o < self->out8; o += PANEL_ROWS) {
-                float *to = right + o / TILES * TILES * depth + o % TILES;
-                turn_tiles(self, to, TILES, output, self->out8, o, t, depth);
-            }
             for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
-                turn_tiles(self, left, PANEL_ROWS, input, in8, i, t, depth);
-                for (int64_t o = 0; o < self->out32; o += TILES) {
-                    self->panel->product(gradient + (o * in8) + i * TILES, left, right + o * depth,
+                turn_tiles(self, left + i * depth, PANEL_ROWS, input, in8, i, t, depth);
+            }
+            for (int64_t o = 0; o < self->out32; o += TILES) {
+                pack_outputs(self, right, output, o, t, depth);
+                for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
+                    self->panel->product(gradient + o * in8 + i * TILES, left + i * depth, right,
                                          depth, add || t > 0);
                 }
             }
