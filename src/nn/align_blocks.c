@@ -226,8 +226,7 @@ void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
     if (gathers(self)) {
         v2v_align_gather_backward(self->gather, gradient, dfeatures->data, features->data, dout);
     } else {
-        v2v_winograd_backward_weights(self->winograd, gradient, features->data, dout);
-        v2v_winograd_backward_data(self->winograd, dfeatures->data, dout);
+        v2v_winograd_backward(self->winograd, dfeatures->data, gradient, features->data, dout);
     }
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < self->spec.out; o++) {

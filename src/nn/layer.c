@@ -56,3 +56,11 @@ void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parame
         layer->conv, v2v_parameter(parameters->fields, parameters->gradients, layer->weight),
         v2v_parameter(parameters->fields, parameters->gradients, layer->bias), in, dout);
 }
+
+void v2v_layer_backward(struct v2v_layer *layer, const struct v2v_parameters *parameters,
+                        float *din, const float *in, const float *dout)
+{
+    v2v_conv_backward(
+        layer->conv, din, v2v_parameter(parameters->fields, parameters->gradients, layer->weight),
+        v2v_parameter(parameters->fields, parameters->gradients, layer->bias), in, dout);
+}

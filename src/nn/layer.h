@@ -37,6 +37,10 @@ void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_paramet
 void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parameters *parameters,
                                 const float *in, const float *dout);
 
+/* The same and the gradient of the input. */
+void v2v_layer_backward(struct v2v_layer *layer, const struct v2v_parameters *parameters,
+                        float *din, const float *in, const float *dout);
+
 /* The value or gradient array of a field. */
 static inline float *v2v_parameter(const struct v2v_fields *fields, float *arena, int64_t index)
 {

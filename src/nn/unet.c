@@ -456,8 +456,7 @@ static void swap_gradients(struct v2v_unet *unet)
 static void run_back(struct v2v_unet *unet, int i, const struct v2v_parameters *parameters,
                      const float *in)
 {
-    v2v_layer_backward_weights(&unet->layer[i], parameters, in, unet->gradient[0]);
-    v2v_conv_backward_data(unet->layer[i].conv, unet->gradient[1], unet->gradient[0]);
+    v2v_layer_backward(&unet->layer[i], parameters, unet->gradient[1], in, unet->gradient[0]);
     swap_gradients(unet);
 }
 

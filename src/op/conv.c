@@ -186,13 +186,31 @@ void v2v_bias_gradient(float *dbias, const float *dout, int64_t batch, int64_t c
     }
 }
 
+static void add_bias_gradient(const struct v2v_conv *conv, float *dbias, const float *dout)
+{
+    if (dbias != NULL) {
+        v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out,
+                          conv_out_height(&conv->spec), conv_out_width(&conv->spec));
+    }
+}
+
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout)
 {
     V2V_ASSERT(conv->spec.training);
     conv->backend->backward_weights(conv->state, dweight, full_size(conv, in), dout);
-    if (dbias != NULL) {
-        v2v_bias_gradient(dbias, dout, conv->spec.batch, conv->spec.out,
-                          conv_out_height(&conv->spec), conv_out_width(&conv->spec));
+    add_bias_gradient(conv, dbias, dout);
+}
+
+void v2v_conv_backward(struct v2v_conv *conv, float *din, float *dweight, float *dbias,
+                       const float *in, const float *dout)
+{
+    V2V_ASSERT(conv->spec.training);
+    if (conv->backend->backward == NULL) {
+        v2v_conv_backward_weights(conv, dweight, dbias, in, dout);
+        v2v_conv_backward_data(conv, din, dout);
+        return;
     }
+    conv->backend->backward(conv->state, din, dweight, in, dout);
+    add_bias_gradient(conv, dbias, dout);
 }

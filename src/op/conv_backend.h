@@ -14,6 +14,8 @@ struct v2v_conv_backend {
     void (*forward)(void *state, float *out, const float *in);
     void (*backward_data)(void *state, float *din, const float *dout);
     void (*backward_weights)(void *state, float *dweight, const float *in, const float *dout);
+    /** Both at once for a backend that upsamples itself; NULL: nothing would be saved. */
+    void (*backward)(void *state, float *din, float *dweight, const float *in, const float *dout);
 };
 
 extern const struct v2v_conv_backend v2v_conv_onednn;

@@ -72,23 +72,27 @@ static void forward(void *opaque, float *out, const float *in)
     }
 }
 
-static void backward_data(void *opaque, float *din, const float *dout)
+static void backward(void *opaque, float *din, float *dweight, const float *in, const float *dout)
 {
     struct state *state = opaque;
-    memset(din, 0, (size_t)(state->batch * state->in_floats) * sizeof *din);
-    for (int64_t n = 0; n < state->batch; n++) {
-        v2v_winograd_backward_data(state->winograd, din + n * state->in_floats,
-                                   dout + n * state->out_floats);
+    int64_t in_floats = state->in_floats;
+    if (din != NULL) {
+        memset(din, 0, (size_t)(state->batch * in_floats) * sizeof *din);
     }
+    for (int64_t n = 0; n < state->batch; n++) {
+        v2v_winograd_backward(state->winograd, din != NULL ? din + n * in_floats : NULL, dweight,
+                              in != NULL ? in + n * in_floats : NULL, dout + n * state->out_floats);
+    }
+}
+
+static void backward_data(void *opaque, float *din, const float *dout)
+{
+    backward(opaque, din, NULL, NULL, dout);
 }
 
 static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
 {
-    struct state *state = opaque;
-    for (int64_t n = 0; n < state->batch; n++) {
-        v2v_winograd_backward_weights(state->winograd, dweight, in + n * state->in_floats,
-                                      dout + n * state->out_floats);
-    }
+    backward(opaque, NULL, dweight, in, dout);
 }
 
 const struct v2v_conv_backend v2v_conv_winograd = {.name = "Winograd",
@@ -97,4 +101,5 @@ const struct v2v_conv_backend v2v_conv_winograd = {.name = "Winograd",
                                                    .set_weights = set_weights,
                                                    .forward = forward,
                                                    .backward_data = backward_data,
-                                                   .backward_weights = backward_weights};
+                                                   .backward_weights = backward_weights,
+                                                   .backward = backward};

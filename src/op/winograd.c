@@ -425,18 +425,6 @@ void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *ba
     v2v_winograd_forward_part(self, out, base, &whole);
 }
 
-void v2v_winograd_backward_data(struct v2v_winograd *self, float *base, const float *dout)
-{
-    int64_t rows;
-    for (int64_t first = 0; first < self->tiles.rows; first += rows) {
-        struct chunk chunk = chunk_at(self, first);
-        rows = chunk.rows.runs;
-        transform_output_gradient(self, &chunk, dout);
-        multiply_data(self, &chunk);
-        add_input_gradient(self, &chunk, base);
-    }
-}
-
 static void add_weights_gradient(const struct v2v_winograd *self, float *dweight,
                                  const float *gradient)
 {
@@ -458,20 +446,29 @@ static void add_weights_gradient(const struct v2v_winograd *self, float *dweight
     }
 }
 
-void v2v_winograd_backward_weights(struct v2v_winograd *self, float *dweight, const float *base,
-                                   const float *dout)
+/* The gradient of the input takes the place of the input's values: it comes last. */
+void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweight,
+                           const float *base, const float *dout)
 {
     float *gradient = NULL;
     int64_t rows;
     for (int64_t first = 0; first < self->tiles.rows; first += rows) {
         struct chunk chunk = chunk_at(self, first);
         rows = chunk.rows.runs;
-        transform_input(self, &chunk, base);
         transform_output_gradient(self, &chunk, dout);
-        clear_tail(self, &chunk, chunk.input, self->in8);
-        clear_tail(self, &chunk, chunk.output, self->out8);
-        multiply_weights(self, &chunk, first > 0);
-        gradient = chunk.gradient;
+        if (dweight != NULL) {
+            transform_input(self, &chunk, base);
+            clear_tail(self, &chunk, chunk.input, self->in8);
+            clear_tail(self, &chunk, chunk.output, self->out8);
+            multiply_weights(self, &chunk, first > 0);
+            gradient = chunk.gradient;
+        }
+        if (dbase != NULL) {
+            multiply_data(self, &chunk);
+            add_input_gradient(self, &chunk, dbase);
+        }
     }
-    add_weights_gradient(self, dweight, gradient);
+    if (dweight != NULL) {
+        add_weights_gradient(self, dweight, gradient);
+    }
 }

@@ -79,6 +79,10 @@ void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout);
 
+/** Both, to the same bits; faster where they share work. @kind Local. */
+void v2v_conv_backward(struct v2v_conv *conv, float *din, float *dweight, float *dbias,
+                       const float *in, const float *dout);
+
 /** dbias [channels] += sums over batch and pixels of dout [batch,channels,rows,columns]: rows in
  *  float32, their sums in double precision, one addition each. @kind Local. */
 void v2v_bias_gradient(float *dbias, const float *dout, int64_t batch, int64_t channels,

@@ -62,12 +62,11 @@ struct v2v_winograd_part {
 void v2v_winograd_forward_part(struct v2v_winograd *winograd, float *out, const float *base,
                                const struct v2v_winograd_part *part);
 
-/** Planes at `base` += adjoint of the convolution applied to dout [out,y,x]. @kind Local. */
-void v2v_winograd_backward_data(struct v2v_winograd *winograd, float *base, const float *dout);
-
-/** dweight [out,in,3,3] += . The sums' order depends on the sizes alone. @kind Local. */
-void v2v_winograd_backward_weights(struct v2v_winograd *winograd, float *dweight, const float *base,
-                                   const float *dout);
+/** Planes at `dbase` += adjoint of the convolution applied to dout [out,y,x]; dweight [out,in,3,3]
+ *  += gradient of the weights for the planes at `base`. One that is NULL is left out, both share
+ * one transform of dout. The sums' order depends on the sizes alone. @kind Local. */
+void v2v_winograd_backward(struct v2v_winograd *winograd, float *dbase, float *dweight,
+                           const float *base, const float *dout);
 
 #ifdef __cplusplus
 }

@@ -299,6 +299,44 @@ static void sums_in_bf16_are_float32(void **unused)
     }
 }
 
+/** din is overwritten whatever it held, dweight and dbias are added to. */
+static void both_gradients_at_once_are_those_one_by_one(void **state)
+{
+    (void)state;
+    enum { BATCH = 2, IN = 5, OUT = 7, SIDE = 10, WEIGHTS = OUT * IN * 9 };
+    static const struct v2v_conv_backend *const all[] = {&v2v_conv_direct, &v2v_conv_onednn,
+                                                         &v2v_conv_openblas, &v2v_conv_winograd};
+    struct v2v_workspace workspace = {0};
+    for (size_t i = 0; i < 2 * sizeof all / sizeof *all; i++) {
+        int upsample = i % 2 == 1;
+        int64_t inputs = BATCH * IN * (SIDE >> upsample) * (SIDE >> upsample);
+        struct v2v_conv_spec spec = {
+            BATCH, IN, OUT, SIDE, SIDE, 3, 1, 1, 1, upsample, {0, 1, &workspace}};
+        float *in = draw(inputs, 1), *dout = draw(BATCH * OUT * SIDE * SIDE, 2);
+        float *weight = draw(WEIGHTS, 3), *bias = draw(OUT, 4);
+        float *din[] = {draw(inputs, 5), draw(inputs, 6)};
+        float *dweight[] = {draw(WEIGHTS, 7), draw(WEIGHTS, 7)};
+        float *dbias[] = {draw(OUT, 8), draw(OUT, 8)};
+        struct v2v_conv *conv = NULL;
+        assert_ok(v2v_conv_create_with(&conv, &spec, all[i / 2]));
+        v2v_conv_set_weights(conv, weight, bias);
+        v2v_conv_backward(conv, din[0], dweight[0], dbias[0], in, dout);
+        v2v_conv_backward_weights(conv, dweight[1], dbias[1], in, dout);
+        v2v_conv_backward_data(conv, din[1], dout);
+        assert_memory_equal(din[0], din[1], (size_t)inputs * sizeof *in);
+        assert_memory_equal(dweight[0], dweight[1], WEIGHTS * sizeof *in);
+        assert_memory_equal(dbias[0], dbias[1], OUT * sizeof *in);
+        float *owned[] = {in,     dout,       weight,     bias,     din[0],
+                          din[1], dweight[0], dweight[1], dbias[0], dbias[1]};
+        for (size_t k = 0; k < sizeof owned / sizeof *owned; k++) {
+            v2v_mem_free(owned[k]);
+        }
+        v2v_conv_destroy(&conv);
+    }
+    v2v_workspace_fini(&workspace);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 static void fused_activation_is_the_separate_one(void **unused)
 {
     (void)unused;
@@ -461,6 +499,7 @@ int main(void)
         cmocka_unit_test(frames_of_several_strips_in_bf16_err_by_rounding),
         cmocka_unit_test(sums_in_bf16_are_float32),
         cmocka_unit_test(bf16_takes_large_layers_of_3_x_3_alone),
+        cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(fused_activation_is_the_separate_one),
         cmocka_unit_test(
             few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend),

@@ -170,7 +170,7 @@ static void gradient_of_the_data_is_added_and_equals_the_twin(void **state)
             f.value[i] += (double)f.din[i];
             f.moduli[i] += fabs((double)f.din[i]);
         }
-        v2v_winograd_backward_data(f.winograd, f.din, f.dout);
+        v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
         assert_close(&f, f.din, f.small_floats, f.spec.out);
         fixture_fini(&f);
     }
@@ -188,8 +188,26 @@ static void gradient_of_the_weights_is_added_and_equals_the_twin(void **state)
             /* every tile sees all of its values, though a tap near the border has fewer pixels */
             f.moduli[i] += fabs((double)f.dweight[i]) + (double)(f.spec.height * f.spec.width);
         }
-        v2v_winograd_backward_weights(f.winograd, f.dweight, f.small, f.dout);
+        v2v_winograd_backward(f.winograd, NULL, f.dweight, f.small, f.dout);
         assert_close(&f, f.dweight, f.weights, f.spec.height * f.spec.width / 16);
+        fixture_fini(&f);
+    }
+}
+
+static void both_gradients_at_once_are_those_one_by_one(void **state)
+{
+    (void)state;
+    for (int j = 0; j < PROBLEMS; j++) {
+        struct fixture f;
+        fixture_init(&f, &problems[j]);
+        float *din = draw(f.small_floats, 7), *dweight = draw(f.weights, 8);
+        v2v_winograd_backward(f.winograd, f.din, f.dweight, f.small, f.dout);
+        v2v_winograd_backward(f.winograd, din, NULL, NULL, f.dout);
+        v2v_winograd_backward(f.winograd, NULL, dweight, f.small, f.dout);
+        assert_memory_equal(f.din, din, (size_t)f.small_floats * sizeof *din);
+        assert_memory_equal(f.dweight, dweight, (size_t)f.weights * sizeof *dweight);
+        v2v_mem_free(din);
+        v2v_mem_free(dweight);
         fixture_fini(&f);
     }
 }
@@ -251,7 +269,7 @@ static void shifted_planes_of_one_owner_read_and_add_up(void **state)
         }
     }
     assert_true(fabs(sum - out[4 * SIDE + 1]) <= GROWTH * EPSILON * 27.0);
-    v2v_winograd_backward_data(winograd, dimage, dout);
+    v2v_winograd_backward(winograd, dimage, NULL, NULL, dout);
     for (int i = 0; i < OUT * SIDE * SIDE; i++) {
         whole += (double)out[i] * dout[i];
     }
@@ -342,6 +360,7 @@ int main(void)
         cmocka_unit_test(forward_equals_the_twin),
         cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
+        cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
         cmocka_unit_test(stride_two_takes_every_second_row_and_column),
