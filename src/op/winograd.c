@@ -69,6 +69,18 @@ static void plan(struct v2v_winograd *self)
     self->pack_floats = spec->training ? DEPTH * (self->in8 + PANEL_COLUMNS) : 0;
 }
 
+/* Floats from point to point of the weights and of their gradient: as v2v_rows_point, not a power
+ * of two. */
+static int64_t weights_point(const struct v2v_winograd *self)
+{
+    return self->out8 * self->spec.in + 16;
+}
+
+static int64_t gradient_point(const struct v2v_winograd *self)
+{
+    return self->out32 * self->in8 + 16;
+}
+
 /* One buffer after the other: lines and packed operands of every thread, values of both sides. */
 static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **lines, float **packs,
                        float **input, float **output, float **gradient)
@@ -82,7 +94,7 @@ static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **l
         {packs, self->threads * self->pack_floats},
         {input, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->in8)},
         {output, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->out8)},
-        {gradient, self->spec.training ? WINOGRAD_VALUES * self->out32 * self->in8 : 0},
+        {gradient, self->spec.training ? WINOGRAD_VALUES * gradient_point(self) : 0},
     };
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         if (memory != NULL) {
@@ -108,7 +120,7 @@ enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
     V2V_TRY(v2v_tiles_init(&self->tiles, spec->height, spec->width));
     plan(self);
     V2V_TRY(V2V_ALLOC(self->weights, "conv.weights",
-                      v2v_mem_product(WINOGRAD_VALUES, self->out8, spec->in)));
+                      v2v_mem_product(WINOGRAD_VALUES, weights_point(self), 1)));
     V2V_TRY(
         v2v_workspace_reserve(spec->workspace, lay_out(self, NULL, NULL, NULL, NULL, NULL, NULL)));
 done:
@@ -167,7 +179,7 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
         for (int64_t i = 0; i < in; i += 2) {
             int64_t inputs = smaller(2, in - i);
             gather_taps(taps, weight + (o * in + i) * 9, in, inputs, smaller(FILTERS, out - o));
-            self->kernel->weights(self->weights + filters_at(self, o, i), self->out8 * in, taps,
+            self->kernel->weights(self->weights + filters_at(self, o, i), weights_point(self), taps,
                                   PAIR, inputs * FILTERS);
         }
     }
@@ -277,7 +289,7 @@ static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
     int64_t in = self->spec.in, out8 = self->out8;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
-        const float *weights = self->weights + point * out8 * in;
+        const float *weights = self->weights + point * weights_point(self);
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, self->in8);
         float *output = chunk->output + point * v2v_rows_point(chunk->panels, out8);
         for (int64_t i = 0; i < in; i += DEPTH) {
@@ -318,7 +330,7 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
     int64_t out = self->spec.out, in8 = self->in8;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
-        const float *weights = self->weights + point * self->out8 * self->spec.in;
+        const float *weights = self->weights + point * weights_point(self);
         const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
         float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
         float *pack = thread_pack(self, chunk);
@@ -367,7 +379,7 @@ static void multiply_weights(const struct v2v_winograd *self, const struct chunk
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
         const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
-        float *gradient = chunk->gradient + point * self->out32 * in8;
+        float *gradient = chunk->gradient + point * gradient_point(self);
         float *left = thread_pack(self, chunk), *right = left + DEPTH * in8;
         for (int64_t t = 0; t < tiles; t += DEPTH) {
             int64_t depth = smaller(DEPTH, tiles - t);
@@ -435,7 +447,7 @@ static void add_weights_gradient(const struct v2v_winograd *self, float *dweight
         float taps[9 * TILES];
         for (int64_t i = 0; i < in; i++) {
             self->kernel->weights_turned(taps, TILES, gradient + first * self->in8 + i * TILES,
-                                         self->out32 * self->in8, count);
+                                         gradient_point(self), count);
             for (int64_t o = 0; o < count; o++) {
                 float *to = dweight + ((first + o) * in + i) * 9;
                 for (int64_t k = 0; k < 9; k++) {
