@@ -71,6 +71,9 @@ done:
 
 void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight, const float *bias)
 {
+    if (conv->height == 0) {
+        return; /* not planned yet: planning takes the weights */
+    }
     if (conv->blocks != NULL) {
         v2v_align_blocks_set_weights(conv->blocks, weight, bias);
     }

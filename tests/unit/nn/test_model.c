@@ -352,12 +352,11 @@ static void a_memory_limit_makes_strips_smaller(void **state)
 
 /* ---- weights ---- */
 
-static void changed_weights_count_once_they_are_announced(void **state)
+static void changed_weights_count(const struct v2v_model_spec *spec)
 {
-    (void)state;
     static float fresh[BRANCHES][VOXELS], changed[BRANCHES][VOXELS];
-    run(fresh[0], fresh[1], &small, 0);
-    struct v2v_model *model = create(&small);
+    run(fresh[0], fresh[1], spec, 0);
+    struct v2v_model *model = create(spec);
     int64_t floats = v2v_model_fields(model)->total;
     float *weights = v2v_model_weights(model);
     v2v_model_weights_changed(model); /* nothing is planned yet */
@@ -374,6 +373,15 @@ static void changed_weights_count_once_they_are_announced(void **state)
     v2v_model_forward(model, changed[0], changed[1], views);
     assert_memory_equal(changed, fresh, sizeof fresh);
     v2v_model_destroy(&model);
+}
+
+static void changed_weights_count_once_they_are_announced(void **state)
+{
+    (void)state;
+    struct v2v_model_spec spec = small;
+    changed_weights_count(&spec);
+    spec.winograd = 1;
+    changed_weights_count(&spec);
 }
 
 /* The encoder's gradient of both branches is the sum of the branches' own; a U-Net's is its own. */
