@@ -4,6 +4,7 @@
 #include "v2v3d/op/gemm.h"
 #include "v2v3d/optics/taps.h"
 
+#include <omp.h>
 #include <string.h>
 
 /* The frame falls into nine regions: the middle, and the one-pixel border ring's edges and corners,
@@ -12,6 +13,10 @@ enum { REGIONS = 9, CLASSES = 3, MIDDLE = REGIONS / 2 };
 
 /* Pixels of a strip that one matrix product takes: rows of patches stay in the last-level cache. */
 #define STRIP_PIXELS 1024
+
+/* Output channels whose weights are merged together, side by side; slices at a time, all their
+ * kernels' places. */
+enum { TOGETHER = 8, SLICES = 8, PLACES = 9 };
 
 static const unsigned class_taps[CLASSES] = {V2V_TAPS_NOT_FIRST, V2V_TAPS_ALL, V2V_TAPS_NOT_LAST};
 
@@ -29,6 +34,7 @@ struct v2v_align_taps {
     int64_t height, width;
     int64_t out_rows; /* that the output array holds */
     int64_t columns;  /* taps*features of the largest region */
+    int threads;
     const float *bias;
     struct region region[REGIONS];
     float *patch; /* [columns, STRIP_PIXELS] */
@@ -104,14 +110,25 @@ static int64_t region_columns(const struct v2v_align_taps *conv, const struct re
     return region->taps.count * conv->spec.features;
 }
 
-/* Gradients of all regions' merged weights, one after the other, in the shared workspace. */
-static int64_t gradient_floats(const struct v2v_align_taps *conv)
+static int64_t all_columns(const struct v2v_align_taps *conv)
 {
     int64_t columns = 0;
     for (int i = 0; i < REGIONS; i++) {
         columns += region_columns(conv, &conv->region[i]);
     }
-    return v2v_mem_product(conv->spec.out, columns, 1);
+    return columns;
+}
+
+/* In the shared workspace: the gradients of all regions' merged weights, one after the other,
+ * [out,columns]; a share of every thread's, [columns,TOGETHER]. */
+static int64_t share_floats(const struct v2v_align_taps *conv)
+{
+    return all_columns(conv) * TOGETHER;
+}
+
+static int64_t gradient_floats(const struct v2v_align_taps *conv, int training)
+{
+    return training ? v2v_mem_product(conv->spec.out, all_columns(conv), 1) : 0;
 }
 
 enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height, int64_t width,
@@ -135,78 +152,132 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height,
     int64_t pixels = width > STRIP_PIXELS ? width : STRIP_PIXELS;
     V2V_TRY(V2V_ALLOC(conv->patch, "align_taps.patch", v2v_mem_product(conv->columns, pixels, 1)));
     V2V_TRY(V2V_ALLOC(conv->strip, "align_taps.strip", v2v_mem_product(out, pixels, 1)));
-    if (training) {
-        V2V_TRY(v2v_workspace_reserve(conv->spec.method.workspace, gradient_floats(conv)));
-    }
+    conv->threads = omp_get_max_threads();
+    V2V_TRY(
+        v2v_workspace_reserve(conv->spec.method.workspace, conv->threads * share_floats(conv) +
+                                                               gradient_floats(conv, training)));
 done:
     return rc;
 }
 
 /* ---- full weights <-> merged weights ---- */
 
-/* Add the full weights of one output channel that this region keeps to their taps, or the taps back
- * to the full weights: one is the adjoint of the other. */
+/* to [count,TOGETHER] from rows [rows][count] that are `step` floats apart; and back. */
+static void side_by_side(float *to, const float *from, int64_t step, int64_t rows, int64_t count)
+{
+    if (rows < TOGETHER) {
+        memset(to, 0, (size_t)(count * TOGETHER) * sizeof *to);
+    }
+    for (int64_t n = 0; n < count; n++) {
+        for (int64_t r = 0; r < rows; r++) {
+            to[n * TOGETHER + r] = from[r * step + n];
+        }
+    }
+}
+
+static void one_by_one(float *to, const float *from, int64_t step, int64_t rows, int64_t count)
+{
+    for (int64_t r = 0; r < rows; r++) {
+        for (int64_t n = 0; n < count; n++) {
+            to[r * step + n] = from[n * TOGETHER + r];
+        }
+    }
+}
+
+/* Add the full weights of a few output channels that every region keeps to its taps, or the taps
+ * back to the full weights: one is the adjoint of the other. The full weights come from memory
+ * once. */
 enum direction { FULL_TO_MERGED, MERGED_TO_FULL };
 
-static void add_channel(const struct v2v_align_taps *conv, const struct region *region,
-                        enum direction direction, float *merged, float *full)
+static void add_places(enum direction direction, float *merged, int64_t step, float *full,
+                       const int32_t *of, int64_t count)
+{
+    for (int64_t place = 0; place < count; place++) {
+        if (of[place] < 0) {
+            continue;
+        }
+        float *m = merged + of[place] * step, *w = full + place * TOGETHER;
+        float *to = direction == FULL_TO_MERGED ? m : w;
+        const float *from = direction == FULL_TO_MERGED ? w : m;
+#pragma omp simd
+        for (int r = 0; r < TOGETHER; r++) {
+            to[r] += from[r];
+        }
+    }
+}
+
+static void add_share(const struct v2v_align_taps *conv, enum direction direction, float *share,
+                      float *full, int64_t rows)
 {
     int64_t features = conv->spec.features, slices = conv->slices;
-    for (int64_t i = 0; i < conv->spec.view_count; i++) {
-        for (int64_t c = 0; c < features; c++) {
-            float *w = full + (i * features + c) * slices * 9;
-            const int32_t *of = region->taps.of + i * slices * 9;
-            for (int64_t place = 0; place < slices * 9; place++) {
-                if (of[place] < 0) {
-                    continue;
+    int64_t row = conv->spec.view_count * features * slices * PLACES;
+    float part[SLICES * PLACES * TOGETHER];
+    for (int64_t plane = 0; plane < conv->spec.view_count * features; plane++) {
+        int64_t view = plane / features, feature = plane % features;
+        for (int64_t z = 0; z < slices; z += SLICES) {
+            int64_t count = (slices - z < SLICES ? slices - z : SLICES) * PLACES;
+            float *w = full + (plane * slices + z) * PLACES, *merged = share + feature * TOGETHER;
+            side_by_side(part, w, row, rows, count);
+            for (int i = 0; i < REGIONS; i++) {
+                const struct region *region = &conv->region[i];
+                if (!skips(conv, i)) {
+                    add_places(direction, merged, features * TOGETHER, part,
+                               region->taps.of + (view * slices + z) * PLACES, count);
                 }
-                float *m = merged + of[place] * features + c;
-                if (direction == FULL_TO_MERGED) {
-                    *m += w[place];
-                } else {
-                    w[place] += *m;
-                }
+                merged += region_columns(conv, region) * TOGETHER;
+            }
+            if (direction == MERGED_TO_FULL) {
+                one_by_one(w, part, row, rows, count);
             }
         }
     }
 }
 
-/* All regions' share of one output channel, whose full weights then come from memory once. */
+static float *thread_share(const struct v2v_align_taps *conv)
+{
+    return conv->spec.method.workspace->data + omp_get_thread_num() * share_floats(conv);
+}
+
+static float *all_gradients(const struct v2v_align_taps *conv)
+{
+    return conv->spec.method.workspace->data + conv->threads * share_floats(conv);
+}
+
 void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight, const float *bias)
 {
-    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
+    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * PLACES;
+    int64_t out = conv->spec.out;
     conv->bias = bias;
-#pragma omp parallel for schedule(static)
-    for (int64_t o = 0; o < conv->spec.out; o++) {
+#pragma omp parallel for schedule(static) num_threads(conv->threads)
+    for (int64_t o = 0; o < out; o += TOGETHER) {
+        int64_t rows = out - o < TOGETHER ? out - o : TOGETHER;
+        float *share = thread_share(conv);
+        memset(share, 0, (size_t)share_floats(conv) * sizeof *share);
+        add_share(conv, FULL_TO_MERGED, share, (float *)(uintptr_t)(weight + o * row), rows);
         for (int i = 0; i < REGIONS; i++) {
-            const struct region *region = &conv->region[i];
-            if (skips(conv, i)) {
-                continue;
-            }
-            int64_t columns = region_columns(conv, region);
-            float *merged = region->weight + o * columns;
-            memset(merged, 0, (size_t)columns * sizeof *merged);
-            add_channel(conv, region, FULL_TO_MERGED, merged,
-                        (float *)(uintptr_t)(weight + o * row));
+            int64_t columns = region_columns(conv, &conv->region[i]);
+            one_by_one(conv->region[i].weight + o * columns, share, columns, rows, columns);
+            share += columns * TOGETHER;
         }
     }
 }
 
 static void add_full_gradient(const struct v2v_align_taps *conv, float *dweight)
 {
-    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * 9;
-#pragma omp parallel for schedule(static)
-    for (int64_t o = 0; o < conv->spec.out; o++) {
-        float *gradient = conv->spec.method.workspace->data;
+    int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * PLACES;
+    int64_t out = conv->spec.out;
+#pragma omp parallel for schedule(static) num_threads(conv->threads)
+    for (int64_t o = 0; o < out; o += TOGETHER) {
+        int64_t rows = out - o < TOGETHER ? out - o : TOGETHER;
+        float *share = thread_share(conv);
+        const float *gradient = all_gradients(conv);
         for (int i = 0; i < REGIONS; i++) {
-            const struct region *region = &conv->region[i];
-            int64_t columns = region_columns(conv, region);
-            if (!skips(conv, i)) {
-                add_channel(conv, region, MERGED_TO_FULL, gradient + o * columns,
-                            dweight + o * row);
-            }
-            gradient += conv->spec.out * columns;
+            int64_t columns = region_columns(conv, &conv->region[i]);
+            side_by_side(share, gradient + o * columns, columns, rows, columns);
+            share += columns * TOGETHER;
+            gradient += out * columns;
         }
+        add_share(conv, MERGED_TO_FULL, thread_share(conv), dweight + o * row, rows);
     }
 }
 
@@ -400,7 +471,7 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
 {
     int backend = conv->spec.method.backend;
     int64_t out = conv->spec.out;
-    float *gradient = conv->spec.method.workspace->data;
+    float *gradient = all_gradients(conv);
     for (int i = 0; i < REGIONS; i++) {
         const struct region *region = &conv->region[i];
         int64_t columns = region_columns(conv, region);
