@@ -310,8 +310,17 @@ static void both_gradients_at_once_are_those_one_by_one(void **state)
     for (size_t i = 0; i < 2 * sizeof all / sizeof *all; i++) {
         int upsample = i % 2 == 1;
         int64_t inputs = BATCH * IN * (SIDE >> upsample) * (SIDE >> upsample);
-        struct v2v_conv_spec spec = {
-            BATCH, IN, OUT, SIDE, SIDE, 3, 1, 1, 1, upsample, {.winograd = 1, .workspace = &workspace}};
+        struct v2v_conv_spec spec = {BATCH,
+                                     IN,
+                                     OUT,
+                                     SIDE,
+                                     SIDE,
+                                     3,
+                                     1,
+                                     1,
+                                     1,
+                                     upsample,
+                                     {.winograd = 1, .workspace = &workspace}};
         float *in = draw(inputs, 1), *dout = draw(BATCH * OUT * SIDE * SIDE, 2);
         float *weight = draw(WEIGHTS, 3), *bias = draw(OUT, 4);
         float *din[] = {draw(inputs, 5), draw(inputs, 6)};
