@@ -172,6 +172,7 @@ static enum v2v_status measure(struct bench *bench, int64_t i, int64_t round)
     V2V_TRY(v2v_model_plan(model, job->size, job->size, 0));
     row->model_bytes = (double)(v2v_mem_held() - held);
     *forward = time_forward(bench, model);
+    row->computed_part = v2v_model_computed_part(model);
     if (round == 0) {
         V2V_TRY(v2v_judge_row(row, judge, job, bench->volume));
     }

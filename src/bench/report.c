@@ -12,8 +12,8 @@
 static const char *left_out(const struct v2v_bench_result *result)
 {
     return result->bf16 == V2V_BF16_NATIVE
-               ? "skip is not built: nothing is skipped"
-               : "no row in bf16: this processor has no instructions for it; skip is not built";
+               ? "all rows ran"
+               : "no row in bf16: this processor has no instructions for it";
 }
 
 /* A right-aligned column; NaN: there is no such figure. */
@@ -44,7 +44,7 @@ static void print_row(FILE *stream, const struct v2v_bench_result *result,
     } else {
         fprintf(stream, "%+8.4f", row->psnr_change);
     }
-    fprintf(stream, "  %8.0f\n", row->model_bytes / 1e6);
+    fprintf(stream, "  %8.1f  %8.0f\n", 100.0 * row->computed_part, row->model_bytes / 1e6);
 }
 
 void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
@@ -69,22 +69,23 @@ void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
     if (!isnan(result->twin_psnr)) {
         fprintf(stream, "the twin's PSNR is %.3f dB\n", result->twin_psnr);
     }
-    fprintf(stream, "\n%-22s  %5s  %9s  %9s  %7s  %9s  %9s  %8s  %8s  %8s  %8s  %8s\n", "variant",
-            "width", "forward s", "floor s", "speed", "step s", "floor s", "step/fwd", "error 1",
-            "error 2", "dPSNR dB", "model MB");
+    fprintf(stream, "\n%-22s  %5s  %9s  %9s  %7s  %9s  %9s  %8s  %8s  %8s  %8s  %8s  %8s\n",
+            "variant", "width", "forward s", "floor s", "speed", "step s", "floor s", "step/fwd",
+            "error 1", "error 2", "dPSNR dB", "tiles %", "model MB");
     for (int64_t i = 0; i < result->rows; i++) {
         print_row(stream, result, &result->row[i]);
     }
     fprintf(stream,
             "\nspeed: forward passes in the time of one of the first row; step/fwd: time a pixel\n"
             "error: |volume - twin| / |twin| of branch 1 and 2, the twin in double precision\n"
+            "tiles: of the full-size layers that were computed; floors count all of them\n"
             "peak resident memory of the whole run, twin included: %.0f MB\n",
             result->peak_bytes / 1e6);
 }
 
 /* ---- JSON ---- */
 
-enum { FIGURES = 11, HEAD = 16, NAME = 64 };
+enum { FIGURES = 12, HEAD = 16, NAME = 64 };
 
 static void add_number(struct v2v_json_item *items, int64_t *count, const char *name, double number)
 {
@@ -136,6 +137,7 @@ static enum v2v_status add_row(struct v2v_json_item *items, int64_t *count, char
                           {"error_1", row->error[0]},
                           {"error_2", row->error[1]},
                           {"psnr_change", row->psnr_change},
+                          {"computed_part", row->computed_part},
                           {"model_bytes", row->model_bytes}};
     for (int f = 0; f < FIGURES; f++) {
         V2V_TRY(v2v_text_format(names[f], NAME, "%s.%s", row->id, figures[f].name));

@@ -2,18 +2,21 @@
 #include "v2v3d/op/bf16.h"
 
 static const struct v2v_variant table[] = {
-    {"default", "default", 0, V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_F32},
-    {"winograd off", "winograd_off", 0, V2V_BACKEND_ONEDNN, 0, 0, V2V_PRECISION_F32},
-    {"merging off", "merging_off", 0, V2V_BACKEND_ONEDNN, 1, 1, V2V_PRECISION_F32},
-    {"both off", "both_off", 0, V2V_BACKEND_ONEDNN, 0, 1, V2V_PRECISION_F32},
-    {"openblas, winograd off", "openblas_winograd_off", 0, V2V_BACKEND_OPENBLAS, 0, 0,
-     V2V_PRECISION_F32},
-    {"bf16", "bf16", 0, V2V_BACKEND_ONEDNN, 0, 0, V2V_PRECISION_BF16},
-    {"width 16", "width_16", 16, V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_F32},
-    {"width 32", "width_32", 32, V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_F32},
-    {"width 64", "width_64", 64, V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_F32},
-    {"width 128", "width_128", 128, V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_F32},
+    {.name = "default", .id = "default", .winograd = 1},
+    {.name = "winograd off", .id = "winograd_off"},
+    {.name = "merging off", .id = "merging_off", .winograd = 1, .every_slice = 1},
+    {.name = "both off", .id = "both_off", .every_slice = 1},
+    {.name = "openblas, winograd off",
+     .id = "openblas_winograd_off",
+     .backend = V2V_BACKEND_OPENBLAS},
+    {.name = "bf16", .id = "bf16", .precision = V2V_PRECISION_BF16},
+    {.name = "skip auto", .id = "skip", .winograd = 1, .skip = V2V_SKIP_AUTO},
+    {.name = "width 16", .id = "width_16", .width = 16, .winograd = 1},
+    {.name = "width 32", .id = "width_32", .width = 32, .winograd = 1},
+    {.name = "width 64", .id = "width_64", .width = 64, .winograd = 1},
+    {.name = "width 128", .id = "width_128", .width = 128, .winograd = 1},
 };
+_Static_assert(V2V_BACKEND_ONEDNN == 0 && V2V_PRECISION_F32 == 0, "what the table leaves out");
 enum { VARIANTS = sizeof table / sizeof table[0] };
 _Static_assert((int)VARIANTS <= (int)V2V_BENCH_MOST_ROWS, "a result holds every variant");
 
@@ -51,5 +54,6 @@ struct v2v_model_spec v2v_variant_spec(const struct v2v_variant *variant,
                                    .winograd = variant->winograd,
                                    .precision = variant->precision,
                                    .every_slice = variant->every_slice,
-                                   .volume_scale = job->volume_scale};
+                                   .volume_scale = job->volume_scale,
+                                   .skip = variant->skip};
 }

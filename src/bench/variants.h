@@ -9,11 +9,12 @@ struct v2v_variant {
     const char *name, *id;
     int64_t width; /**< 0: the job's */
     int backend, winograd, every_slice, precision;
+    double skip;
 };
 
 /** Variants of a job in the order of the table: the default, each switch by itself, what the
- *  reference computes, the other library, bf16 where it is native; then the default at other
- * widths, up to the widest.
+ *  reference computes, the other library, bf16 where it is native, skipping; then the default at
+ *  other widths, up to the widest.
  *  @kind Local. @param variants [V2V_BENCH_MOST_ROWS] out, widths filled in. @return their number
  */
 int64_t v2v_variants_list(struct v2v_variant *variants, const struct v2v_bench_job *job);

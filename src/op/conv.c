@@ -25,8 +25,7 @@ static int winograd_pays(const struct v2v_conv_spec *spec)
 {
     int64_t rows = (spec->height + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
     int64_t columns = (spec->width + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
-    return spec->method.winograd && spec->kernel == 3 && spec->stride == 1 &&
-           rows * columns >= WINOGRAD_TILES;
+    return spec->method.winograd && spec->kernel == 3 && rows * columns >= WINOGRAD_TILES;
 }
 
 /** Layers of few channels stay with our own kernel: their reorders would take longer than their

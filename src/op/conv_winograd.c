@@ -26,9 +26,9 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     struct v2v_plane *plane = NULL;
     struct state *state = NULL;
     int half = spec->upsample;
-    int64_t pixels = spec->height * spec->width,
+    int64_t pixels = conv_out_height(spec) * conv_out_width(spec),
             in_pixels = (spec->height >> half) * (spec->width >> half);
-    V2V_ASSERT(spec->kernel == 3 && spec->stride == 1 && spec->method.workspace != NULL);
+    V2V_ASSERT(spec->kernel == 3 && spec->method.workspace != NULL);
     V2V_TRY(V2V_ALLOC(state, "conv", 1));
     V2V_TRY(V2V_ALLOC(plane, "conv", spec->in));
     for (int64_t i = 0; i < spec->in; i++) {
@@ -42,6 +42,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
                                        .plane = plane,
                                        .pitch = spec->width >> half,
                                        .half = half,
+                                       .stride2 = spec->stride == 2,
                                        .slope = spec->slope,
                                        .training = spec->training,
                                        .workspace = spec->method.workspace};

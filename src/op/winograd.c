@@ -257,10 +257,12 @@ static void transform_output(const struct v2v_winograd *self, const struct chunk
 static void transform_output_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
                                       const float *dout)
 {
+    int half = self->spec.stride2;
+    int64_t pixels = ((self->spec.height + half) >> half) * ((self->spec.width + half) >> half);
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
         v2v_rows_output_turned(&chunk->rows, chunk->output + o * TILES, self->out8,
-                               dout + o * self->spec.height * self->spec.width);
+                               dout + o * pixels);
     }
 }
 

@@ -384,17 +384,34 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
     }
 }
 
-/* Line i of every run, from the image to the scratch; zero beyond the image. */
+/* Every second pixel, zeros between. */
+static void spread(float *line, const float *row, int64_t count)
+{
+    for (int64_t x = 0; x < count; x++) {
+        line[2 * x] = row[x];
+        line[2 * x + 1] = 0.0f;
+    }
+}
+
+/* Line i of every run, from the image to the scratch; zero where the image has none. */
 static void load_line(const struct rows *rows, const struct scratch *scratch,
                       const struct batch *batch, int64_t i, const float *image)
 {
+    int64_t half = rows->stride2, width = (rows->width + half) >> half;
     float *line = scratch->line;
     int64_t tile = 0;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
         int64_t y = run.row * TILE + i, x = run.first * TILE, length = run.count * TILE;
         int64_t count = y < rows->height ? within(length, 0, rows->width - x) : 0;
-        memcpy(line, image + y * rows->width + x, (size_t)count * sizeof *line);
+        const float *row = image + (y >> half) * width + (x >> half);
+        if (half && y % 2 == 0) {
+            spread(line, row, (count + 1) / 2);
+        } else if (half) {
+            count = 0;
+        } else {
+            memcpy(line, row, (size_t)count * sizeof *line);
+        }
         memset(line + count, 0, (size_t)(length - count) * sizeof *line);
         line += length;
         tile += run.count;

@@ -31,13 +31,15 @@ for variant in "${variants[@]}"; do
             fail "bench.json has no $variant.$figure"
     done
 done
-[ "$(grep -o '\.forward_s"' quick/bench.json | wc -l)" -eq ${#variants[@]} ] ||
+[ "$(grep -o '\.forward_s"' quick/bench.json | wc -l)" -eq $((${#variants[@]} + 1)) ] ||
     fail 'bench.json has more variants, or fewer'
 for key in processor instructions threads gemm_onednn_macs_per_s copy_bytes_per_s \
     peak_resident_bytes; do
     grep -q "\"$key\": " quick/bench.json || fail "bench.json has no $key"
 done
-says 'no row in bf16: this processor has no instructions for it; skip is not built'
+grep -qE '"skip.computed_part": (0|1)' quick/bench.json || fail 'no skip.computed_part'
+says '^skip auto +(16|32) +[0-9]'
+says 'no row in bf16: this processor has no instructions for it'
 [ "$(head -c 4 quick/bench.png | tail -c 3)" = PNG ] || fail 'no PNG'
 refuses 2 'bench.json: exists' bench --quick -o quick
 

@@ -63,9 +63,11 @@ struct v2v_bench_row {
     double forward_floor_s, step_floor_s; /**< a step computes and moves three times a forward pass:
                                                itself, gradients of data, gradients of weights; NaN
                                                in bf16: no rate was measured for it */
-    double macs, bytes;                   /**< of the forward pass, after the shortcuts */
+    double macs, bytes;                   /**< of the forward pass, after the shortcuts but
+                                               skipping */
     double error[2];                      /**< of the branches' volumes: |x - twin| / |twin| */
     double psnr_change;                   /**< PSNR less the twin's, dB; NaN: not measured */
+    double computed_part;                 /**< v2v_model_computed_part */
     double model_bytes;                   /**< held by the model planned for the forward pass */
 };
 

@@ -27,7 +27,7 @@ struct v2v_winograd_spec {
     const struct v2v_plane *plane; /**< [in], copied */
     int64_t pitch;
     int half;    /**< 1: pixel (y,x) of a plane is read at (y/2, x/2): nearest upsampling by 2 */
-    int stride2; /**< 1: the output has every second row and column; forward only */
+    int stride2; /**< 1: the output has every second row and column */
     float slope; /**< negative slope of the fused activation, 1: none */
     int training;
     int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
