@@ -110,11 +110,10 @@ static int is_done(const struct arguments *given, const struct v2v_session *sess
 
 static void report_skipped(double part, double tolerance, int precision)
 {
-    if (tolerance > 0.0 && precision != V2V_PRECISION_F32) {
-        v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
-    } else if (tolerance > 0.0) {
+    if (tolerance > 0.0 && precision == V2V_PRECISION_F32) {
         v2v_log(V2V_LOG_INFO,
-                "computed %.1f %% of the tiles, the rest holds less than %g of the brightest light",
+                "computed %.1f %% of the tiles; the rest holds less light than %g of the "
+                "brightest, or than noise",
                 100.0 * part, tolerance);
     }
 }
@@ -145,6 +144,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_grid_create(&grid, session->world, (int)session->config.parallel.branches));
     V2V_TRY(v2v_step_weights_info(session, &network, given->weights, &psf));
     V2V_TRY(decide_precision(&precision, session));
+    if (skip_of(&session->config.recon) > 0.0 && precision != V2V_PRECISION_F32) {
+        v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
+    }
     if (!grid.idle) {
         rc = load_model(&model, given->weights, &network, session, &psf, &grid, precision);
     }

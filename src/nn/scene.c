@@ -137,7 +137,8 @@ int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance
     double noise = v2v_carve_light(scene->carve, scene->light, views);
     double seen = noise_deviations * noise, counts = tolerance * brightest(scene, tiles);
     float least = (float)(seen > counts ? seen : counts);
-    if (find_sample(scene) > least) {
+    float dark = find_sample(scene);
+    if (dark == FLT_MAX || dark > least) {
         return 0;
     }
     for (int64_t i = 0; i < tiles; i++) {

@@ -6,7 +6,8 @@
 enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1 };
 
 /* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
- * same bits whatever the strips' rows, a step computes one row of tiles more at either end than the
+ * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a step
+ * computes one row of tiles more at either end than the
  * next one. */
 struct v2v_strips {
     struct v2v_strips_spec spec;
@@ -53,6 +54,7 @@ static void choose_rows(struct v2v_strips *self)
         spare -= channels(self, i) * 2 * margin(self, i);
         row += channels(self, i);
     }
+    V2V_ASSERT(height % (V2V_SAMPLE_TILES * TILE) == 0); /* a sample fits into every strip */
     int64_t most = within(spare / row, V2V_SAMPLE_TILES * TILE, height);
     int64_t strips = (height + most - 1) / most;
     int64_t rows = (height + strips - 1) / strips;

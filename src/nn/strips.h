@@ -10,8 +10,7 @@
 struct v2v_strips;
 
 /* Floats of all strips that are worth their memory: a frame of 256 x 256 pixels at width 128 is
- * one strip still, without rows that are computed twice. With fewer than the least, strips have
- * their least rows. */
+ * one strip still, without rows that are computed twice; and the fewest that are tried. */
 #define V2V_STRIPS_FLOATS ((int64_t)128 << 20)
 #define V2V_STRIPS_LEAST_FLOATS ((int64_t)1 << 20)
 

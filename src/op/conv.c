@@ -1,6 +1,7 @@
 #include "op/conv_backend.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/resample.h"
+#include "v2v3d/op/tiles.h"
 
 /** Our own kernel is taken up to this many channel pairs, in * out. Measured with bench_conv on one
  *  Cascade Lake core (AVX-512) of a busy machine, means of 2 to 4 runs that spread by a quarter,
@@ -19,12 +20,12 @@ struct v2v_conv {
 
 /** With fewer tiles than a panel holds, reading the transformed weights would take longer than
  *  multiplying. */
-enum { WINOGRAD_TILES = 32, WINOGRAD_SIDE = 4 };
+enum { WINOGRAD_TILES = 32 };
 
 static int winograd_pays(const struct v2v_conv_spec *spec)
 {
-    int64_t rows = (spec->height + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
-    int64_t columns = (spec->width + WINOGRAD_SIDE - 1) / WINOGRAD_SIDE;
+    int64_t rows = (spec->height + V2V_TILE - 1) / V2V_TILE;
+    int64_t columns = (spec->width + V2V_TILE - 1) / V2V_TILE;
     return spec->method.winograd && spec->kernel == 3 && rows * columns >= WINOGRAD_TILES;
 }
 

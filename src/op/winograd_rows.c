@@ -265,12 +265,15 @@ static float *line_points(const struct scratch *scratch, int64_t i)
     return scratch->points + i * POINTS * scratch->step;
 }
 
-/* Does a whole row lie right under another one? Two lines of it are known then. */
-static int is_under(const struct rows *rows, const struct batch *batch)
+static int is_whole(const struct rows *rows, const struct batch *batch)
 {
-    const struct v2v_tile_run *run = batch->run, *above = run - 1;
-    return run > rows->run && run->count == rows->tiles_x && above->row == run->row - 1 &&
-           above->count == run->count;
+    return batch->runs == 1 && batch->begun == 0 && batch->tiles == rows->tiles_x;
+}
+
+/* Does a whole row lie right under another one? Two lines of it are known then. */
+static int is_under(const struct rows *rows, const struct batch *batch, const struct batch *above)
+{
+    return is_whole(rows, above) && is_whole(rows, batch) && batch->run->row == above->run->row + 1;
 }
 
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
@@ -278,8 +281,9 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
 {
     struct scratch scratch = thread_scratch(rows);
     int64_t step = scratch.step;
+    struct batch above = {0};
     for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
-        int64_t known = is_under(rows, &batch) ? 2 : 0;
+        int64_t known = is_under(rows, &batch, &above) ? 2 : 0;
         memcpy(scratch.points, line_points(&scratch, TILE),
                (size_t)(known * POINTS * step) * sizeof *scratch.points);
         for (int64_t i = known; i < POINTS; i++) {
@@ -287,6 +291,7 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
             rows->kernel->input(line_points(&scratch, i), step, scratch.phase, step, batch.tiles);
         }
         lines_to_values(rows, rows->kernel->input, values, channels, &scratch, &batch);
+        above = batch;
     }
 }
 

@@ -25,6 +25,7 @@ struct v2v_carve {
     struct v2v_shifts shifts; /* a copy */
     int64_t height, width, ring;
     int64_t cut;
+    int threads;    /* as many as there is scratch for */
     float *smooth;  /* [v,y+2*ring,x+2*ring] */
     float *stretch; /* of a thread: sum, light, a view, brightest [cut] */
     float *probes;  /* of a thread */
@@ -47,8 +48,8 @@ enum v2v_status v2v_carve_create(struct v2v_carve **carve, const struct v2v_shif
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_carve *self = NULL;
-    int64_t threads = omp_get_max_threads();
     V2V_TRY(V2V_ALLOC(self, "carve", 1));
+    self->threads = omp_get_max_threads();
     self->height = height;
     self->width = width;
     self->ring = v2v_shifts_reach(shifts);
@@ -57,8 +58,8 @@ enum v2v_status v2v_carve_create(struct v2v_carve **carve, const struct v2v_shif
     V2V_TRY(
         V2V_ALLOC(self->smooth, "carve",
                   v2v_mem_product(shifts->views, height + 2 * self->ring, width + 2 * self->ring)));
-    V2V_TRY(V2V_ALLOC(self->stretch, "carve", threads * stretch_floats(self)));
-    V2V_TRY(V2V_ALLOC(self->probes, "carve", threads * PROBES));
+    V2V_TRY(V2V_ALLOC(self->stretch, "carve", self->threads * stretch_floats(self)));
+    V2V_TRY(V2V_ALLOC(self->probes, "carve", self->threads * PROBES));
     V2V_TRY(V2V_ALLOC(self->noise, "carve", shifts->views));
 done:
     if (rc != V2V_OK) {
@@ -94,6 +95,9 @@ static int compare(const void *a, const void *b)
 /* The value below which `share` of the probes lie. */
 static double quantile(float *probes, int64_t count, double share)
 {
+    if (count == 0) {
+        return 0.0; /* a frame of two columns has no second differences */
+    }
     qsort(probes, (size_t)count, sizeof *probes, compare);
     return (double)probes[(int64_t)(share * (double)(count - 1))];
 }
@@ -160,7 +164,7 @@ static void smooth_line(const struct v2v_carve *carve, float *to, const float *v
             middle[-1 - i] = middle[0];
         }
         for (int64_t i = right; i < HALF; i++) {
-            middle[count + i] = middle[count - 1];
+            middle[count + i] = middle[count + right - 1];
         }
         for (int64_t x = 0; x < count; x++) {
             float box = 0.0f;
@@ -307,11 +311,11 @@ double v2v_carve_light(struct v2v_carve *carve, float *light, const float *views
     int64_t pixels = carve->height * carve->width, count = carve->shifts.views;
     int64_t rows = (carve->height + TILE - 1) / TILE, columns = (carve->width + TILE - 1) / TILE;
     double squares = 0.0;
-#pragma omp parallel for schedule(dynamic)
+#pragma omp parallel for schedule(dynamic) num_threads(carve->threads)
     for (int64_t v = 0; v < count; v++) {
         prepare_view(carve, v, views + v * pixels);
     }
-#pragma omp parallel for schedule(dynamic)
+#pragma omp parallel for schedule(dynamic) num_threads(carve->threads)
     for (int64_t row = 0; row < rows; row++) {
         carve_tiles(carve, light + row * columns, row);
     }

@@ -71,7 +71,8 @@ float *v2v_model_gradients(struct v2v_model *model);
 
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
- *  full-size layers are computed in strips of rows, smaller ones where memory is limited.
+ *  minimal filtering computes full-size layers in strips of rows, smaller ones where memory is
+ *  limited.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;

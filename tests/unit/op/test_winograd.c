@@ -317,6 +317,38 @@ static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **sta
     fixture_fini(&f);
 }
 
+/* Whole rows behind a part of one: they share batches with it, or do not, but never its lines. */
+static void whole_rows_behind_a_part_have_the_bits_of_the_whole(void **state)
+{
+    (void)state;
+    static const struct v2v_tile_run runs[] = {{0, 3, 10}, {1, 0, 40}, {2, 0, 40}, {3, 0, 40}};
+    static const struct v2v_tile_run wide[] = {{0, 0, 10}, {1, 0, 54}, {2, 0, 54}};
+    static const struct {
+        const struct v2v_tile_run *run;
+        int64_t runs, width;
+    } cases[] = {{runs, 4, 160}, {wide, 3, 216}};
+    for (int i = 0; i < 2; i++) {
+        struct problem problem = {.in = 3, .out = 4, .height = 16, .width = cases[i].width};
+        struct fixture f;
+        fixture_init(&f, &problem);
+        struct v2v_winograd_part part = {.run = cases[i].run, .runs = cases[i].runs};
+        float *some = draw(f.out_floats, 11);
+        v2v_winograd_forward(f.winograd, f.out, f.small);
+        v2v_winograd_forward_part(f.winograd, some, f.small, &part);
+        for (int64_t j = 0; j < f.out_floats; j++) {
+            int64_t row = j / problem.width % 16 / 4, column = j % problem.width / 4;
+            for (int64_t r = 0; r < part.runs; r++) {
+                const struct v2v_tile_run *run = &part.run[r];
+                if (run->row == row && column >= run->first && column < run->first + run->count) {
+                    assert_true(some[j] == f.out[j]);
+                }
+            }
+        }
+        v2v_mem_free(some);
+        fixture_fini(&f);
+    }
+}
+
 static void stride_two_takes_every_second_row_and_column(void **state)
 {
     (void)state;
@@ -366,6 +398,7 @@ int main(void)
         cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
+        cmocka_unit_test(whole_rows_behind_a_part_have_the_bits_of_the_whole),
         cmocka_unit_test(stride_two_takes_every_second_row_and_column),
         cmocka_unit_test(shifted_planes_of_one_owner_read_and_add_up),
     };
