@@ -22,8 +22,7 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
                                int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->skipped, &scene->sample,
-                                 &scene->sample_halo};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->dark};
     *scene = (struct v2v_scene){0};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         V2V_TRY(v2v_tiles_init(lists[i], height, width));
@@ -38,8 +37,7 @@ done:
 
 void v2v_scene_fini(struct v2v_scene *scene)
 {
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->skipped, &scene->sample,
-                                 &scene->sample_halo};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->dark};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         v2v_tiles_fini(lists[i]);
     }
@@ -75,13 +73,14 @@ static float light_of_square(const struct v2v_scene *scene, int64_t row, int64_t
     return most;
 }
 
-/* The darkest square of tiles inside the frame's outermost ones; FLT_MAX: the frame is too small.
- */
+/* The darkest square of tiles, in rows of squares from the frame's upper edge on; FLT_MAX: the
+ * frame is too small. */
 static float find_sample(struct v2v_scene *scene)
 {
+    enum { SIDE = V2V_SAMPLE_TILES };
     float least = FLT_MAX;
-    for (int64_t row = 1; row + V2V_SAMPLE_TILES < scene->computed.rows; row++) {
-        for (int64_t column = 1; column + V2V_SAMPLE_TILES < scene->computed.columns; column++) {
+    for (int64_t row = 0; row + SIDE <= scene->computed.rows; row += SIDE) {
+        for (int64_t column = 0; column + SIDE <= scene->computed.columns; column++) {
             float light = light_of_square(scene, row, column);
             if (light < least) {
                 least = light;
@@ -107,52 +106,53 @@ static int touches(const uint8_t *mask, const struct v2v_tiles *tiles, int64_t r
     return 0;
 }
 
-/* The listed tiles are `mask`'s; `halo` and `rest` (NULL: not wanted) become the others that touch
- * one of them, and all others. */
-static void list(struct v2v_scene *scene, struct v2v_tiles *listed, struct v2v_tiles *halo,
-                 struct v2v_tiles *rest)
+/* Mark the tiles that hold light, or with `dark` those that do not. */
+static void mark(struct v2v_scene *scene, float least, int dark)
 {
-    const uint8_t *mask = scene->mask;
-    uint8_t *other = scene->mask + listed->rows * listed->columns;
-    v2v_tiles_set(listed, mask);
-    for (int64_t row = 0; row < listed->rows; row++) {
-        for (int64_t column = 0; column < listed->columns; column++) {
-            int64_t i = row * listed->columns + column;
-            other[i] = !mask[i] && touches(mask, listed, row, column);
+    int64_t tiles = scene->computed.rows * scene->computed.columns;
+    for (int64_t i = 0; i < tiles; i++) {
+        scene->mask[i] = (scene->light[i] > least) != dark;
+    }
+}
+
+static void mark_sample(struct v2v_scene *scene)
+{
+    for (int64_t i = 0; i < V2V_SAMPLE_TILES * V2V_SAMPLE_TILES; i++) {
+        int64_t y = scene->sample_row + i / V2V_SAMPLE_TILES;
+        int64_t x = scene->sample_column + i % V2V_SAMPLE_TILES;
+        scene->mask[y * scene->computed.columns + x] = 1;
+    }
+}
+
+/* The tiles that touch marked ones, and are not. */
+static void list_halo(struct v2v_scene *scene)
+{
+    const struct v2v_tiles *tiles = &scene->computed;
+    uint8_t *halo = scene->mask + tiles->rows * tiles->columns;
+    for (int64_t row = 0; row < tiles->rows; row++) {
+        for (int64_t column = 0; column < tiles->columns; column++) {
+            int64_t i = row * tiles->columns + column;
+            halo[i] = !scene->mask[i] && touches(scene->mask, tiles, row, column);
         }
     }
-    v2v_tiles_set(halo, other);
-    if (rest == NULL) {
-        return;
-    }
-    for (int64_t i = 0; i < listed->rows * listed->columns; i++) {
-        other[i] = !mask[i];
-    }
-    v2v_tiles_set(rest, other);
+    v2v_tiles_set(&scene->halo, halo);
 }
 
 int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance)
 {
-    int64_t columns = scene->computed.columns, tiles = scene->computed.rows * columns;
+    int64_t tiles = scene->computed.rows * scene->computed.columns;
     double noise = v2v_carve_light(scene->carve, scene->light, views);
     double seen = noise_deviations * noise, counts = tolerance * brightest(scene, tiles);
     float least = (float)(seen > counts ? seen : counts);
-    float dark = find_sample(scene);
-    if (dark == FLT_MAX || dark > least) {
+    float darkest = find_sample(scene);
+    if (darkest == FLT_MAX || darkest > least) {
         return 0;
     }
-    for (int64_t i = 0; i < tiles; i++) {
-        scene->mask[i] = scene->light[i] > least;
-    }
-    list(scene, &scene->computed, &scene->halo, &scene->skipped);
-    if ((double)scene->computed.count > most_share * (double)tiles) {
-        return 0;
-    }
-    memset(scene->mask, 0, (size_t)tiles);
-    for (int64_t i = 0; i < V2V_SAMPLE_TILES * V2V_SAMPLE_TILES; i++) {
-        int64_t y = scene->sample_row + i / V2V_SAMPLE_TILES;
-        scene->mask[y * columns + scene->sample_column + i % V2V_SAMPLE_TILES] = 1;
-    }
-    list(scene, &scene->sample, &scene->sample_halo, NULL);
-    return 1;
+    mark(scene, least, 1);
+    v2v_tiles_set(&scene->dark, scene->mask);
+    mark(scene, least, 0);
+    mark_sample(scene);
+    v2v_tiles_set(&scene->computed, scene->mask);
+    list_halo(scene);
+    return (double)scene->computed.count <= most_share * (double)tiles;
 }

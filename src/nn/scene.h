@@ -6,18 +6,18 @@
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/optics/carve.h"
 
-/* Tiles of the sample's side; what counts is the inside, without the outermost tiles. */
+/* Tiles of the sample's side; what counts is the inside, without the outermost tiles. Its first row
+ * is a multiple of that. */
 enum { V2V_SAMPLE_TILES = 8 };
 
 struct v2v_scene {
     struct v2v_carve *carve;
-    float *light;              /* [rows,columns] of tiles */
-    uint8_t *mask;             /* the same */
-    struct v2v_tiles computed; /* may hold light */
-    struct v2v_tiles halo;     /* the tiles about them, which they read */
-    struct v2v_tiles skipped;  /* all but the computed ones */
-    struct v2v_tiles sample, sample_halo;
-    int64_t sample_row, sample_column; /* of its first tile */
+    float *light;                      /* [rows,columns] of tiles */
+    uint8_t *mask;                     /* the same */
+    struct v2v_tiles computed;         /* may hold light, or are the sample */
+    struct v2v_tiles halo;             /* the tiles about them, which they read */
+    struct v2v_tiles dark;             /* hold no light: all others and the sample */
+    int64_t sample_row, sample_column; /* of the sample's first tile */
 };
 
 enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts *shifts,

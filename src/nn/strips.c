@@ -3,7 +3,8 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 
-enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1 };
+/* Strips are multiples of UNIT rows: each sample lies in one of them. */
+enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = V2V_SAMPLE_TILES * TILE };
 
 /* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
  * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a step
@@ -54,11 +55,10 @@ static void choose_rows(struct v2v_strips *self)
         spare -= channels(self, i) * 2 * margin(self, i);
         row += channels(self, i);
     }
-    V2V_ASSERT(height % (V2V_SAMPLE_TILES * TILE) == 0); /* a sample fits into every strip */
-    int64_t most = within(spare / row, V2V_SAMPLE_TILES * TILE, height);
+    int64_t most = within(spare / row / UNIT * UNIT, UNIT, height);
     int64_t strips = (height + most - 1) / most;
     int64_t rows = (height + strips - 1) / strips;
-    self->rows = (rows + TILE - 1) / TILE * TILE;
+    self->rows = (rows + UNIT - 1) / UNIT * UNIT;
     for (int64_t i = 0; i < self->steps - 1; i++) {
         self->held[i] = within(self->rows + 2 * margin(self, i), 0, height);
     }
@@ -226,10 +226,10 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     for (int64_t c = 0; c < image->channels; c++) {
         const float *channel = image->data + c * image->rows_held * image->width;
         double sum = 0.0;
-        for (int64_t y = y0; y < y0 + side; y++) {
+        for (int64_t line = y0; line < y0 + side; line++) {
             float part = 0.0f;
             for (int64_t x = x0; x < x0 + side; x++) {
-                part += channel[y * image->width + x];
+                part += channel[line * image->width + x];
             }
             sum += (double)part;
         }
@@ -237,31 +237,20 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     }
 }
 
-/* The sample with one row of tiles above and below, in all strips: the shortest holds so many. */
-static void compute_sample(struct v2v_strips *self, const struct v2v_strips_data *data,
-                           const struct v2v_scene *scene)
-{
-    struct v2v_tiles_image image, before = {0};
-    int64_t first = scene->sample_row - 1, last = scene->sample_row + V2V_SAMPLE_TILES + 1;
-    for (int64_t i = 0; i < self->steps; i++) {
-        image = behind(self, data, i, first, last);
-        compute(self, data, i, &scene->sample, &image, &before);
-        measure_level(self->level[i], &image, scene);
-        v2v_tiles_fill(&scene->sample_halo, &image, self->level[i]);
-        before = image;
-    }
-}
-
+/* `measure`: the strip holds the sample, whose level is not known yet. */
 static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
-                          const struct v2v_scene *scene, int64_t y)
+                          const struct v2v_scene *scene, int64_t y, int measure)
 {
     struct v2v_tiles_image image, before = {0};
-    int64_t height = self->spec.height, end = y + self->rows;
+    int64_t height = self->spec.height, end = within(y + self->rows, 0, height);
     for (int64_t i = 0; i < self->steps; i++) {
         int64_t first = within(y - margin(self, i), 0, height);
         int64_t last = within(end + margin(self, i), 0, height);
         image = behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
         compute(self, data, i, scene != NULL ? &scene->computed : &self->all, &image, &before);
+        if (measure) {
+            measure_level(self->level[i], &image, scene);
+        }
         if (scene != NULL && i < self->steps - 1) {
             v2v_tiles_fill(&scene->halo, &image, self->level[i]);
         }
@@ -269,18 +258,28 @@ static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data 
     }
 }
 
+static void compute_scene(struct v2v_strips *self, const struct v2v_strips_data *data,
+                          const struct v2v_scene *scene)
+{
+    int64_t last = self->steps - 1, sampled = scene->sample_row * TILE / self->rows * self->rows;
+    compute_strip(self, data, scene, sampled, 1);
+    for (int64_t y = 0; y < self->spec.height; y += self->rows) {
+        if (y != sampled) {
+            compute_strip(self, data, scene, y, 0);
+        }
+    }
+    struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
+    v2v_tiles_fill(&scene->dark, &out, self->level[last]);
+}
+
 void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,
                         const struct v2v_scene *scene)
 {
     if (scene != NULL) {
-        compute_sample(self, data, scene);
+        compute_scene(self, data, scene);
+        return;
     }
     for (int64_t y = 0; y < self->spec.height; y += self->rows) {
-        compute_strip(self, data, scene, y);
-    }
-    if (scene != NULL) {
-        int64_t last = self->steps - 1;
-        struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
-        v2v_tiles_fill(&scene->skipped, &out, self->level[last]);
+        compute_strip(self, data, NULL, y, 0);
     }
 }

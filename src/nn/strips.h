@@ -44,8 +44,8 @@ struct v2v_strips_data {
     float *out;                        /* [last layer's out,y,x] */
 };
 
-/* With a scene only its tiles are computed, between them and elsewhere every channel has the mean
- * of the background's sample, which is computed first. NULL: all tiles. */
+/* With a scene only its tiles are computed; elsewhere every channel has the mean of the sample,
+ * whose strip comes first. NULL: all tiles. */
 void v2v_strips_forward(struct v2v_strips *strips, const struct v2v_strips_data *data,
                         const struct v2v_scene *scene);
 
