@@ -48,8 +48,8 @@ works weights init --psf psf.h5 --width 4 --rule he --seed 3 -o w.h5
 works bench --quick --psf psf.h5 --weights w.h5 --input recording.h5 --truth volume.h5 -o quick \
     --force
 says "the twin's PSNR is [0-9.]+ dB"
-says '^default +4 .* [-+]0\.00[0-9]+ +[0-9]+$'
-says '^width 16 .* - +[0-9]+$'
+says '^default +4 .* [-+]0\.00[0-9]+ +100.0 +[0-9]+$'
+says '^width 16 .* - +100.0 +[0-9]+$'
 
 refuses 2 '--size 48, --step-size 32: both must be multiples of 32' bench --quick --size 48 -o out
 refuses 2 '--step-size 96 is larger than --size 64' bench --quick --step-size 96 -o out
