@@ -1,5 +1,6 @@
 #include "nn/align_gather.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 
 #include <string.h>
@@ -51,19 +52,14 @@ void v2v_align_gather_set_weights(struct v2v_align_gather *gather, const float *
     v2v_conv_set_weights(gather->conv, weight, bias);
 }
 
-static int64_t clamp(int64_t value, int64_t most)
-{
-    return value < 0 ? 0 : value > most ? most : value;
-}
-
 /* The pixels of the frame that a plane has: rows [y0,y1), columns [x0,x1). */
 static struct v2v_plane inside(const struct v2v_align_gather *gather, int64_t channel)
 {
     struct v2v_plane plane = gather->plane[channel];
-    plane.y0 = clamp(plane.y0, gather->spec.height);
-    plane.y1 = clamp(plane.y1, gather->spec.height);
-    plane.x0 = clamp(plane.x0, gather->spec.width);
-    plane.x1 = clamp(plane.x1, gather->spec.width);
+    plane.y0 = v2v_within(plane.y0, 0, gather->spec.height);
+    plane.y1 = v2v_within(plane.y1, 0, gather->spec.height);
+    plane.x0 = v2v_within(plane.x0, 0, gather->spec.width);
+    plane.x1 = v2v_within(plane.x1, 0, gather->spec.width);
     return plane;
 }
 

@@ -1,9 +1,9 @@
 #include "nn/scene.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <float.h>
-#include <stdlib.h>
 #include <string.h>
 
 _Static_assert((int)V2V_TILE == (int)V2V_CARVE_TILE, "light is looked up by tile");
@@ -47,18 +47,11 @@ void v2v_scene_fini(struct v2v_scene *scene)
     *scene = (struct v2v_scene){0};
 }
 
-static int compare(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 static double brightest(struct v2v_scene *scene, int64_t tiles)
 {
-    float *sorted = scene->light + tiles;
-    memcpy(sorted, scene->light, (size_t)tiles * sizeof *sorted);
-    qsort(sorted, (size_t)tiles, sizeof *sorted, compare);
-    return (double)sorted[(int64_t)(brightest_share * (double)(tiles - 1))];
+    float *light = scene->light + tiles;
+    memcpy(light, scene->light, (size_t)tiles * sizeof *light);
+    return (double)v2v_select(light, tiles, (int64_t)(brightest_share * (double)(tiles - 1)));
 }
 
 /* The most light of a square of tiles. */

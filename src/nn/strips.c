@@ -1,5 +1,6 @@
 #include "nn/strips.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 
@@ -8,23 +9,16 @@ enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = V2V_SAMPLE_TILES * T
 
 /* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
  * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a step
- * computes one row of tiles more at either end than the
- * next one. */
+ * computes one row of tiles more at either end than the next one. */
 struct v2v_strips {
     struct v2v_strips_spec spec;
     int64_t steps;
-    struct v2v_winograd *layer[V2V_STRIPS_MOST];
+    struct v2v_winograd *filter[STEPS]; /* of each step; NULL: the alignment */
     struct v2v_tiles all;
     int64_t rows;        /* of the frame a strip, without those at its ends */
     int64_t held[STEPS]; /* rows of the strip behind each step */
     float *level[STEPS]; /* [out] background behind each step */
 };
-
-static int64_t within(int64_t y, int64_t low, int64_t high)
-{
-    y = y > low ? y : low;
-    return y < high ? y : high;
-}
 
 /* Rows that step i computes at either end beyond the strip. */
 static int64_t margin(const struct v2v_strips *self, int64_t i)
@@ -55,12 +49,12 @@ static void choose_rows(struct v2v_strips *self)
         spare -= channels(self, i) * 2 * margin(self, i);
         row += channels(self, i);
     }
-    int64_t most = within(spare / row / UNIT * UNIT, UNIT, height);
+    int64_t most = v2v_within(spare / row / UNIT * UNIT, UNIT, height);
     int64_t strips = (height + most - 1) / most;
     int64_t rows = (height + strips - 1) / strips;
     self->rows = (rows + UNIT - 1) / UNIT * UNIT;
     for (int64_t i = 0; i < self->steps - 1; i++) {
-        self->held[i] = within(self->rows + 2 * margin(self, i), 0, height);
+        self->held[i] = v2v_within(self->rows + 2 * margin(self, i), 0, height);
     }
 }
 
@@ -96,7 +90,7 @@ static enum v2v_status create_layer(struct v2v_strips *self, int64_t i)
                                      .stride2 = layer->stride == 2,
                                      .slope = layer->slope,
                                      .workspace = self->spec.workspace};
-    V2V_TRY(v2v_winograd_create(&self->layer[i - (self->spec.align != NULL)], &spec));
+    V2V_TRY(v2v_winograd_create(&self->filter[i], &spec));
 done:
     v2v_mem_free(plane);
     return rc;
@@ -134,10 +128,8 @@ void v2v_strips_destroy(struct v2v_strips **strips)
     if (self == NULL) {
         return;
     }
-    for (int i = 0; i < V2V_STRIPS_MOST; i++) {
-        v2v_winograd_destroy(&self->layer[i]);
-    }
     for (int i = 0; i < STEPS; i++) {
+        v2v_winograd_destroy(&self->filter[i]);
         v2v_mem_free(self->level[i]);
     }
     v2v_tiles_fini(&self->all);
@@ -162,10 +154,10 @@ int64_t v2v_strips_floats(const struct v2v_strips_spec *spec)
 
 void v2v_strips_weights_changed(struct v2v_strips *self, const struct v2v_parameters *parameters)
 {
-    for (int64_t i = 0; i < self->spec.layers; i++) {
-        const struct v2v_layer *layer = self->spec.layer[i];
+    for (int64_t i = self->spec.align != NULL; i < self->steps; i++) {
+        const struct v2v_layer *layer = layer_of(self, i);
         v2v_winograd_set_weights(
-            self->layer[i], v2v_parameter(parameters->fields, parameters->weights, layer->weight),
+            self->filter[i], v2v_parameter(parameters->fields, parameters->weights, layer->weight),
             v2v_parameter(parameters->fields, parameters->weights, layer->bias));
     }
 }
@@ -206,13 +198,13 @@ static void compute(const struct v2v_strips *self, const struct v2v_strips_data 
     struct v2v_winograd_part part = {.run = tiles->run + tiles->first[image->first],
                                      .runs = tiles->first[image->last] - tiles->first[image->first],
                                      .first_row = image->begin};
-    if (layer_of(self, i) == NULL) {
+    if (self->filter[i] == NULL) {
         v2v_align_conv_forward(self->spec.align, image->data, data->features, &part);
         return;
     }
     const float *in = i > 0 ? before->data : data->images;
     part.shift = i > 0 ? -before->begin * TILE * self->spec.width : 0;
-    v2v_winograd_forward_part(self->layer[i - (self->spec.align != NULL)], image->data, in, &part);
+    v2v_winograd_forward_part(self->filter[i], image->data, in, &part);
 }
 
 /* The mean inside the sample. */
@@ -242,10 +234,10 @@ static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data 
                           const struct v2v_scene *scene, int64_t y, int measure)
 {
     struct v2v_tiles_image image, before = {0};
-    int64_t height = self->spec.height, end = within(y + self->rows, 0, height);
+    int64_t height = self->spec.height, end = v2v_within(y + self->rows, 0, height);
     for (int64_t i = 0; i < self->steps; i++) {
-        int64_t first = within(y - margin(self, i), 0, height);
-        int64_t last = within(end + margin(self, i), 0, height);
+        int64_t first = v2v_within(y - margin(self, i), 0, height);
+        int64_t last = v2v_within(end + margin(self, i), 0, height);
         image = behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
         compute(self, data, i, scene != NULL ? &scene->computed : &self->all, &image, &before);
         if (measure) {

@@ -3,6 +3,7 @@
 #include "op/conv_backend.h"
 #include "op/direct_kernel.h"
 #include "op/simd.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include <omp.h>
 #include <string.h>
@@ -47,12 +48,6 @@ static int64_t fill_up(int64_t channels)
     return (channels + DIRECT_CHANNELS - 1) / DIRECT_CHANNELS * DIRECT_CHANNELS;
 }
 
-static int64_t within(int64_t x, int64_t low, int64_t high)
-{
-    int64_t least = x > low ? x : low;
-    return least < high ? least : high;
-}
-
 static const struct direct_kernel *choose_kernel(void)
 {
     if (__builtin_cpu_supports("x86-64-v4")) {
@@ -67,7 +62,7 @@ static enum v2v_status make_plan(struct plan *plan, const struct state *state, i
     enum v2v_status rc = V2V_OK;
     int64_t taps = (int64_t)state->spec.kernel * state->spec.kernel;
     int64_t halo = state->spec.kernel - 1;
-    int64_t most = within(STRIP_FLOATS / (in * state->pitch) - halo, 1, MOST_ROWS);
+    int64_t most = v2v_within(STRIP_FLOATS / (in * state->pitch) - halo, 1, MOST_ROWS);
     plan->in = in;
     plan->out = out;
     plan->slope = slope;
@@ -109,7 +104,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     if (spec->training) {
         V2V_TRY(make_plan(&state->data, state, spec->out, spec->in, 1.0f));
         int64_t data_rows = spec->out * (state->data.rows + halo);
-        state->gradient_rows = within(CORRELATE_PIXELS / spec->width, 1, spec->height);
+        state->gradient_rows = v2v_within(CORRELATE_PIXELS / spec->width, 1, spec->height);
         int64_t gradient_rows = spec->in * (state->gradient_rows + halo);
         rows = rows > data_rows ? rows : data_rows;
         rows = rows > gradient_rows ? rows : gradient_rows;

@@ -1,4 +1,5 @@
 #include "v2v3d/op/tiles.h"
+#include "v2v3d/base/bounds.h"
 
 #include "v2v3d/base/memory.h"
 
@@ -50,11 +51,6 @@ void v2v_tiles_set(struct v2v_tiles *tiles, const uint8_t *mask)
     }
 }
 
-static int64_t smaller(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
                     const float *value)
 {
@@ -66,8 +62,8 @@ void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image 
         for (const struct v2v_tile_run *run = tiles->run + tiles->first[image->first]; run < end;
              run++) {
             int64_t y0 = (run->row - image->begin) * size, x0 = run->first * size;
-            int64_t x1 = smaller(x0 + run->count * size, width);
-            for (int64_t y = y0; y < smaller(y0 + size, image->rows_held); y++) {
+            int64_t x1 = v2v_smaller(x0 + run->count * size, width);
+            for (int64_t y = y0; y < v2v_smaller(y0 + size, image->rows_held); y++) {
                 for (int64_t x = x0; x < x1; x++) {
                     channel[y * width + x] = value[c];
                 }

@@ -3,6 +3,7 @@
  * 32 tiles, [point][panel][channel][32]. The gradients are the exact adjoints of the three stages.
  */
 #include "v2v3d/op/winograd.h"
+#include "v2v3d/base/bounds.h"
 
 #include "op/panel_kernel.h"
 #include "op/winograd_kernel.h"
@@ -31,8 +32,9 @@ struct v2v_winograd {
     const struct panel_kernel *panel;
     const struct winograd_kernel *kernel;
     int threads;
-    int64_t in8, out8, out32; /**< channels, filled up */
-    int64_t out_rows;
+    int64_t in8, out8, out32;         /**< channels, filled up */
+    int64_t out_height, out_width;    /**< of the output image */
+    int64_t out_rows;                 /**< that its array holds */
     int64_t chunk_tiles, panels;      /**< of the largest chunk */
     int64_t line_floats, pack_floats; /**< of one thread */
     const float *bias;
@@ -44,18 +46,14 @@ static int64_t round_up(int64_t n, int64_t step)
     return (n + step - 1) / step * step;
 }
 
-static int64_t smaller(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 /* ---- plan ---- */
 
 static void plan(struct v2v_winograd *self)
 {
     const struct v2v_winograd_spec *spec = &self->spec;
-    int half = spec->stride2;
-    self->out_rows = spec->out_rows > 0 ? spec->out_rows : (spec->height + half) >> half;
+    self->out_height = (spec->height + spec->stride2) >> spec->stride2;
+    self->out_width = (spec->width + spec->stride2) >> spec->stride2;
+    self->out_rows = spec->out_rows > 0 ? spec->out_rows : self->out_height;
     self->in8 = round_up(spec->in, PANEL_ROWS);
     self->out8 = round_up(spec->out, PANEL_ROWS);
     self->out32 = round_up(spec->out, PANEL_COLUMNS);
@@ -148,7 +146,7 @@ void v2v_winograd_destroy(struct v2v_winograd **winograd)
 /* Place of the filters of 8 outputs from `out` on for input `in`, among those of a point. */
 static int64_t filters_at(const struct v2v_winograd *self, int64_t out, int64_t in)
 {
-    int64_t run = in / DEPTH * DEPTH, depth = smaller(DEPTH, self->spec.in - run);
+    int64_t run = in / DEPTH * DEPTH, depth = v2v_smaller(DEPTH, self->spec.in - run);
     return run * self->out8 + out * depth + (in - run) * FILTERS;
 }
 
@@ -177,8 +175,8 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
     for (int64_t o = 0; o < out; o += FILTERS) {
         float taps[9 * PAIR] = {0};
         for (int64_t i = 0; i < in; i += 2) {
-            int64_t inputs = smaller(2, in - i);
-            gather_taps(taps, weight + (o * in + i) * 9, in, inputs, smaller(FILTERS, out - o));
+            int64_t inputs = v2v_smaller(2, in - i);
+            gather_taps(taps, weight + (o * in + i) * 9, in, inputs, v2v_smaller(FILTERS, out - o));
             self->kernel->weights(self->weights + filters_at(self, o, i), weights_point(self), taps,
                                   PAIR, inputs * FILTERS);
         }
@@ -213,6 +211,7 @@ static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_t
                                .tiles_x = self->tiles.columns,
                                .height = spec->height,
                                .width = spec->width,
+                               .out_width = self->out_width,
                                .stride2 = spec->stride2,
                                .pitch = spec->pitch,
                                .half = spec->half,
@@ -246,23 +245,20 @@ static void transform_input(const struct v2v_winograd *self, const struct chunk 
 
 static void transform_output(const struct v2v_winograd *self, const struct chunk *chunk, float *out)
 {
-    int64_t width = (self->spec.width + self->spec.stride2) >> self->spec.stride2;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        v2v_rows_output(&chunk->rows, out + o * self->out_rows * width, chunk->output + o * TILES,
-                        self->out8, self->bias[o], self->spec.slope);
+        v2v_rows_output(&chunk->rows, out + o * self->out_rows * self->out_width,
+                        chunk->output + o * TILES, self->out8, self->bias[o], self->spec.slope);
     }
 }
 
 static void transform_output_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
                                       const float *dout)
 {
-    int half = self->spec.stride2;
-    int64_t pixels = ((self->spec.height + half) >> half) * ((self->spec.width + half) >> half);
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
         v2v_rows_output_turned(&chunk->rows, chunk->output + o * TILES, self->out8,
-                               dout + o * pixels);
+                               dout + o * self->out_height * self->out_width);
     }
 }
 
@@ -299,7 +295,7 @@ static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
                 for (int64_t o = 0; o < out8; o += PANEL_ROWS) {
                     self->panel->product(
                         output + (panel * out8 + o) * TILES, weights + filters_at(self, o, i),
-                        input + (panel * self->in8 + i) * TILES, smaller(DEPTH, in - i), i > 0);
+                        input + (panel * self->in8 + i) * TILES, v2v_smaller(DEPTH, in - i), i > 0);
                 }
             }
         }
@@ -314,7 +310,7 @@ static void pack_filters(const struct v2v_winograd *self, float *pack, const flo
     int64_t in = self->spec.in;
     for (int64_t i = 0; i < in; i += PANEL_ROWS) {
         float *to = pack + i * depth;
-        int64_t rows = smaller(PANEL_ROWS, in - i);
+        int64_t rows = v2v_smaller(PANEL_ROWS, in - i);
         for (int64_t o = 0; o < depth; o += PANEL_ROWS) {
             const float *from = weights + filters_at(self, first + o, i);
             float whole[PANEL_ROWS * PANEL_ROWS] = {0};
@@ -337,13 +333,13 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
         float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
         float *pack = thread_pack(self, chunk);
         for (int64_t o = 0; o < out; o += DEPTH) {
-            int64_t depth = smaller(DEPTH, self->out8 - o);
+            int64_t depth = v2v_smaller(DEPTH, self->out8 - o);
             pack_filters(self, pack, weights, o, depth);
             for (int64_t panel = 0; panel < chunk->panels; panel++) {
                 for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
                     self->panel->product(input + (panel * in8 + i) * TILES, pack + i * depth,
                                          output + (panel * self->out8 + o) * TILES,
-                                         smaller(DEPTH, out - o), o > 0);
+                                         v2v_smaller(DEPTH, out - o), o > 0);
                 }
             }
         }
@@ -366,7 +362,7 @@ static void turn_tiles(const struct v2v_winograd *self, float *to, int64_t step,
 static void pack_outputs(const struct v2v_winograd *self, float *pack, const float *output,
                          int64_t first, int64_t tile, int64_t count)
 {
-    int64_t end = smaller(self->out8, first + TILES);
+    int64_t end = v2v_smaller(self->out8, first + TILES);
     for (int64_t o = first; o < end; o += PANEL_ROWS) {
         turn_tiles(self, pack + o - first, TILES, output, self->out8, o, tile, count);
     }
@@ -384,7 +380,7 @@ static void multiply_weights(const struct v2v_winograd *self, const struct chunk
         float *gradient = chunk->gradient + point * gradient_point(self);
         float *left = thread_pack(self, chunk), *right = left + DEPTH * in8;
         for (int64_t t = 0; t < tiles; t += DEPTH) {
-            int64_t depth = smaller(DEPTH, tiles - t);
+            int64_t depth = v2v_smaller(DEPTH, tiles - t);
             for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
                 turn_tiles(self, left + i * depth, PANEL_ROWS, input, in8, i, t, depth);
             }
@@ -445,7 +441,7 @@ static void add_weights_gradient(const struct v2v_winograd *self, float *dweight
     int64_t in = self->spec.in, out = self->spec.out;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t first = 0; first < out; first += TILES) {
-        int64_t count = smaller(TILES, out - first);
+        int64_t count = v2v_smaller(TILES, out - first);
         float taps[9 * TILES];
         for (int64_t i = 0; i < in; i++) {
             self->kernel->weights_turned(taps, TILES, gradient + first * self->in8 + i * TILES,

@@ -2,6 +2,7 @@
 
 #include "op/panel_kernel.h"
 #include "op/simd.h"
+#include "v2v3d/base/bounds.h"
 
 #include <omp.h>
 #include <string.h>
@@ -52,12 +53,6 @@ struct batch {
     int64_t place; /* of the first tile among the values */
 };
 
-static int64_t within(int64_t x, int64_t low, int64_t high)
-{
-    x = x > low ? x : low;
-    return x < high ? x : high;
-}
-
 /* A batch's runs, cut: the next one while `tiles` of the batch remain. */
 static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t tiles)
 {
@@ -66,7 +61,7 @@ static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t
         run.first += batch->begun;
         run.count -= batch->begun;
     }
-    run.count = within(run.count, 0, tiles);
+    run.count = v2v_within(run.count, 0, tiles);
     return run;
 }
 
@@ -142,8 +137,8 @@ static void copy_tiles(float *to, const float *from, int64_t tiles, int beyond)
 static void load_pixels(const struct rows *rows, float *line, int64_t start, int64_t length,
                         const float *row, const struct v2v_plane *plane)
 {
-    int64_t x0 = within(plane->x0, start, start + length);
-    int64_t x1 = within(plane->x1, x0, start + length);
+    int64_t x0 = v2v_within(plane->x0, start, start + length);
+    int64_t x1 = v2v_within(plane->x1, x0, start + length);
     memset(line, 0, (size_t)(x0 - start) * sizeof *line);
     if (rows->half) {
         for (int64_t x = x0; x < x1; x++) {
@@ -199,8 +194,8 @@ static void add_line(const struct rows *rows, float *base, const struct v2v_plan
     if (y < plane->y0 || y >= plane->y1) {
         return;
     }
-    int64_t x0 = within(plane->x0, start, start + length);
-    int64_t x1 = within(plane->x1, x0, start + length);
+    int64_t x0 = v2v_within(plane->x0, start, start + length);
+    int64_t x1 = v2v_within(plane->x1, x0, start + length);
     float *to = base + plane->offset + (y >> rows->half) * rows->pitch;
     if (rows->half) {
         for (int64_t x = x0; x < x1; x++) {
@@ -225,7 +220,7 @@ static struct span span_at(const struct batch *batch, int64_t tile, int64_t chan
 {
     int64_t place = batch->place + tile, lane = place % PANEL_COLUMNS;
     return (struct span){.offset = place / PANEL_COLUMNS * channels * PANEL_COLUMNS + lane,
-                         .count = within(PANEL_COLUMNS - lane, 0, batch->tiles - tile)};
+                         .count = v2v_within(PANEL_COLUMNS - lane, 0, batch->tiles - tile)};
 }
 
 static void lines_to_values(const struct rows *rows, winograd_axis *axis, float *values,
@@ -352,13 +347,13 @@ static void drop_odd(float *line, int64_t count)
 static void store_line(const struct rows *rows, const struct scratch *scratch,
                        const struct batch *batch, int64_t i, float *image)
 {
-    int64_t half = rows->stride2, width = (rows->width + half) >> half, tile = 0;
+    int64_t half = rows->stride2, tile = 0;
     const float *line = scratch->line;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
         int64_t y = run.row * TILE + i, x = run.first * TILE;
-        int64_t count = within(run.count * TILE, 0, rows->width - x);
-        float *to = image + ((y - rows->first_row * TILE) >> half) * width + (x >> half);
+        int64_t count = v2v_within(run.count * TILE, 0, rows->width - x);
+        float *to = image + ((y - rows->first_row * TILE) >> half) * rows->out_width + (x >> half);
         if (y < rows->height && !half && count == run.count * TILE) {
             copy_tiles(to, line, run.count, 0);
         } else if (y < rows->height) {
@@ -402,14 +397,13 @@ static void spread(float *line, const float *row, int64_t count)
 static void load_line(const struct rows *rows, const struct scratch *scratch,
                       const struct batch *batch, int64_t i, const float *image)
 {
-    int64_t half = rows->stride2, width = (rows->width + half) >> half;
+    int64_t half = rows->stride2, tile = 0;
     float *line = scratch->line;
-    int64_t tile = 0;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
         int64_t y = run.row * TILE + i, x = run.first * TILE, length = run.count * TILE;
-        int64_t count = y < rows->height ? within(length, 0, rows->width - x) : 0;
-        const float *row = image + (y >> half) * width + (x >> half);
+        int64_t count = y < rows->height ? v2v_within(length, 0, rows->width - x) : 0;
+        const float *row = image + (y >> half) * rows->out_width + (x >> half);
         if (half && y % 2 == 0) {
             spread(line, row, (count + 1) / 2);
         } else if (half) {

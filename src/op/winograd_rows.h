@@ -15,6 +15,7 @@ struct rows {
     int64_t tiles_x;       /**< most tiles of a run */
     int64_t panels;        /**< of the values */
     int64_t height, width; /**< convolved */
+    int64_t out_width;     /**< of the output image */
     int64_t first_row;     /**< row of tiles that comes first in the output image's memory */
     int stride2;           /**< the output image has every second row and column */
     int64_t shift;         /**< added to the planes' offsets */

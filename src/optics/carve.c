@@ -1,12 +1,13 @@
 #include "v2v3d/optics/carve.h"
+#include "v2v3d/base/bounds.h"
 
 #include "optics/simd.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <float.h>
 #include <math.h>
 #include <omp.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { TILE = V2V_CARVE_TILE, BOX = V2V_CARVE_BOX, HALF = BOX / 2 };
@@ -31,12 +32,6 @@ struct v2v_carve {
     float *probes;  /* of a thread */
     float *noise;   /* [v] */
 };
-
-static int64_t within(int64_t x, int64_t low, int64_t high)
-{
-    x = x > low ? x : low;
-    return x < high ? x : high;
-}
 
 static int64_t stretch_floats(const struct v2v_carve *carve)
 {
@@ -86,20 +81,13 @@ void v2v_carve_destroy(struct v2v_carve **carve)
 
 /* ---- one view: noise, smoothing, background ---- */
 
-static int compare(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 /* The value below which `share` of the probes lie. */
 static double quantile(float *probes, int64_t count, double share)
 {
     if (count == 0) {
         return 0.0; /* a frame of two columns has no second differences */
     }
-    qsort(probes, (size_t)count, sizeof *probes, compare);
-    return (double)probes[(int64_t)(share * (double)(count - 1))];
+    return (double)v2v_select(probes, count, (int64_t)(share * (double)(count - 1)));
 }
 
 /* From pixel to pixel of the probes: odd, so that they do not share columns. */
@@ -152,12 +140,12 @@ static void smooth_line(const struct v2v_carve *carve, float *to, const float *v
     int64_t width = carve->width;
     float column[STRETCH + 2 * HALF];
     for (int64_t x0 = 0; x0 < width; x0 += STRETCH) {
-        int64_t count = within(STRETCH, 0, width - x0);
-        int64_t left = within(HALF, 0, x0), right = within(HALF, 0, width - x0 - count);
+        int64_t count = v2v_within(STRETCH, 0, width - x0);
+        int64_t left = v2v_within(HALF, 0, x0), right = v2v_within(HALF, 0, width - x0 - count);
         float *middle = column + HALF;
         memset(column, 0, sizeof column);
         for (int64_t i = -HALF; i <= HALF; i++) {
-            const float *row = view + within(y + i, 0, carve->height - 1) * width + x0;
+            const float *row = view + v2v_within(y + i, 0, carve->height - 1) * width + x0;
             add_row(middle - left, row - left, count + left + right);
         }
         for (int64_t i = left; i < HALF; i++) {
@@ -289,16 +277,16 @@ static void carve_stretch(const struct v2v_carve *carve, float *light, int64_t y
 static void carve_tiles(const struct v2v_carve *carve, float *tiles, int64_t row)
 {
     float *light = carve->stretch + omp_get_thread_num() * stretch_floats(carve) + STRETCH;
-    int64_t end = within((row + 1) * TILE, 0, carve->height);
+    int64_t end = v2v_within((row + 1) * TILE, 0, carve->height);
     for (int64_t x0 = 0; x0 < carve->width; x0 += STRETCH) {
-        int64_t count = within(STRETCH, 0, carve->width - x0);
+        int64_t count = v2v_within(STRETCH, 0, carve->width - x0);
         set(light, count, -FLT_MAX);
         for (int64_t y = row * TILE; y < end; y++) {
             carve_stretch(carve, light, y, x0, count);
         }
         for (int64_t x = 0; x < count; x += TILE) {
             float most = light[x];
-            for (int64_t i = x + 1; i < within(x + TILE, 0, count); i++) {
+            for (int64_t i = x + 1; i < v2v_within(x + TILE, 0, count); i++) {
                 most = light[i] > most ? light[i] : most;
             }
             tiles[(x0 + x) / TILE] = most;

@@ -1,6 +1,7 @@
 #include "v2v3d/optics/projector.h"
 #include "optics/sizes.h"
 #include "optics/spectrum_block.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/par/comm.h"
@@ -36,21 +37,16 @@ struct v2v_projector {
     float *scratch;                    /* [thread,scratch] */
 };
 
-static int64_t smaller(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 /* How far a kernel of K pixels reaches before and after its centre. Two pixels of a frame of
  * `size` pixels lie at most size-1 apart, so taps beyond that are never used. */
 static int64_t reach_before(int64_t kernel, int64_t size)
 {
-    return smaller(v2v_psf_centre(kernel), size - 1);
+    return v2v_smaller(v2v_psf_centre(kernel), size - 1);
 }
 
 static int64_t reach_after(int64_t kernel, int64_t size)
 {
-    return smaller(kernel - 1 - v2v_psf_centre(kernel), size - 1);
+    return v2v_smaller(kernel - 1 - v2v_psf_centre(kernel), size - 1);
 }
 
 /* The smallest transform of one axis. The taps h[e], e = -before .. after, are stored with their

@@ -74,9 +74,8 @@ static void swap(float *a, float *b)
     *b = t;
 }
 
-/** Hoare's selection: afterwards x[k] is the k-th smallest, nothing before it is larger and nothing
- * behind it is smaller. */
-static void select_kth(float *x, int64_t count, int64_t k)
+/** Hoare's selection. */
+float v2v_select(float *x, int64_t count, int64_t k)
 {
     int64_t first = 0, last = count - 1;
     while (first < last) {
@@ -108,9 +107,10 @@ static void select_kth(float *x, int64_t count, int64_t k)
         } else if (k >= i) {
             first = i;
         } else {
-            return;
+            break;
         }
     }
+    return x[k];
 }
 
 enum v2v_status v2v_percentile(double *value, const float *x, int64_t count, double p)
@@ -129,8 +129,7 @@ enum v2v_status v2v_percentile(double *value, const float *x, int64_t count, dou
     double place = p / 100.0 * (double)(count - 1);
     int64_t below = (int64_t)place;
     double share = place - (double)below;
-    select_kth(sorted, count, below);
-    double a = (double)sorted[below];
+    double a = (double)v2v_select(sorted, count, below);
     if (share > 0.0) {
         double b = minimum(sorted + below + 1, count - below - 1);
         a = share < 0.5 ? a + (b - a) * share : b - (b - a) * (1.0 - share);

@@ -34,8 +34,7 @@ struct v2v_conv_method {
     int backend;  /**< enum v2v_backend; layers of few channels take our own direct kernel whatever
                        the backend, where that is faster */
     int winograd; /**< 1: minimal filtering for 3 x 3 kernels where it is faster */
-    struct v2v_workspace
-        *workspace; /**< shared by all operators; needed with winograd and by the alignment */
+    struct v2v_workspace *workspace; /**< of all operators; winograd and the alignment need it */
     int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round
                         images and weights to bf16 and add up in float32, through oneDNN whatever
                         the backend; needs v2v_op_bf16 */

@@ -17,6 +17,10 @@ double v2v_background(const float *x, int64_t count, int bins, int right);
 enum v2v_status v2v_percentile(double *value, const float *x, int64_t count,
                                double p) V2V_MUST_CHECK;
 
+/** Rearrange x so that x[k] is its k-th smallest value, nothing before it larger, nothing behind it
+ *  smaller; no NaN. @kind Local, nothing is allocated. @return x[k] */
+float v2v_select(float *x, int64_t count, int64_t k);
+
 /** Sum of squares in double precision, in a fixed order of blocks. @kind Local. */
 double v2v_sum_of_squares(const float *x, int64_t count);
 

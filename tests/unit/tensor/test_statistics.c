@@ -197,9 +197,26 @@ static void first_special_number_is_found_wherever_it_is(void **state)
     v2v_mem_free(x);
 }
 
+static void selection_parts_an_array_at_its_kth_value(void **state)
+{
+    (void)state;
+    enum { COUNT = 501 };
+    float x[COUNT];
+    for (int64_t k = 0; k < COUNT; k += 50) {
+        for (int64_t i = 0; i < COUNT; i++) {
+            x[i] = (float)(i * 173 % COUNT / 3); /* each value three times, in disorder */
+        }
+        assert_true(v2v_select(x, COUNT, k) == (float)(k / 3) && x[k] == (float)(k / 3));
+        for (int64_t i = 0; i < COUNT; i++) {
+            assert_true(i < k ? x[i] <= x[k] : x[i] >= x[k]);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(selection_parts_an_array_at_its_kth_value),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
         cmocka_unit_test(background_matches_the_golden_volumes),
         cmocka_unit_test(percentile_equals_that_of_the_sorted_numbers),
