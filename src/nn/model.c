@@ -1,42 +1,12 @@
-#include "v2v3d/nn/model.h"
+#include "nn/model_state.h"
 
-#include "nn/align_conv.h"
-#include "nn/encoder.h"
 #include "nn/strips.h"
-#include "nn/unet.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/schema.h"
 
 #include <string.h>
 
-enum { BRANCHES = 2 };
-
-struct v2v_model {
-    struct v2v_model_spec spec;
-    struct v2v_fields fields;
-    struct v2v_parameters parameters;
-    int64_t ring; /* of zeros about the feature planes: the farthest tap */
-    int64_t height, width;
-    int training;
-    /* One set of weights, a workspace for each branch's views: their gradients are summed branch by
-     * branch whether one rank holds both branches or two hold one each, to the same bits. NULL for
-     * a branch not held. */
-    struct v2v_encoder *encoder[BRANCHES];
-    struct v2v_unet *unet[BRANCHES];
-    int32_t *views[BRANCHES]; /* network order */
-    int64_t view_count[BRANCHES];
-    int32_t *held; /* views of all branches held, in batch order */
-    int64_t held_count;
-    struct v2v_shifts shifts; /* a copy */
-    struct v2v_scene scene;   /* where tiles may be skipped */
-    double computed_part;
-    struct v2v_padded features, dfeatures;
-    float *batch;   /* [held,y,x]: the encoder's input */
-    float *dbatch;  /* [held,feature,y,x] training */
-    float *dvolume; /* [z,y,x] scaled gradient, training */
-    float *workspace[BRANCHES];
-    struct v2v_workspace shared; /* of all convolutions, one after the other */
-};
+enum { BRANCHES = V2V_BRANCHES };
 
 static const char *const prefix[BRANCHES] = {"unet1", "unet2"};
 
@@ -49,27 +19,12 @@ int64_t v2v_branch_views(int32_t *list, int64_t views, int branch)
     return count;
 }
 
-static int holds(const struct v2v_model *model, int branch)
-{
-    return (model->spec.branches >> branch & 1) != 0;
-}
-
-/* Without training its encoder takes all views, one after the other. */
-static int first_branch(const struct v2v_model *model)
-{
-    return holds(model, 0) ? 0 : 1;
-}
-
 static enum v2v_status list_views(struct v2v_model *model)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(V2V_ALLOC(model->held, "model.views", model->spec.views));
     for (int b = 0; b < BRANCHES; b++) {
         V2V_TRY(V2V_ALLOC(model->views[b], "model.views", model->spec.views));
         model->view_count[b] = v2v_branch_views(model->views[b], model->spec.views, b);
-        for (int64_t i = 0; i < model->view_count[b] && holds(model, b); i++) {
-            model->held[model->held_count++] = model->views[b][i];
-        }
     }
 done:
     return rc;
@@ -90,10 +45,12 @@ static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts 
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_model_spec *spec = &model->spec;
-    int first = first_branch(model);
-    V2V_TRY(v2v_encoder_create(&model->encoder[first], &model->fields, spec->features));
-    if (first == 0 && holds(model, 1)) {
-        V2V_TRY(v2v_encoder_twin(&model->encoder[1], model->encoder[0]));
+    struct v2v_model_slab *slab = &model->slab[0];
+    int first = v2v_model_first_branch(model);
+    V2V_TRY(v2v_encoder_create(&slab->encoder[first], &model->fields, spec->features));
+    model->encoder_floats = model->fields.total;
+    if (first == 0 && v2v_model_holds(model, 1)) {
+        V2V_TRY(v2v_encoder_twin(&slab->encoder[1], slab->encoder[0]));
     }
     for (int b = 0; b < BRANCHES; b++) {
         struct v2v_unet_spec unet = {.prefix = prefix[b],
@@ -104,8 +61,24 @@ static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts 
                                      .width = spec->width,
                                      .every_slice = spec->every_slice,
                                      .method = method_of(model)};
-        if (holds(model, b)) {
-            V2V_TRY(v2v_unet_create(&model->unet[b], &model->fields, &unet, shifts));
+        if (v2v_model_holds(model, b)) {
+            V2V_TRY(v2v_unet_create(&slab->unet[b], &model->fields, &unet, shifts));
+        }
+    }
+done:
+    return rc;
+}
+
+/* The same operators for one more slab. */
+static enum v2v_status add_twins(struct v2v_model *model, int64_t local)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_model_slab *first = &model->slab[0];
+    struct v2v_model_slab *slab = &model->slab[local];
+    for (int b = 0; b < BRANCHES; b++) {
+        if (v2v_model_holds(model, b)) {
+            V2V_TRY(v2v_encoder_twin(&slab->encoder[b], first->encoder[b]));
+            V2V_TRY(v2v_unet_twin(&slab->unet[b], first->unet[b], &model->shifts));
         }
     }
 done:
@@ -119,6 +92,10 @@ static enum v2v_status create(struct v2v_model **model, const struct v2v_model_s
     struct v2v_model *self = NULL;
     V2V_TRY(V2V_ALLOC(self, "model", 1));
     self->spec = *spec;
+    self->held = v2v_comm_size(spec->shard) > 1 ? 1 : v2v_model_slabs(self);
+    V2V_TRY(V2V_ALLOC(self->slab, "model", self->held));
+    V2V_TRY(V2V_ALLOC(self->features, "model", self->held));
+    V2V_TRY(V2V_ALLOC(self->dfeatures, "model", self->held));
     V2V_TRY(list_views(self));
     V2V_TRY(declare(self, shifts));
 done:
@@ -157,11 +134,21 @@ enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_mode
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "training view to view takes two views or more, not %lld",
                          (long long)spec->views));
     }
+    V2V_ASSERT(v2v_comm_size(spec->shard) == 1 || v2v_comm_size(spec->shard) == spec->slabs);
     V2V_TRY(create(&self, spec, shifts));
     self->ring = v2v_shifts_reach(shifts) + 1;
     V2V_TRY(v2v_shifts_copy(&self->shifts, shifts));
-    self->parameters.fields = &self->fields;
-    V2V_TRY(V2V_ALLOC(self->parameters.weights, "model.weights", self->fields.total));
+    for (int64_t local = 1; local < self->held; local++) {
+        V2V_TRY(add_twins(self, local));
+    }
+    for (int i = 0; i < 2; i++) {
+        V2V_TRY(V2V_ALLOC(self->round[i], "model.views", v2v_comm_size(spec->shard)));
+    }
+    V2V_TRY(V2V_ALLOC(self->weights, "model.weights", self->fields.total));
+    for (int64_t local = 0; local < self->held; local++) {
+        self->slab[local].parameters =
+            (struct v2v_parameters){.fields = &self->fields, .weights = self->weights};
+    }
 done:
     if (rc != V2V_OK) {
         v2v_model_destroy(&self);
@@ -170,17 +157,41 @@ done:
     return rc;
 }
 
+static void free_slab(struct v2v_model_slab *slab)
+{
+    for (int b = 0; b < BRANCHES; b++) {
+        float **memory[] = {&slab->workspace[b], &slab->batch[b], &slab->dbatch[b]};
+        for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+            v2v_mem_free(*memory[i]);
+            *memory[i] = NULL;
+        }
+    }
+    v2v_mem_free(slab->dvolume);
+    slab->dvolume = NULL;
+    v2v_scene_fini(&slab->scene);
+}
+
 static void free_workspace(struct v2v_model *model)
 {
-    float **memory[] = {&model->batch, &model->dbatch, &model->dvolume, &model->workspace[0],
-                        &model->workspace[1]};
-    v2v_padded_fini(&model->features);
-    v2v_padded_fini(&model->dfeatures);
+    for (int64_t local = 0; local < model->held; local++) {
+        free_slab(&model->slab[local]);
+        v2v_padded_fini(&model->features[local]);
+        v2v_padded_fini(&model->dfeatures[local]);
+    }
+    v2v_slabs_destroy(&model->slabs);
     v2v_workspace_fini(&model->shared);
-    v2v_scene_fini(&model->scene);
-    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
-        v2v_mem_free(*memory[i]);
-        *memory[i] = NULL;
+}
+
+/* Slab 0 has the model's own gradients. */
+static void destroy_slab(struct v2v_model *model, int64_t local)
+{
+    struct v2v_model_slab *slab = &model->slab[local];
+    for (int b = 0; b < BRANCHES; b++) {
+        v2v_encoder_destroy(&slab->encoder[b]);
+        v2v_unet_destroy(&slab->unet[b]);
+    }
+    if (local > 0) {
+        v2v_mem_free(slab->parameters.gradients);
     }
 }
 
@@ -190,16 +201,22 @@ void v2v_model_destroy(struct v2v_model **model)
     if (self == NULL) {
         return;
     }
-    free_workspace(self);
+    if (self->slab != NULL && self->features != NULL && self->dfeatures != NULL) {
+        free_workspace(self);
+        for (int64_t local = 0; local < self->held; local++) {
+            destroy_slab(self, local);
+        }
+    }
     for (int b = 0; b < BRANCHES; b++) {
-        v2v_encoder_destroy(&self->encoder[b]);
-        v2v_unet_destroy(&self->unet[b]);
         v2v_mem_free(self->views[b]);
+        v2v_mem_free(self->round[b]);
     }
     v2v_shifts_fini(&self->shifts);
-    v2v_mem_free(self->held);
-    v2v_mem_free(self->parameters.weights);
-    v2v_mem_free(self->parameters.gradients);
+    void *memory[] = {self->slab,      self->features,    self->dfeatures, self->weights,
+                      self->gradients, self->encoder_sum, self->scratch};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        v2v_mem_free(memory[i]);
+    }
     v2v_fields_fini(&self->fields);
     v2v_mem_free(self);
     *model = NULL;
@@ -217,77 +234,173 @@ const struct v2v_fields *v2v_model_fields(const struct v2v_model *model)
 
 float *v2v_model_weights(struct v2v_model *model)
 {
-    return model->parameters.weights;
+    return model->weights;
 }
 
 float *v2v_model_gradients(struct v2v_model *model)
 {
-    return model->parameters.gradients;
+    return model->gradients;
 }
 
-/* Without training one view after the other goes through the encoder, and the U-Nets share one
- * workspace: a large frame then needs the memory of one view and one branch. */
-static enum v2v_status plan_workspace(struct v2v_model *model, int64_t strip_floats)
+struct v2v_part v2v_model_rows(const struct v2v_model *model)
+{
+    const struct v2v_slab *slab = v2v_slabs_at(model->slabs, 0);
+    if (v2v_comm_size(model->spec.shard) == 1) {
+        return (struct v2v_part){0, model->height};
+    }
+    return (struct v2v_part){slab->first, slab->rows};
+}
+
+/* ---- plan ---- */
+
+/* One slab, or one a rank, or all on one rank; between them whole images are gathered: E1, what UP3
+ * reads, volumes. */
+static enum v2v_status plan_slabs(struct v2v_model *model)
+{
+    const struct v2v_unet *unet = model->slab[0].unet[v2v_model_first_branch(model)];
+    struct v2v_slabs_spec spec = {.comm = model->spec.shard,
+                                  .count = v2v_model_slabs(model),
+                                  .unit = V2V_MODEL_GRID,
+                                  .height = model->height,
+                                  .width = model->width,
+                                  .features = model->spec.features,
+                                  .ring = model->ring};
+    const struct v2v_slabs_images whole[] = {
+        v2v_unet_e1_images(unet),
+        v2v_unet_joined_images(unet),
+        {.channels = model->spec.slices, .is_own = 1},
+        {.channels = model->spec.features}, /* one view's, of one slab with its ring */
+    };
+    int first = spec.count > 1 ? 0 : 3, kinds = model->training ? 4 : 1;
+    for (int i = first; i < kinds; i++) {
+        int64_t floats = v2v_slabs_gathered_floats(&spec, &whole[i]);
+        spec.gathered_floats = floats > spec.gathered_floats ? floats : spec.gathered_floats;
+    }
+    return v2v_slabs_create(&model->slabs, &spec);
+}
+
+static enum v2v_status plan_training(struct v2v_model *model, int64_t local)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_model_spec *spec = &model->spec;
-    int64_t height = model->height, width = model->width, pixels = height * width;
+    struct v2v_model_slab *slab = &model->slab[local];
+    int64_t pixels = model->height * model->width, features = model->spec.features;
+    int64_t rows = v2v_slab_computed(v2v_slabs_at(model->slabs, local));
+    struct v2v_conv_method method = method_of(model);
+    V2V_TRY(v2v_padded_init(&model->dfeatures[local], model->spec.views, features, rows,
+                            model->width, model->ring));
+    for (int b = 0; b < BRANCHES; b++) {
+        int64_t count = v2v_model_view_part(model, b, v2v_slabs_index(model->slabs, local)).count;
+        if (v2v_model_holds(model, b) && count > 0) {
+            V2V_TRY(V2V_ALLOC(slab->batch[b], "model.batch", count * pixels));
+            V2V_TRY(V2V_ALLOC(slab->dbatch[b], "model.batch", count * features * pixels));
+            V2V_TRY(
+                v2v_encoder_plan(slab->encoder[b], count, model->height, model->width, &method, 1));
+        }
+    }
+    V2V_TRY(V2V_ALLOC(slab->dvolume, "model.batch", model->spec.slices * rows * model->width));
+done:
+    return rc;
+}
+
+/* Gradients: the model's are those of its first slab, until all slabs' are added to them. */
+static enum v2v_status plan_gradients(struct v2v_model *model)
+{
+    enum v2v_status rc = V2V_OK;
+    if (model->training && model->gradients == NULL) {
+        V2V_TRY(V2V_ALLOC(model->gradients, "model.gradients", model->fields.total));
+    }
+    for (int64_t local = 0; local < model->held; local++) {
+        struct v2v_parameters *parameters = &model->slab[local].parameters;
+        if (local == 0) {
+            parameters->gradients = model->gradients;
+        } else if (model->training && parameters->gradients == NULL) {
+            V2V_TRY(V2V_ALLOC(parameters->gradients, "model.gradients", model->fields.total));
+        }
+    }
+    if (model->training && v2v_model_slabs(model) > 1 && model->encoder_sum == NULL) {
+        V2V_TRY(V2V_ALLOC(model->encoder_sum, "model.gradients", model->encoder_floats));
+        V2V_TRY(V2V_ALLOC(model->scratch, "model.gradients", V2V_PAR_SCRATCH));
+    }
+done:
+    return rc;
+}
+
+/* Without training the U-Nets of a slab share one workspace: a large frame then needs the memory of
+ * one branch. */
+static enum v2v_status plan_unets(struct v2v_model *model, int64_t local, int64_t strip_floats)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_model_slab *slab = &model->slab[local];
+    struct v2v_unet_size size = {.height = model->height,
+                                 .width = model->width,
+                                 .slab = *v2v_slabs_at(model->slabs, local),
+                                 .has_middle = local == 0,
+                                 .strip_floats = strip_floats,
+                                 .training = model->training};
     int64_t need[BRANCHES] = {0};
     for (int b = 0; b < BRANCHES; b++) {
-        if (model->unet[b] != NULL) {
-            need[b] =
-                v2v_unet_workspace(model->unet[b], height, width, strip_floats, model->training);
+        if (slab->unet[b] != NULL) {
+            need[b] = v2v_unet_workspace(slab->unet[b], &size);
         }
     }
     if (!model->training) {
         need[0] = need[0] > need[1] ? need[0] : need[1];
         need[1] = 0;
     }
-    V2V_TRY(
-        v2v_padded_init(&model->features, spec->views, spec->features, height, width, model->ring));
     for (int b = 0; b < BRANCHES; b++) {
-        V2V_TRY(V2V_ALLOC(model->workspace[b], "unet.workspace", need[b]));
+        V2V_TRY(V2V_ALLOC(slab->workspace[b], "unet.workspace", need[b]));
     }
-    if (model->training) {
-        V2V_TRY(v2v_padded_init(&model->dfeatures, spec->views, spec->features, height, width,
-                                model->ring));
-        V2V_TRY(V2V_ALLOC(model->batch, "model.batch", model->held_count * pixels));
-        V2V_TRY(
-            V2V_ALLOC(model->dbatch, "model.batch", model->held_count * spec->features * pixels));
-        V2V_TRY(V2V_ALLOC(model->dvolume, "model.batch", spec->slices * pixels));
+    for (int b = 0; b < BRANCHES; b++) {
+        if (slab->unet[b] != NULL) {
+            V2V_TRY(v2v_unet_plan(slab->unet[b], slab->workspace[model->training ? b : 0],
+                                  &model->features[local]));
+        }
     }
 done:
     return rc;
 }
 
-static int skips(const struct v2v_model *model)
+int v2v_model_skips(const struct v2v_model *model)
 {
-    return model->spec.skip > 0.0 && v2v_unet_knows_scenes(model->unet[first_branch(model)]);
+    return model->spec.skip > 0.0 &&
+           v2v_unet_knows_scenes(model->slab[0].unet[v2v_model_first_branch(model)]);
 }
 
+static enum v2v_status plan_slab(struct v2v_model *model, int64_t local, int64_t strip_floats)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_slab *slab = v2v_slabs_at(model->slabs, local);
+    if (model->training) {
+        V2V_TRY(plan_training(model, local));
+    }
+    V2V_TRY(v2v_padded_init(&model->features[local], model->spec.views, model->spec.features,
+                            v2v_slab_computed(slab), model->width, model->ring));
+    if (slab->rows == 0) {
+        return V2V_OK;
+    }
+    V2V_TRY(plan_unets(model, local, strip_floats));
+    if (v2v_model_skips(model)) {
+        V2V_TRY(v2v_scene_init(&model->slab[local].scene, &model->shifts, model->height,
+                               model->width, slab));
+    }
+done:
+    return rc;
+}
+
+/* Without training one view after the other goes through the encoder. */
 static enum v2v_status plan(struct v2v_model *model, int64_t strip_floats)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_conv_method method = method_of(model);
-    int64_t height = model->height, width = model->width;
-    int training = model->training;
     free_workspace(model);
-    V2V_TRY(plan_workspace(model, strip_floats));
-    if (training && model->parameters.gradients == NULL) {
-        V2V_TRY(V2V_ALLOC(model->parameters.gradients, "model.gradients", model->fields.total));
+    V2V_TRY(plan_slabs(model));
+    V2V_TRY(plan_gradients(model));
+    if (!model->training) {
+        struct v2v_encoder *encoder = model->slab[0].encoder[v2v_model_first_branch(model)];
+        V2V_TRY(v2v_encoder_plan(encoder, 1, model->height, model->width, &method, 0));
     }
-    for (int b = 0; b < BRANCHES; b++) {
-        if (model->encoder[b] != NULL && (training || b == first_branch(model))) {
-            V2V_TRY(v2v_encoder_plan(model->encoder[b], training ? model->view_count[b] : 1, height,
-                                     width, &method, training));
-        }
-        if (model->unet[b] != NULL) {
-            V2V_TRY(v2v_unet_plan(model->unet[b], model->workspace[training ? b : 0],
-                                  &model->features, training));
-        }
-    }
-    if (skips(model)) {
-        V2V_TRY(v2v_scene_init(&model->scene, &model->shifts, height, width));
+    for (int64_t local = 0; local < model->held; local++) {
+        V2V_TRY(plan_slab(model, local, strip_floats / v2v_model_slabs(model)));
     }
 done:
     return rc;
@@ -303,7 +416,7 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     model->training = training;
     enum v2v_status rc = plan(model, strip_floats);
     while (rc == V2V_E_MEMORY && strip_floats > V2V_STRIPS_LEAST_FLOATS &&
-           v2v_unet_knows_scenes(model->unet[first_branch(model)])) {
+           v2v_unet_knows_scenes(model->slab[0].unet[v2v_model_first_branch(model)])) {
         strip_floats /= 2;
         rc = plan(model, strip_floats);
     }
@@ -315,110 +428,15 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
 
 void v2v_model_weights_changed(struct v2v_model *model)
 {
-    for (int b = 0; b < BRANCHES; b++) {
-        if (model->encoder[b] != NULL) {
-            v2v_encoder_weights_changed(model->encoder[b], &model->parameters);
-        }
-        if (model->unet[b] != NULL) {
-            v2v_unet_weights_changed(model->unet[b], &model->parameters);
-        }
-    }
-}
-
-static void encode_one_by_one(struct v2v_model *model, const float *views)
-{
-    struct v2v_encoder *encoder = model->encoder[first_branch(model)];
-    for (int64_t i = 0; i < model->held_count; i++) {
-        const float *view = views + model->held[i] * model->height * model->width;
-        v2v_padded_put(&model->features, model->held[i], v2v_encoder_forward(encoder, view));
-    }
-}
-
-/* First image of branch b among those of all branches held, of `size` floats each. */
-static int64_t batch_start(const struct v2v_model *model, int b, int64_t size)
-{
-    return b == first_branch(model) ? 0 : model->view_count[0] * size;
-}
-
-static void encode_branch(struct v2v_model *model, int b, const float *views)
-{
-    int64_t pixels = model->height * model->width, features = model->spec.features;
-    float *batch = model->batch + batch_start(model, b, pixels);
-    for (int64_t i = 0; i < model->view_count[b]; i++) {
-        memcpy(batch + i * pixels, views + model->views[b][i] * pixels,
-               (size_t)pixels * sizeof *views);
-    }
-    const float *f = v2v_encoder_forward(model->encoder[b], batch);
-    for (int64_t i = 0; i < model->view_count[b]; i++) {
-        v2v_padded_put(&model->features, model->views[b][i], f + i * features * pixels);
-    }
-}
-
-static void scale(float *out, const float *in, int64_t count, float factor)
-{
-#pragma omp parallel for simd schedule(static)
-    for (int64_t i = 0; i < count; i++) {
-        out[i] = in[i] * factor;
-    }
-}
-
-void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views)
-{
-    float *volume[BRANCHES] = {volume1, volume2};
-    int64_t voxels = model->spec.slices * model->height * model->width;
-    const struct v2v_scene *scene = NULL;
-    model->computed_part = 1.0;
-    if (skips(model) && v2v_scene_look(&model->scene, views, model->spec.skip)) {
-        scene = &model->scene;
-        model->computed_part = (double)scene->computed.count /
-                               (double)(scene->computed.rows * scene->computed.columns);
-    }
-    if (!model->training) {
-        encode_one_by_one(model, views);
-    }
-    for (int b = 0; b < BRANCHES; b++) {
-        if (model->unet[b] != NULL) {
-            if (model->training) {
-                encode_branch(model, b, views);
+    for (int64_t local = 0; local < model->held; local++) {
+        struct v2v_model_slab *slab = &model->slab[local];
+        for (int b = 0; b < BRANCHES; b++) {
+            if (slab->encoder[b] != NULL) {
+                v2v_encoder_weights_changed(slab->encoder[b], &slab->parameters);
             }
-            const float *output = v2v_unet_forward(model->unet[b], &model->features, scene);
-            scale(volume[b], output, voxels, (float)model->spec.volume_scale);
-        }
-    }
-}
-
-double v2v_model_computed_part(const struct v2v_model *model)
-{
-    return model->computed_part;
-}
-
-static void encode_back(struct v2v_model *model, int b)
-{
-    int64_t pixels = model->height * model->width, features = model->spec.features;
-    float *dbatch = model->dbatch + batch_start(model, b, features * pixels);
-    for (int64_t i = 0; i < model->view_count[b]; i++) {
-        v2v_padded_get(&model->dfeatures, model->views[b][i], dbatch + i * features * pixels);
-    }
-    v2v_encoder_backward(model->encoder[b], &model->parameters, dbatch,
-                         model->batch + batch_start(model, b, pixels));
-}
-
-void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2)
-{
-    const float *dvolume[BRANCHES] = {dvolume1, dvolume2};
-    int64_t pixels = model->height * model->width, features = model->spec.features;
-    struct v2v_padded *dfeatures = &model->dfeatures;
-    V2V_ASSERT(model->training);
-    int64_t padded = dfeatures->views * features * (dfeatures->height + 2 * dfeatures->ring) *
-                     (dfeatures->width + 2 * dfeatures->ring);
-    memset(dfeatures->data, 0, (size_t)padded * sizeof *dfeatures->data);
-    for (int b = 0; b < BRANCHES; b++) {
-        if (model->unet[b] != NULL) {
-            scale(model->dvolume, dvolume[b], model->spec.slices * pixels,
-                  (float)model->spec.volume_scale);
-            v2v_unet_backward(model->unet[b], &model->parameters, dfeatures, &model->features,
-                              model->dvolume);
-            encode_back(model, b);
+            if (slab->unet[b] != NULL) {
+                v2v_unet_weights_changed(slab->unet[b], &slab->parameters);
+            }
         }
     }
 }

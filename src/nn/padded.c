@@ -33,24 +33,34 @@ static float *row_at(const struct v2v_padded *padded, int64_t view, int64_t feat
     return padded->data + v2v_padded_offset(padded, view, feature) + y * v2v_padded_pitch(padded);
 }
 
-void v2v_padded_put(struct v2v_padded *padded, int64_t view, const float *features)
+void v2v_padded_put_rows(struct v2v_padded *padded, int64_t view, const float *features,
+                         int64_t height, int64_t y, int64_t count)
 {
-    int64_t width = padded->width, rows = padded->features * padded->height;
+    int64_t width = padded->width;
+    V2V_ASSERT(y >= -padded->ring && y + count <= padded->height + padded->ring);
 #pragma omp parallel for schedule(static)
-    for (int64_t row = 0; row < rows; row++) {
-        int64_t c = row / padded->height, y = row % padded->height;
-        memcpy(row_at(padded, view, c, y), features + row * width,
+    for (int64_t row = 0; row < padded->features * count; row++) {
+        int64_t c = row / count, i = row % count;
+        memcpy(row_at(padded, view, c, y + i), features + (c * height + i) * width,
                (size_t)width * sizeof *features);
     }
 }
 
-void v2v_padded_get(const struct v2v_padded *padded, int64_t view, float *features)
+void v2v_padded_get_rows(const struct v2v_padded *padded, int64_t view, float *features, int64_t y,
+                         int64_t count)
 {
-    int64_t width = padded->width, rows = padded->features * padded->height;
+    int64_t width = padded->width;
+    V2V_ASSERT(y >= -padded->ring && y + count <= padded->height + padded->ring);
 #pragma omp parallel for schedule(static)
-    for (int64_t row = 0; row < rows; row++) {
-        int64_t c = row / padded->height, y = row % padded->height;
-        memcpy(features + row * width, row_at(padded, view, c, y),
+    for (int64_t row = 0; row < padded->features * count; row++) {
+        memcpy(features + row * width, row_at(padded, view, row / count, y + row % count),
                (size_t)width * sizeof *features);
     }
+}
+
+void v2v_padded_clear(struct v2v_padded *padded)
+{
+    int64_t floats = padded->views * padded->features * (padded->height + 2 * padded->ring) *
+                     v2v_padded_pitch(padded);
+    memset(padded->data, 0, (size_t)floats * sizeof *padded->data);
 }

@@ -1,4 +1,5 @@
-/* The features of all views with a ring of zeros wide enough for every tap. */
+/* The features of all views in a ring wide enough for every tap: zeros beyond the frame, at a cut
+ * between slabs the neighbour's rows. */
 #ifndef V2V3D_NN_PADDED_H
 #define V2V3D_NN_PADDED_H
 
@@ -21,11 +22,17 @@ static inline int64_t v2v_padded_pitch(const struct v2v_padded *padded)
     return padded->width + 2 * padded->ring;
 }
 
+/* All zeros, the ring too. */
+void v2v_padded_clear(struct v2v_padded *padded);
+
 /* First pixel inside the ring of a plane, counted from `data`. */
 int64_t v2v_padded_offset(const struct v2v_padded *padded, int64_t view, int64_t feature);
 
-/* Copy one view's features [feature,y,x] in, and what the ring's inside holds back to them. */
-void v2v_padded_put(struct v2v_padded *padded, int64_t view, const float *features);
-void v2v_padded_get(const struct v2v_padded *padded, int64_t view, float *features);
+/* Copy rows of one view's features in: rows [y, y + count) from [feature,height,x], and back to
+ * [feature,count,x]. Rows above and below lie in the ring, at most `ring` of them. */
+void v2v_padded_put_rows(struct v2v_padded *padded, int64_t view, const float *features,
+                         int64_t height, int64_t y, int64_t count);
+void v2v_padded_get_rows(const struct v2v_padded *padded, int64_t view, float *features, int64_t y,
+                         int64_t count);
 
 #endif

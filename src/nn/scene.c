@@ -19,17 +19,19 @@ static const double brightest_share = 0.99;
 static const double most_share = 0.9;
 
 enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts *shifts,
-                               int64_t height, int64_t width)
+                               int64_t height, int64_t width, const struct v2v_slab *slab)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->dark};
     *scene = (struct v2v_scene){0};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
-        V2V_TRY(v2v_tiles_init(lists[i], height, width));
+        V2V_TRY(v2v_tiles_init(lists[i], v2v_slab_computed(slab), width));
     }
-    int64_t tiles = scene->computed.rows * scene->computed.columns;
-    V2V_TRY(V2V_ALLOC(scene->light, "scene", 2 * tiles));
-    V2V_TRY(V2V_ALLOC(scene->mask, "scene", 2 * tiles));
+    int64_t columns = scene->computed.columns;
+    scene->tiles = (height + V2V_TILE - 1) / V2V_TILE * columns;
+    V2V_TRY(V2V_ALLOC(scene->light, "scene", 2 * scene->tiles));
+    scene->own_light = scene->light + v2v_slab_start(slab) / V2V_TILE * columns;
+    V2V_TRY(V2V_ALLOC(scene->mask, "scene", 2 * scene->computed.rows * columns));
     V2V_TRY(v2v_carve_create(&scene->carve, shifts, height, width));
 done:
     return rc;
@@ -47,8 +49,9 @@ void v2v_scene_fini(struct v2v_scene *scene)
     *scene = (struct v2v_scene){0};
 }
 
-static double brightest(struct v2v_scene *scene, int64_t tiles)
+static double brightest(struct v2v_scene *scene)
 {
+    int64_t tiles = scene->tiles;
     float *light = scene->light + tiles;
     memcpy(light, scene->light, (size_t)tiles * sizeof *light);
     return (double)v2v_select(light, tiles, (int64_t)(brightest_share * (double)(tiles - 1)));
@@ -60,13 +63,13 @@ static float light_of_square(const struct v2v_scene *scene, int64_t row, int64_t
     float most = -FLT_MAX;
     for (int64_t i = 0; i < V2V_SAMPLE_TILES * V2V_SAMPLE_TILES; i++) {
         int64_t y = row + i / V2V_SAMPLE_TILES, x = column + i % V2V_SAMPLE_TILES;
-        float light = scene->light[y * scene->computed.columns + x];
+        float light = scene->own_light[y * scene->computed.columns + x];
         most = light > most ? light : most;
     }
     return most;
 }
 
-/* The darkest square of tiles, in rows of squares from the frame's upper edge on; FLT_MAX: the
+/* The darkest square of tiles, in rows of squares from the first row on; FLT_MAX: the
  * frame is too small. */
 static float find_sample(struct v2v_scene *scene)
 {
@@ -104,7 +107,7 @@ static void mark(struct v2v_scene *scene, float least, int dark)
 {
     int64_t tiles = scene->computed.rows * scene->computed.columns;
     for (int64_t i = 0; i < tiles; i++) {
-        scene->mask[i] = (scene->light[i] > least) != dark;
+        scene->mask[i] = (scene->own_light[i] > least) != dark;
     }
 }
 
@@ -135,7 +138,7 @@ int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance
 {
     int64_t tiles = scene->computed.rows * scene->computed.columns;
     double noise = v2v_carve_light(scene->carve, scene->light, views);
-    double seen = noise_deviations * noise, counts = tolerance * brightest(scene, tiles);
+    double seen = noise_deviations * noise, counts = tolerance * brightest(scene);
     float least = (float)(seen > counts ? seen : counts);
     float darkest = find_sample(scene);
     if (darkest == FLT_MAX || darkest > least) {

@@ -5,6 +5,7 @@
 #include "nn/align_conv.h"
 #include "nn/layer.h"
 #include "nn/scene.h"
+#include "nn/slabs.h"
 
 struct v2v_unet;
 
@@ -20,30 +21,62 @@ struct v2v_unet_spec {
 enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *fields,
                                 const struct v2v_unet_spec *spec,
                                 const struct v2v_shifts *shifts) V2V_MUST_CHECK;
+/* Another workspace for the same parameters. */
+enum v2v_status v2v_unet_twin(struct v2v_unet **twin, const struct v2v_unet *unet,
+                              const struct v2v_shifts *shifts) V2V_MUST_CHECK;
 void v2v_unet_destroy(struct v2v_unet **unet);
 
-/* Floats of workspace for frames of [height,width], of which strips of rows may take
- * `strip_floats`; then plan with that much memory, borrowed, and for features of the sizes of
- * `like`. Two U-Nets that don't train may share one workspace: what one leaves the other
- * overwrites. */
-int64_t v2v_unet_workspace(struct v2v_unet *unet, int64_t height, int64_t width,
-                           int64_t strip_floats, int training);
+/* What a U-Net computes of a frame. */
+struct v2v_unet_size {
+    int64_t height, width; /* of the frame */
+    struct v2v_slab slab;  /* the rows of its full- and half-size layers */
+    int has_middle;        /* 1: the layers of a quarter of the frame's sides and less, too */
+    int64_t strip_floats;  /* that strips of rows may take */
+    int training;
+};
+
+/* Floats of workspace for that size; then plan with that much memory, borrowed, and for features of
+ * the sizes of `like`, whose frame is the rows that the slab computes. Two U-Nets that don't train
+ * may share one workspace: what one leaves the other overwrites. */
+int64_t v2v_unet_workspace(struct v2v_unet *unet, const struct v2v_unet_size *size);
 enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
-                              const struct v2v_padded *like, int training) V2V_MUST_CHECK;
+                              const struct v2v_padded *like) V2V_MUST_CHECK;
 void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters *parameters);
 
 /* Can it compute a scene's tiles alone? Only by minimal filtering, and not in training. */
 int v2v_unet_knows_scenes(const struct v2v_unet *unet);
 
-/* The network's output [z,y,x]; it lives in the U-Net until the next call. With a scene the
- * full-size layers compute its tiles alone; NULL: the whole frame. */
-const float *v2v_unet_forward(struct v2v_unet *unet, const struct v2v_padded *features,
-                              const struct v2v_scene *scene);
+/* Forward in three parts, so that slabs can meet where the images are small.
+ * enter: E1 (a quarter of the sides) of the rows computed; it is v2v_unet_e1 when the slab is the
+ * frame, else the caller gathers that from all slabs.
+ * middle: what lies below E1.
+ * leave: the network's output [z,rows computed,x] from a middle's results, this U-Net's own or
+ * another's with the same weights; it lives in the U-Net until the next call.
+ * With a scene the full-size layers compute its tiles alone; NULL: all. */
+const float *v2v_unet_enter(struct v2v_unet *unet, const struct v2v_padded *features,
+                            const struct v2v_scene *scene);
+float *v2v_unet_e1(struct v2v_unet *unet);
+struct v2v_slabs_images v2v_unet_e1_images(const struct v2v_unet *unet);
+void v2v_unet_middle(struct v2v_unet *unet);
+const float *v2v_unet_leave(struct v2v_unet *unet, const struct v2v_unet *middle,
+                            const struct v2v_slabs *slabs, int64_t local,
+                            const struct v2v_scene *scene);
 
-/* Add the gradients of the parameters and of the features; `doutput` [z,y,x] is the gradient after
- * the last activation. */
-void v2v_unet_backward(struct v2v_unet *unet, const struct v2v_parameters *parameters,
-                       struct v2v_padded *dfeatures, const struct v2v_padded *features,
-                       const float *doutput);
+/* The same backwards; gradients of the parameters and of the features are added to.
+ * leave: from `doutput` [z,rows computed,x], the gradient after the last activation, to that of
+ * E1 and of the deeper layer joined [3n,rows,x], which the next call of the U-Net overwrites; the
+ * middle takes the sum of all slabs' (v2v_unet_joined_images) in v2v_unet_gradient.
+ * middle: to the gradient of E1; parameters NULL: another rank counts theirs.
+ * enter: from the slab's own rows of that (v2v_unet_cut_gradient, unless the slab is the frame). */
+const float *v2v_unet_leave_backward(struct v2v_unet *unet, const struct v2v_parameters *parameters,
+                                     const float *doutput);
+float *v2v_unet_gradient(struct v2v_unet *unet);
+struct v2v_slabs_images v2v_unet_joined_images(const struct v2v_unet *unet);
+const float *v2v_unet_middle_backward(struct v2v_unet *unet,
+                                      const struct v2v_parameters *parameters);
+void v2v_unet_cut_gradient(struct v2v_unet *unet, const float *de1, const struct v2v_slabs *slabs,
+                           int64_t local);
+void v2v_unet_enter_backward(struct v2v_unet *unet, const struct v2v_parameters *parameters,
+                             struct v2v_padded *dfeatures, const struct v2v_padded *features);
 
 #endif

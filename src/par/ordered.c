@@ -1,5 +1,7 @@
 #include "par/comm_mpi.h"
 
+#include <string.h>
+
 /* Elements are summed piece by piece; of a piece every rank sums one part. */
 static int64_t piece_length(const struct v2v_comm *comm)
 {
@@ -32,8 +34,9 @@ static void list_parts(const struct v2v_comm *comm, int *counts, int *offsets, i
     }
 }
 
+/* Every rank's values of this rank's part come side by side; then sum += each of them in order. */
 static void add_piece(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
-                      float *scratch)
+                      float *scratch, int from_zero)
 {
     int size = v2v_comm_size(comm);
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
@@ -46,6 +49,9 @@ static void add_piece(const struct v2v_comm *comm, float *sum, const float *x, i
     }
     MPI_Alltoallv(x, counts, offsets, MPI_FLOAT, scratch, taken, places, MPI_FLOAT,
                   v2v_comm_mpi(comm));
+    if (from_zero) {
+        memset(sum + mine.first, 0, (size_t)mine.count * sizeof *sum);
+    }
     for (int r = 0; r < size; r++) {
         add(sum + mine.first, scratch + places[r], mine.count);
     }
@@ -61,7 +67,7 @@ void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const floa
     }
     int64_t length = piece_length(comm);
     for (int64_t i = 0; i < count; i += length) {
-        add_piece(comm, sum + i, x + i, shorter(count - i, length), scratch);
+        add_piece(comm, sum + i, x + i, shorter(count - i, length), scratch, 0);
     }
 }
 
@@ -78,4 +84,16 @@ void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
         MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, sum + i, counts, offsets, MPI_FLOAT,
                        v2v_comm_mpi(comm));
     }
+}
+
+void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)
+{
+    if (v2v_comm_size(comm) == 1) {
+        return;
+    }
+    int64_t length = piece_length(comm);
+    for (int64_t i = 0; i < count; i += length) {
+        add_piece(comm, x + i, x + i, shorter(count - i, length), scratch, 1);
+    }
+    v2v_par_share_f32(comm, x, count);
 }

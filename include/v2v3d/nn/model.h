@@ -23,6 +23,7 @@
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/optics/shifts.h"
+#include "v2v3d/par/comm.h"
 #include "v2v3d/tensor/fields.h"
 #include <stdint.h>
 
@@ -39,6 +40,9 @@ enum { V2V_BRANCH_1 = 1, V2V_BRANCH_2 = 2, V2V_BRANCH_BOTH = 3 };
 /** Height and width of what the network takes are multiples of this. */
 #define V2V_MODEL_GRID 32
 
+/** Slabs that one rank can compute by itself. */
+#define V2V_MODEL_MOST_SLABS 64
+
 struct v2v_model_spec {
     int64_t views, slices, width, features;
     unsigned branches;   /**< V2V_BRANCH_...: what this rank holds */
@@ -51,6 +55,10 @@ struct v2v_model_spec {
     double volume_scale; /**< volume = this * the network's output */
     double skip;         /**< tiles whose light is below this part of the brightest are not
                               computed; 0: all are. By minimal filtering, and not in training */
+    int64_t slabs;       /**< of rows that a frame is cut into; 0 and 1: it is not. Results depend
+                              on their number by round-off, and not on who computes them */
+    const struct v2v_comm *shard; /**< ranks that compute one slab each; NULL: this one all. It has
+                                       as many ranks as there are slabs, or one; borrowed */
 };
 
 struct v2v_model;
@@ -77,21 +85,31 @@ float *v2v_model_gradients(struct v2v_model *model);
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;
 
+/** Rows of the volumes that this rank computes: all, or its slab's; none where there are fewer rows
+ *  than slabs. After v2v_model_plan. @kind Local. */
+struct v2v_part v2v_model_rows(const struct v2v_model *model);
+
 /** Volumes of the branches that this rank holds from all views; weights that changed since the last
  *  call need v2v_model_weights_changed before.
- *  @kind Local, deterministic for a thread count. @param volume1, volume2 [z,y,x] out, NULL for a
- *  branch not held. @param views [v,y,x], of which only the held branches' views are read when
- *  nothing is skipped */
+ *  @kind Collective(shard), deterministic for a thread count. @param volume1, volume2 [z,rows,x]
+ *  out, rows those of v2v_model_rows; NULL for a branch not held. @param views [v,y,x], of which
+ *  only the held branches' views are read when nothing is skipped */
 void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views);
 
-/** The part of the frame's full-size layers that the last forward computed, 0 .. 1. @kind Local. */
+/** A volume [z,y,x] from all ranks' rows of it [z,rows,x], planned for training.
+ *  @kind Collective(shard) */
+void v2v_model_gather(struct v2v_model *model, float *volume, const float *rows);
+
+/** The part of this rank's full-size layers that the last forward computed, 0 .. 1. @kind Local. */
 double v2v_model_computed_part(const struct v2v_model *model);
 
 /** Merge and repack after the weights were set or stepped; needless before v2v_model_plan, which
  *  does it. @kind Local. */
 void v2v_model_weights_changed(struct v2v_model *model);
 
-/** Add to the gradients what the last forward makes of dL/dvolume. @kind Local. */
+/** Add to the gradients what the last forward makes of dL/dvolume [z,rows,x]; with several slabs
+ *  they are overwritten: by the sum over all slabs in their order, on every rank of the shard.
+ *  @kind Collective(shard) */
 void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2);
 
 #ifdef __cplusplus

@@ -65,6 +65,10 @@ void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const floa
                              float *scratch);
 void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count);
 
+/** x = its sum over the ranks, added up in their order from 0 on. @param scratch V2V_PAR_SCRATCH
+ *  floats. @kind Collective(comm) */
+void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch);
+
 /** Maximum in place. @kind Collective(comm) */
 void v2v_par_max_i64(const struct v2v_comm *comm, int64_t *x, int64_t count);
 void v2v_par_max_f64(const struct v2v_comm *comm, double *x, int64_t count);

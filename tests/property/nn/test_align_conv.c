@@ -105,7 +105,7 @@ static void setup(struct layer_case *c, const struct way *how)
     assert_ok(v2v_padded_init(&c->features, VIEWS, FEATURES, HEIGHT, WIDTH, REACH + 1));
     assert_ok(v2v_padded_init(&c->dfeatures, VIEWS, FEATURES, HEIGHT, WIDTH, REACH + 1));
     for (int v = 0; v < VIEWS; v++) {
-        v2v_padded_put(&c->features, v, c->f + v * FEATURES * PIXELS);
+        v2v_padded_put_rows(&c->features, v, c->f + v * FEATURES * PIXELS, HEIGHT, 0, HEIGHT);
     }
     assert_ok(v2v_align_conv_create(&c->conv, &c->shifts, &spec));
     assert_ok(v2v_align_conv_plan(c->conv, &c->features, HEIGHT, 1));
@@ -209,7 +209,7 @@ static void check_gradients(const struct way *way)
     }
     v2v_align_conv_backward(c.conv, c.dw, c.db, &c.dfeatures, &c.features, c.dout);
     for (int v = 0; v < VIEWS; v++) {
-        v2v_padded_get(&c.dfeatures, v, c.df + v * FEATURES * PIXELS);
+        v2v_padded_get_rows(&c.dfeatures, v, c.df + v * FEATURES * PIXELS, 0, HEIGHT);
     }
     whole -= inner(c.db, c.b, OUT);
     double by_weight = inner(c.dw, c.w, OUT * IN * 9);

@@ -69,7 +69,7 @@ static void fill_features(struct chain *c)
     assert_ok(v2v_padded_init(&c->features, VIEWS, FEATURES, HEIGHT, WIDTH, ring));
     for (int v = 0; v < VIEWS; v++) {
         float *planes = draw(FEATURES * PIXELS, 2 + (uint64_t)v);
-        v2v_padded_put(&c->features, v, planes);
+        v2v_padded_put_rows(&c->features, v, planes, HEIGHT, 0, HEIGHT);
         v2v_mem_free(planes);
     }
 }
@@ -231,7 +231,8 @@ static struct v2v_scene scene_of_views(const struct chain *c)
         int light = y >= 8 && y < 40 && x >= 6 && x < 30;
         views[i] = (float)light + (float)(0.02 * v2v_random_normal(6, 0, (uint64_t)i));
     }
-    assert_ok(v2v_scene_init(&scene, &c->shifts, HEIGHT, WIDTH));
+    assert_ok(
+        v2v_scene_init(&scene, &c->shifts, HEIGHT, WIDTH, &(struct v2v_slab){.rows = HEIGHT}));
     assert_true(v2v_scene_look(&scene, views, 0.1));
     assert_true(scene.computed.count > 48); /* tiles of the light itself */
     assert_true(scene.computed.count + scene.dark.count == PIXELS / 16 + 64);
@@ -322,7 +323,7 @@ static void noise_alone_is_background_and_a_full_frame_is_not_worth_a_scene(void
     for (int64_t i = 0; i < 4 * SIDE * SIDE; i++) {
         views[i] = (float)(0.2 + 0.1 * v2v_random_normal(6, 1, (uint64_t)i));
     }
-    assert_ok(v2v_scene_init(&scene, &shifts, SIDE, SIDE));
+    assert_ok(v2v_scene_init(&scene, &shifts, SIDE, SIDE, &(struct v2v_slab){.rows = SIDE}));
     assert_true(v2v_scene_look(&scene, views, 0.05));
     assert_true(scene.computed.count <= SIDE * SIDE / 16 / 100 + 64); /* and the sample */
     for (int64_t i = 0; i < 4 * SIDE * SIDE; i++) { /* half dark, half bright: stripes */
