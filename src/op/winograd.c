@@ -239,7 +239,9 @@ static void transform_input(const struct v2v_winograd *self, const struct chunk 
 {
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t i = 0; i < self->spec.in; i++) {
-        v2v_rows_input(&chunk->rows, chunk->input + i * TILES, self->in8, base, &self->plane[i]);
+        const struct v2v_plane *plane = &self->plane[i];
+        v2v_rows_input(&chunk->rows, chunk->input + i * TILES, self->in8, base, plane,
+                       plane + (i + 1 < self->spec.in));
     }
 }
 

@@ -9,6 +9,9 @@
 
 enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, BATCH = 2 * PANEL_COLUMNS };
 
+/* Floats of a cache's line. */
+enum { LINE = 16 };
+
 /* A batch is tiles that go through the transforms together. A line is one image row of every run,
  * from one pixel to the left of it on; phase j is every tile's pixel j, phase[j][t] = line[t * tile
  * + j], the last two phases being the next tile's first ones; points[i][j][t] are the lines of the
@@ -150,28 +153,81 @@ static void load_pixels(const struct rows *rows, float *line, int64_t start, int
     memset(line + x1 - start, 0, (size_t)(start + length - x1) * sizeof *line);
 }
 
-/* Line i of a batch, split into its phases. */
-static void load_phases(const struct rows *rows, const struct scratch *scratch,
-                        const struct batch *batch, int64_t i, const float *base,
-                        const struct v2v_plane *plane)
+/* The same inside the plane at half the sides, from an odd pixel on; length even. */
+static void load_pairs(float *restrict line, int64_t start, int64_t length,
+                       const float *restrict row)
 {
-    float *line = scratch->line, *phase = scratch->phase;
-    int64_t step = scratch->step, tile = 0;
-    float beyond[BATCH][2];
+    const float *from = row + (start >> 1);
+    line[0] = *from++;
+    for (int64_t k = 0; k < length / 2 - 1; k++) {
+        line[1 + 2 * k] = line[2 + 2 * k] = from[k];
+    }
+    line[length - 1] = from[length / 2 - 1];
+}
+
+/* Where a run of a batch lies in a plane: pixels [start, start + 4 * tiles + 2) of six rows. */
+struct piece {
+    int64_t row, start, tiles;
+    int inside; /* the plane */
+};
+
+/* What a batch reads of a plane. */
+struct reading {
+    struct batch batch;
+    const float *pixels; /* of the plane */
+    const struct v2v_plane *plane;
+    struct piece piece[BATCH];
+};
+
+/* Of the batch that is in `reading` already. */
+static void read_from(struct reading *reading, const struct rows *rows, const float *base,
+                      const struct v2v_plane *plane)
+{
+    const struct batch *batch = &reading->batch;
+    int64_t tile = 0;
+    reading->pixels = base + plane->offset + rows->shift;
+    reading->plane = plane;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
-        int64_t y = run.row * TILE - 1 + i, start = run.first * TILE - 1;
-        int64_t length = run.count * TILE + 2;
-        const float *row = base + plane->offset + rows->shift + (y >> rows->half) * rows->pitch;
-        if (y < plane->y0 || y >= plane->y1) {
-            memset(line, 0, (size_t)length * sizeof *line);
-        } else if (!rows->half && start >= plane->x0 && start + length <= plane->x1) {
-            copy_tiles(line, row + start, run.count, 1);
-        } else {
-            load_pixels(rows, line, start, length, row, plane);
-        }
-        line += run.count * TILE;
+        int64_t y = run.row * TILE - 1, x = run.first * TILE - 1;
+        reading->piece[r] =
+            (struct piece){.row = y,
+                           .start = x,
+                           .tiles = run.count,
+                           .inside = y >= plane->y0 && y + POINTS <= plane->y1 && x >= plane->x0 &&
+                                     x + run.count * TILE + 2 <= plane->x1};
         tile += run.count;
+    }
+}
+
+static const float *piece_row(const struct rows *rows, const struct reading *reading,
+                              const struct piece *piece, int64_t i)
+{
+    return reading->pixels + ((piece->row + i) >> rows->half) * rows->pitch;
+}
+
+/* Line i of a batch, split into its phases. */
+static void load_phases(const struct rows *rows, const struct scratch *scratch,
+                        const struct reading *reading, int64_t i)
+{
+    const struct batch *batch = &reading->batch;
+    float *line = scratch->line, *phase = scratch->phase;
+    int64_t step = scratch->step;
+    float beyond[BATCH][2];
+    for (int64_t r = 0; r < batch->runs; r++) {
+        const struct piece *piece = &reading->piece[r];
+        const float *row = piece_row(rows, reading, piece, i);
+        int64_t y = piece->row + i, length = piece->tiles * TILE + 2;
+        if (piece->inside && rows->half) {
+            load_pairs(line, piece->start, length, row);
+        } else if (piece->inside) {
+            copy_tiles(line, row + piece->start, piece->tiles, 1);
+        } else if (y < reading->plane->y0 || y >= reading->plane->y1) {
+            memset(line, 0, (size_t)length * sizeof *line);
+        } else {
+            load_pixels(rows, line, piece->start, length, row, reading->plane);
+        }
+        line += piece->tiles * TILE;
         memcpy(beyond[r], line, sizeof beyond[r]);
     }
     split(phase, step, scratch->line, batch->tiles);
@@ -180,9 +236,28 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
                (size_t)batch->tiles * sizeof *phase);
     }
     for (int64_t r = 0, last = -1; r < batch->runs; r++) {
-        last += cut_run(batch, r, batch->tiles - 1 - last).count;
+        last += reading->piece[r].tiles;
         phase[TILE * step + last] = beyond[r][0];
         phase[(TILE + 1) * step + last] = beyond[r][1];
+    }
+}
+
+/* Ask memory for line i of a batch whose turn comes next: no hardware foresees parts of rows here
+ * and there. Inline, or the compiler would take it for a function without effect. */
+static inline __attribute__((always_inline)) void
+fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
+{
+    for (int64_t r = 0; r < reading->batch.runs; r++) {
+        const struct piece *piece = &reading->piece[r];
+        if (!piece->inside) {
+            continue;
+        }
+        const float *row = piece_row(rows, reading, piece, i);
+        int64_t last = (piece->start + piece->tiles * TILE + 1) >> rows->half;
+        for (int64_t x = piece->start >> rows->half; x < last; x += LINE) {
+            __builtin_prefetch(row + x);
+        }
+        __builtin_prefetch(row + last);
     }
 }
 
@@ -265,28 +340,44 @@ static int is_whole(const struct rows *rows, const struct batch *batch)
     return batch->runs == 1 && batch->begun == 0 && batch->tiles == rows->tiles_x;
 }
 
-/* Does a whole row lie right under another one? Two lines of it are known then. */
-static int is_under(const struct rows *rows, const struct batch *batch, const struct batch *above)
+/* Does a whole row lie right under `above`, a whole one (NULL: none)? Two of its lines are known.
+ */
+static int is_under(const struct rows *rows, const struct batch *batch,
+                    const struct v2v_tile_run *above)
 {
-    return is_whole(rows, above) && is_whole(rows, batch) && batch->run->row == above->run->row + 1;
+    return above != NULL && is_whole(rows, batch) && batch->run->row == above->row + 1;
 }
 
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
-                    const struct v2v_plane *plane)
+                    const struct v2v_plane *plane, const struct v2v_plane *following)
 {
     struct scratch scratch = thread_scratch(rows);
-    int64_t step = scratch.step;
-    struct batch above = {0};
-    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
-        int64_t known = is_under(rows, &batch, &above) ? 2 : 0;
+    struct reading reading[2], *now = &reading[0], *next = &reading[1], *swap;
+    const struct v2v_tile_run *above = NULL;
+    int64_t step = scratch.step, left = rows->runs;
+    now->batch = first_batch(rows);
+    read_from(now, rows, base, plane);
+    while (left > 0) {
+        int64_t known = is_under(rows, &now->batch, above) ? 2 : 0;
+        next->batch = next_batch(rows, &now->batch);
+        left = next->batch.runs;
+        if (left == 0) {
+            next->batch = first_batch(rows);
+        }
+        read_from(next, rows, base, left > 0 ? plane : following);
         memcpy(scratch.points, line_points(&scratch, TILE),
                (size_t)(known * POINTS * step) * sizeof *scratch.points);
         for (int64_t i = known; i < POINTS; i++) {
-            load_phases(rows, &scratch, &batch, i, base, plane);
-            rows->kernel->input(line_points(&scratch, i), step, scratch.phase, step, batch.tiles);
+            fetch_line(rows, next, i);
+            load_phases(rows, &scratch, now, i);
+            rows->kernel->input(line_points(&scratch, i), step, scratch.phase, step,
+                                now->batch.tiles);
         }
-        lines_to_values(rows, rows->kernel->input, values, channels, &scratch, &batch);
-        above = batch;
+        lines_to_values(rows, rows->kernel->input, values, channels, &scratch, &now->batch);
+        above = is_whole(rows, &now->batch) ? now->batch.run : NULL;
+        swap = now;
+        now = next;
+        next = swap;
     }
 }
 

@@ -32,9 +32,10 @@ int64_t v2v_rows_point(int64_t panels, int64_t channels);
 /** Scratch of one thread. */
 int64_t v2v_rows_floats(int64_t tiles_x);
 
-/** `values` points to the channel's first value of `channels`. */
+/** `values` points to the channel's first value of `channels`; `following`: the plane that this
+ *  thread takes next, or the same one. */
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
-                    const struct v2v_plane *plane);
+                    const struct v2v_plane *plane, const struct v2v_plane *following);
 /** Adjoint: adds to the plane. */
 void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2v_plane *plane,
                            const float *values, int64_t channels);
