@@ -32,6 +32,7 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
     V2V_TRY(V2V_ALLOC(scene->light, "scene", 2 * scene->tiles));
     scene->own_light = scene->light + v2v_slab_start(slab) / V2V_TILE * columns;
     V2V_TRY(V2V_ALLOC(scene->mask, "scene", 2 * scene->computed.rows * columns));
+    V2V_TRY(v2v_scene_half_init(&scene->half, &scene->computed));
     V2V_TRY(v2v_carve_create(&scene->carve, shifts, height, width));
 done:
     return rc;
@@ -43,6 +44,7 @@ void v2v_scene_fini(struct v2v_scene *scene)
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         v2v_tiles_fini(lists[i]);
     }
+    v2v_scene_half_fini(&scene->half);
     v2v_carve_destroy(&scene->carve);
     v2v_mem_free(scene->light);
     v2v_mem_free(scene->mask);
@@ -150,5 +152,7 @@ int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance
     mark_sample(scene);
     v2v_tiles_set(&scene->computed, scene->mask);
     list_halo(scene);
+    v2v_scene_half_set(&scene->half, &scene->computed, &scene->dark, scene->sample_row,
+                       scene->sample_column);
     return (double)scene->computed.count <= most_share * (double)tiles;
 }

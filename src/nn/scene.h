@@ -3,6 +3,7 @@
 #ifndef V2V3D_NN_SCENE_H
 #define V2V3D_NN_SCENE_H
 
+#include "nn/scene_half.h"
 #include "nn/slabs.h"
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/optics/carve.h"
@@ -21,6 +22,7 @@ struct v2v_scene {
     struct v2v_tiles halo;             /* the tiles about them, which they read */
     struct v2v_tiles dark;             /* hold no light: all others and the sample */
     int64_t sample_row, sample_column; /* of the sample's first tile */
+    struct v2v_scene_half half;        /* the same for images of half the sides */
 };
 
 /* For a frame of [height,width]; the tiles are those of the rows that the slab computes. */

@@ -244,7 +244,7 @@ static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data 
             measure_level(self->level[i], &image, scene);
         }
         if (scene != NULL && i < self->steps - 1) {
-            v2v_tiles_fill(&scene->halo, &image, self->level[i]);
+            v2v_tiles_fill(&scene->halo, &image, self->level[i], 1);
         }
         before = image;
     }
@@ -261,7 +261,7 @@ static void compute_scene(struct v2v_strips *self, const struct v2v_strips_data 
         }
     }
     struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
-    v2v_tiles_fill(&scene->dark, &out, self->level[last]);
+    v2v_tiles_fill(&scene->dark, &out, self->level[last], 1);
 }
 
 void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,

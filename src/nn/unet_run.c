@@ -11,17 +11,32 @@ static void run(struct v2v_unet *unet, int i, const float *in)
     v2v_conv_forward(unet->layer[i].conv, unet->out[i], in);
 }
 
+/* The layers of half the sides know a scene: what sees background alone is computed once, and what
+ * no computed tile reads is not. */
+static void run_half(struct v2v_unet *unet, int i, const float *in, const struct v2v_scene *scene)
+{
+    struct v2v_conv *conv = unet->layer[i].conv;
+    if (scene == NULL) {
+        run(unet, i, in);
+    } else if (i == DOWN1) {
+        v2v_conv_forward_tiles(conv, unet->out[i], in, &scene->half.mixed);
+        v2v_scene_half_level(&scene->half, unet->out[i], unet->layer[i].out);
+    } else {
+        v2v_conv_forward_tiles(conv, unet->out[i], in, &scene->half.read);
+    }
+}
+
 /* E0 .. E4 */
 static const float *skip_at(const struct v2v_unet *unet, int level)
 {
     return level == 0 ? unet->out[INIT6] : unet->pooled[level - 1];
 }
 
-static void go_down(struct v2v_unet *unet, int k, float *pooled)
+static void go_down(struct v2v_unet *unet, int k, float *pooled, const struct v2v_scene *scene)
 {
     int i = DOWN1 + k, half = layer_table[i].half;
     v2v_leaky_forward(unet->entered[k], skip_at(unet, k), in_count(unet, i), V2V_LEAKY);
-    run(unet, i, unet->entered[k]);
+    run_half(unet, i, unet->entered[k], scene);
     v2v_maxpool2_forward(pooled, unet->which[k], unet->out[i], channels(unet, layer_table[i].out),
                          rows_at(unet, i, half), unet->size.width >> half);
 }
@@ -69,7 +84,7 @@ const float *v2v_unet_enter(struct v2v_unet *unet, const struct v2v_padded *feat
         run_head(unet, features);
     }
     float *e1 = is_whole(unet) ? unet->pooled[0] : unet->part;
-    go_down(unet, 0, e1);
+    go_down(unet, 0, e1, scene);
     return e1;
 }
 
@@ -92,7 +107,7 @@ void v2v_unet_middle(struct v2v_unet *unet)
 {
     V2V_ASSERT(unet->size.has_middle);
     for (int k = 1; k < LEVELS; k++) {
-        go_down(unet, k, unet->pooled[k]);
+        go_down(unet, k, unet->pooled[k], NULL);
     }
     v2v_leaky_forward(unet->bottom, unet->pooled[LEVELS - 1], in_count(unet, BOTTOM),
                       V2V_LEAKY_BOTTOM);
@@ -119,7 +134,7 @@ const float *v2v_unet_leave(struct v2v_unet *unet, const struct v2v_unet *middle
         deeper = unet->cut + skip_count(unet, K);
     }
     join(unet, K, skip, deeper);
-    run(unet, UP3, unet->joined[K]);
+    run_half(unet, UP3, unet->joined[K], scene);
     join(unet, STEPS - 1, skip_at(unet, 0), unet->out[UP3]);
     if (v2v_unet_knows_scenes(unet)) {
         run_chain(unet, TAIL, NULL, scene);

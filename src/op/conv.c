@@ -140,6 +140,17 @@ void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in)
     conv->backend->forward(conv->state, out, full_size(conv, in));
 }
 
+void v2v_conv_forward_tiles(struct v2v_conv *conv, float *out, const float *in,
+                            const struct v2v_tiles *tiles)
+{
+    V2V_ASSERT(conv->spec.batch == 1 && conv->spec.stride == 1);
+    if (conv->backend->forward_tiles == NULL) {
+        v2v_conv_forward(conv, out, in);
+    } else {
+        conv->backend->forward_tiles(conv->state, out, full_size(conv, in), tiles);
+    }
+}
+
 void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout)
 {
     V2V_ASSERT(conv->spec.training);

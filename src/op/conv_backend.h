@@ -16,6 +16,8 @@ struct v2v_conv_backend {
     void (*backward_weights)(void *state, float *dweight, const float *in, const float *dout);
     /** Both at once for a backend that upsamples itself; NULL: nothing would be saved. */
     void (*backward)(void *state, float *din, float *dweight, const float *in, const float *dout);
+    /** A part of the output; NULL: it knows no tiles. */
+    void (*forward_tiles)(void *state, float *out, const float *in, const struct v2v_tiles *tiles);
 };
 
 extern const struct v2v_conv_backend v2v_conv_onednn;

@@ -73,6 +73,13 @@ static void forward(void *opaque, float *out, const float *in)
     }
 }
 
+static void forward_tiles(void *opaque, float *out, const float *in, const struct v2v_tiles *tiles)
+{
+    struct state *state = opaque;
+    struct v2v_winograd_part part = {.run = tiles->run, .runs = tiles->first[tiles->rows]};
+    v2v_winograd_forward_part(state->winograd, out, in, &part);
+}
+
 static void backward(void *opaque, float *din, float *dweight, const float *in, const float *dout)
 {
     struct state *state = opaque;
@@ -103,4 +110,5 @@ const struct v2v_conv_backend v2v_conv_winograd = {.name = "Winograd",
                                                    .forward = forward,
                                                    .backward_data = backward_data,
                                                    .backward_weights = backward_weights,
-                                                   .backward = backward};
+                                                   .backward = backward,
+                                                   .forward_tiles = forward_tiles};

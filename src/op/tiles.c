@@ -52,20 +52,20 @@ void v2v_tiles_set(struct v2v_tiles *tiles, const uint8_t *mask)
 }
 
 void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
-                    const float *value)
+                    const float *value, int64_t step)
 {
     int64_t size = image->size, width = image->width;
     const struct v2v_tile_run *end = tiles->run + tiles->first[image->last];
 #pragma omp parallel for schedule(static)
     for (int64_t c = 0; c < image->channels; c++) {
-        float *channel = image->data + c * image->rows_held * width;
+        float *channel = image->data + c * image->rows_held * width, level = value[c * step];
         for (const struct v2v_tile_run *run = tiles->run + tiles->first[image->first]; run < end;
              run++) {
             int64_t y0 = (run->row - image->begin) * size, x0 = run->first * size;
             int64_t x1 = v2v_smaller(x0 + run->count * size, width);
             for (int64_t y = y0; y < v2v_smaller(y0 + size, image->rows_held); y++) {
                 for (int64_t x = x0; x < x1; x++) {
-                    channel[y * width + x] = value[c];
+                    channel[y * width + x] = level;
                 }
             }
         }

@@ -22,6 +22,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
 #include <stdint.h>
 
@@ -70,6 +71,11 @@ void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const floa
  *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x], with upsample
  *  [batch,in,y/2,x/2]; no overlap */
 void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
+
+/** These tiles of the output alone, to the bits of all; the rest of it is left as it is, or
+ * computed where the backend knows no tiles. One image, stride 1. @kind Local. */
+void v2v_conv_forward_tiles(struct v2v_conv *conv, float *out, const float *in,
+                            const struct v2v_tiles *tiles);
 
 /** din = adjoint of the convolution applied to dout (the gradient before the activation).
  *  @kind Local. */
