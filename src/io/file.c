@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -154,6 +155,44 @@ done:
         (void)unlink(temporary);
     }
     return rc;
+}
+
+enum v2v_status v2v_file_sync(const char *path)
+{
+    return sync_path(path, 0);
+}
+
+/* Does the name still stand for the open file? Its last holder may have removed it meanwhile. */
+static int is_current(int descriptor, const char *path)
+{
+    struct stat open_one, named_one;
+
+    return fstat(descriptor, &open_one) == 0 && stat(path, &named_one) == 0 &&
+           open_one.st_dev == named_one.st_dev && open_one.st_ino == named_one.st_ino;
+}
+
+enum v2v_status v2v_file_lock(int *descriptor, const char *path)
+{
+    for (;;) {
+        int fresh = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+
+        *descriptor = -1;
+        if (fresh < 0) {
+            return V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno));
+        }
+        if (flock(fresh, LOCK_EX | LOCK_NB) != 0) {
+            int reason = errno;
+            (void)close(fresh);
+            return reason == EWOULDBLOCK
+                       ? V2V_FAIL(V2V_E_BUSY, "%s: another run holds this lock", path)
+                       : V2V_FAIL(V2V_E_IO, "%s: cannot lock: %s", path, strerror(reason));
+        }
+        if (is_current(fresh, path)) {
+            *descriptor = fresh;
+            return V2V_OK;
+        }
+        (void)close(fresh);
+    }
 }
 
 static enum v2v_status make_one_folder(const char *path)

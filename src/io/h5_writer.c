@@ -1,5 +1,6 @@
 #include "io/h5_writer.h"
 #include "io/h5_common.h"
+#include "io/h5_resume.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
@@ -18,14 +19,18 @@
 #define BROKEN_CLOSE_SECONDS 10.0
 
 struct v2v_h5_writer {
-    char path[V2V_PATH_BYTES], temporary[V2V_PATH_BYTES];
+    char path[V2V_PATH_BYTES], temporary[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
     const struct v2v_comm *comm;
-    hid_t file, transfer, done;
+    hid_t file, transfer, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
     int64_t shape[4];
-    int created; /* agreed: the temporary file may be there */
-    int marked;  /* agreed: mark_done was called */
-    int broken;  /* agreed: HDF5 itself failed in a collective call */
+    int64_t *sums, *totals; /* [t] checksums: of what this rank wrote, of all ranks; else NULL */
+    uint8_t *was_done;      /* [t] by the run before; NULL likewise */
+    int lock;               /* rank 0: holds lock_name while this is >= 0 */
+    int resumed;            /* agreed: frames of the run before may be there */
+    int created;            /* agreed: the temporary file may be there */
+    int marked;             /* agreed: mark_done was called */
+    int broken;             /* agreed: HDF5 itself failed in a collective call */
 };
 
 /* 0: shape and name are fine and the disk has room for the data. */
@@ -85,7 +90,9 @@ static enum v2v_status create_images(hid_t file, const char *path, const char *n
     return rc;
 }
 
-static enum v2v_status create_done(hid_t file, const char *path, int64_t frames)
+/* One number for every frame, at first 0. */
+static enum v2v_status create_marks(hid_t file, const char *path, const char *name, hid_t type,
+                                    int64_t frames)
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t extent = (hsize_t)frames;
@@ -95,11 +102,10 @@ static enum v2v_status create_done(hid_t file, const char *path, int64_t frames)
     hid_t set = H5I_INVALID_HID;
     if (H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
         H5Pset_fill_value(creation, H5T_NATIVE_UINT8, &zero) < 0 ||
-        (set = H5Dcreate2(file, "/done", H5T_STD_U8LE, space, H5P_DEFAULT, creation, H5P_DEFAULT)) <
-            0) {
-        rc = V2V_H5_FAIL(V2V_E_IO, path, "/done", "can't be created");
+        (set = H5Dcreate2(file, name, type, space, H5P_DEFAULT, creation, H5P_DEFAULT)) < 0) {
+        rc = V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created");
     }
-    rc = v2v_h5_close_written(rc, &set, path, "/done");
+    rc = v2v_h5_close_written(rc, &set, path, name);
     v2v_h5_close(&creation);
     v2v_h5_close(&space);
     return rc;
@@ -118,7 +124,10 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
         }
     }
     if (plan->with_done) {
-        V2V_TRY(create_done(file, writer->path, plan->shape[0]));
+        V2V_TRY(create_marks(file, writer->path, "/done", H5T_STD_U8LE, plan->shape[0]));
+    }
+    if (writer->sums != NULL) {
+        V2V_TRY(create_marks(file, writer->path, V2V_H5_CHECKSUM, H5T_STD_U64LE, plan->shape[0]));
     }
     V2V_TRY(plan->describe(file, writer->path, plan->context));
     const herr_t closed = H5Fclose(file);
@@ -126,8 +135,52 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
     if (closed < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be closed"));
     }
+    if (writer->sums != NULL) {
+        V2V_TRY(v2v_file_sync(writer->temporary));
+    }
 done:
     v2v_h5_close(&file);
+    return rc;
+}
+
+/* What a file with a task needs beside its data. Local. */
+static enum v2v_status allocate_checksums(struct v2v_h5_writer *writer,
+                                          const struct v2v_h5_plan *plan)
+{
+    enum v2v_status rc = V2V_OK;
+    if (plan->task != NULL && plan->with_done) {
+        V2V_TRY(V2V_ALLOC(writer->sums, "io.h5_writer", plan->shape[0]));
+        V2V_TRY(V2V_ALLOC(writer->totals, "io.h5_writer", plan->shape[0]));
+        V2V_TRY(V2V_ALLOC(writer->was_done, "io.h5_writer", plan->shape[0]));
+    }
+done:
+    return rc;
+}
+
+/* The file under its temporary name: the one that the run before left, or a new one. */
+static enum v2v_status prepare_file(struct v2v_h5_writer *writer, const struct v2v_h5_plan *plan)
+{
+    enum v2v_status rc = V2V_OK;
+    const int on_root = v2v_comm_rank(writer->comm) == 0;
+    rc = v2v_text_format(writer->lock_name, sizeof writer->lock_name, "%s.lock", writer->path);
+    if (rc == V2V_OK && on_root) {
+        rc = v2v_file_lock(&writer->lock, writer->lock_name);
+    }
+    if (rc == V2V_OK) {
+        rc = allocate_checksums(writer, plan);
+    }
+    V2V_TRY(v2v_par_agree(writer->comm, rc));
+    if (plan->resume && writer->sums != NULL) {
+        V2V_TRY(v2v_h5_resume(&writer->resumed, writer->was_done, writer->temporary, plan,
+                              writer->comm));
+    }
+    writer->created = 1;
+    rc = V2V_FAULT_POINT("h5.create");
+    if (rc == V2V_OK && on_root && !writer->resumed) {
+        rc = create_file(writer, plan);
+    }
+    V2V_TRY(v2v_par_agree(writer->comm, rc));
+done:
     return rc;
 }
 
@@ -171,6 +224,12 @@ static enum v2v_status open_datasets(struct v2v_h5_writer *writer, const struct 
             return V2V_H5_FAIL(V2V_E_IO, writer->path, "/done", "can't be opened");
         }
     }
+    if (writer->sums != NULL) {
+        writer->checksum = H5Dopen2(writer->file, V2V_H5_CHECKSUM, H5P_DEFAULT);
+        if (writer->checksum < 0) {
+            return V2V_H5_FAIL(V2V_E_IO, writer->path, V2V_H5_CHECKSUM, "can't be opened");
+        }
+    }
     return V2V_OK;
 }
 
@@ -183,18 +242,14 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
     *writer = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.h5_writer", 1)));
     fresh->comm = comm;
+    fresh->lock = -1;
     memcpy(fresh->shape, plan->shape, sizeof fresh->shape);
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
     if (rc == V2V_OK) {
         rc = v2v_file_temporary(fresh->temporary, path);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    fresh->created = 1;
-    rc = V2V_FAULT_POINT("h5.create");
-    if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
-        rc = create_file(fresh, plan);
-    }
-    V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(prepare_file(fresh, plan));
     V2V_TRY(v2v_par_agree(comm, prepare_access(fresh, &access)));
     fresh->file = H5Fopen(fresh->temporary, H5F_ACC_RDWR, access);
     V2V_TRY(settle(fresh, fresh->file >= 0
@@ -207,6 +262,12 @@ done:
     v2v_h5_close(&access);
     v2v_h5_writer_abandon(&fresh);
     return rc;
+}
+
+int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t)
+{
+    V2V_ASSERT(t >= 0 && t < writer->shape[0]);
+    return writer->was_done != NULL && writer->was_done[t];
 }
 
 /* One collective transfer: this rank's block, or nothing when its count[0] is 0. */
@@ -238,6 +299,16 @@ done:
     return rc;
 }
 
+/* Rows of images first .. first+count-1 of frame t; the sums wrap around. */
+static void add_checksum(struct v2v_h5_writer *writer, int set, const float *images, int64_t t,
+                         int64_t first, int64_t count)
+{
+    const int64_t *shape = writer->shape;
+    const int64_t row = ((set * shape[0] + t) * shape[1] + first) * shape[2];
+    writer->sums[t] = (int64_t)((uint64_t)writer->sums[t] +
+                                v2v_h5_rows_checksum(images, row, count * shape[2], shape[3]));
+}
+
 enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
                                     int64_t t, int64_t first, int64_t count)
 {
@@ -260,6 +331,9 @@ enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const
         V2V_TRY(transfer_block(writer, writer->set[set], H5T_NATIVE_FLOAT, images + done * image, 4,
                                start, size));
     }
+    if (writer->sums != NULL && count > 0) {
+        add_checksum(writer, set, images, t, first, count);
+    }
 done:
     return rc;
 }
@@ -276,6 +350,26 @@ done:
     return rc;
 }
 
+/* The checksums of the frames that any rank marks now, out of what every rank wrote of them; each
+ * rank puts down those of the frames that it marks itself. */
+static enum v2v_status put_checksums(struct v2v_h5_writer *writer, int64_t first, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    const hsize_t start = (hsize_t)first, size = (hsize_t)count;
+    int64_t ends[2] = {count > 0 ? -first : -writer->shape[0], first + count - 1};
+    v2v_par_max_i64(writer->comm, ends, 2);
+    const int64_t low = -ends[0], frames = ends[1] - low + 1;
+    if (frames <= 0) {
+        goto done;
+    }
+    memcpy(writer->totals, writer->sums + low, (size_t)frames * sizeof *writer->totals);
+    v2v_par_sum_i64(writer->comm, writer->totals, frames);
+    V2V_TRY(transfer_block(writer, writer->checksum, H5T_NATIVE_UINT64,
+                           writer->totals + (count > 0 ? first - low : 0), 1, &start, &size));
+done:
+    return rc;
+}
+
 /* Frames first .. first+count-1 of this rank are done; count may be 0. */
 static enum v2v_status mark(struct v2v_h5_writer *writer, const uint8_t *ones, int64_t first,
                             int64_t count)
@@ -284,8 +378,14 @@ static enum v2v_status mark(struct v2v_h5_writer *writer, const uint8_t *ones, i
     const hsize_t start = (hsize_t)first, size = (hsize_t)count;
     V2V_ASSERT(writer->done > 0 && first >= 0 && first + count <= writer->shape[0]);
     V2V_TRY(flush(writer));
+    if (writer->sums != NULL) {
+        V2V_TRY(put_checksums(writer, first, count));
+    }
     V2V_TRY(transfer_block(writer, writer->done, H5T_NATIVE_UINT8, ones, 1, &start, &size));
     V2V_TRY(flush(writer));
+    if (writer->sums != NULL && v2v_comm_size(writer->comm) == 1) {
+        V2V_TRY(v2v_file_sync(writer->temporary)); /* MPI-IO's flush does it, the plain one not */
+    }
 done:
     return rc;
 }
@@ -315,6 +415,7 @@ done:
 static enum v2v_status close_file(struct v2v_h5_writer *writer)
 {
     enum v2v_status rc = v2v_h5_close_written(V2V_OK, &writer->done, writer->path, "/done");
+    rc = v2v_h5_close_written(rc, &writer->checksum, writer->path, V2V_H5_CHECKSUM);
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         rc = v2v_h5_close_written(rc, &writer->set[i], writer->path, "a dataset");
     }
@@ -330,7 +431,7 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_writer *own = *writer;
-    if (own->done > 0 && !own->marked) {
+    if (own->done > 0 && !own->marked && !own->resumed) {
         V2V_TRY(mark_all(own));
     }
     V2V_TRY(settle(own, close_file(own)));
@@ -359,5 +460,20 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
     }
     /* What the close says is of no interest: the file is gone, or it is closed already. */
     (void)!close_file(own);
+    if (own->lock >= 0) {
+        unlink(own->lock_name); /* while it is held: who finds it gone makes its own */
+        close(own->lock);
+    }
+    v2v_mem_free(own->was_done);
+    v2v_mem_free(own->totals);
+    v2v_mem_free(own->sums);
     v2v_mem_free(own);
+}
+
+void v2v_h5_writer_suspend(struct v2v_h5_writer **writer)
+{
+    if (*writer != NULL && (*writer)->sums != NULL && ((*writer)->marked || (*writer)->resumed)) {
+        (*writer)->created = 0; /* so that it isn't removed */
+    }
+    v2v_h5_writer_abandon(writer);
 }

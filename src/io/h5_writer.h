@@ -21,15 +21,22 @@ struct v2v_h5_plan {
     const char *dataset[V2V_H5_WRITER_SETS]; /**< names; NULL where there is none */
     int64_t shape[4];                        /**< [t,m,y,x] of each */
     int with_done;                           /**< a dataset /done [t], at first 0 */
+    const char *task; /**< what `describe` writes as the attribute of this name: with it and /done
+                           the file has checksums [t], and can be gone on with; or NULL */
+    int resume;       /**< go on with what an interrupted writer of the same task left */
     /** Write attributes (on rank 0 only, before anything else can fail on another rank). */
     enum v2v_status (*describe)(hid_t file, const char *path, const void *context);
     const void *context;
 };
 
-/** @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
+/** @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY | V2V_E_BUSY (another process
+ *  writes this file); agreed */
 enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *path,
                                      const struct v2v_h5_plan *plan,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Was frame t done before, by the run that this one goes on with? @kind Local. */
+int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t);
 
 /** Images first .. first+count-1 of outer index t; count may be 0; ranks may differ in all but
  *  `set`. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
@@ -43,6 +50,10 @@ enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t)
 /** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
  *  it succeeded or not. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
 enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer) V2V_MUST_CHECK;
+
+/** Close, and leave what was written for a later run to go on with; removed if it has no task or no
+ *  frame is done. Accepts NULL. @kind Collective(comm) */
+void v2v_h5_writer_suspend(struct v2v_h5_writer **writer);
 
 /** Close and remove what was written; accepts NULL. @kind Collective(comm) */
 void v2v_h5_writer_abandon(struct v2v_h5_writer **writer);

@@ -108,10 +108,20 @@ static enum v2v_status check_request(const char *path, unsigned datasets)
     return V2V_OK;
 }
 
-enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
-                                  const struct v2v_volume_info *info, unsigned datasets,
-                                  const struct v2v_attribute *attributes, int64_t attribute_count,
-                                  const struct v2v_comm *comm)
+static const char *task_of(const struct v2v_attribute *attributes, int64_t count)
+{
+    for (int64_t i = 0; i < count; i++) {
+        if (strcmp(attributes[i].name, V2V_VOLUME_TASK) == 0) {
+            return attributes[i].text;
+        }
+    }
+    return NULL;
+}
+
+static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path,
+                             const struct v2v_volume_info *info, unsigned datasets,
+                             const struct v2v_attribute *attributes, int64_t attribute_count,
+                             int resume, const struct v2v_comm *comm)
 {
     enum v2v_status rc = check_request(path, datasets);
     struct v2v_volume_writer *fresh = NULL;
@@ -119,6 +129,8 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
     struct v2v_h5_plan plan = {
         .shape = {info->frames, info->slices, info->height, info->width},
         .with_done = 1,
+        .task = task_of(attributes, attribute_count),
+        .resume = resume,
         .describe = describe,
         .context = &description,
     };
@@ -140,6 +152,27 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
 done:
     v2v_mem_free(fresh);
     return rc;
+}
+
+enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
+                                  const struct v2v_volume_info *info, unsigned datasets,
+                                  const struct v2v_attribute *attributes, int64_t attribute_count,
+                                  const struct v2v_comm *comm)
+{
+    return begin(writer, path, info, datasets, attributes, attribute_count, 0, comm);
+}
+
+enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char *path,
+                                  const struct v2v_volume_info *info, unsigned datasets,
+                                  const struct v2v_attribute *attributes, int64_t attribute_count,
+                                  const struct v2v_comm *comm)
+{
+    return begin(writer, path, info, datasets, attributes, attribute_count, 1, comm);
+}
+
+int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t)
+{
+    return writer->h5 != NULL && v2v_h5_writer_is_done(writer->h5, t);
 }
 
 enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
@@ -165,6 +198,14 @@ enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer)
     v2v_mem_free(*writer);
     *writer = NULL;
     return rc;
+}
+
+void v2v_volume_suspend(struct v2v_volume_writer **writer)
+{
+    if (*writer != NULL) {
+        v2v_h5_writer_suspend(&(*writer)->h5);
+        v2v_volume_abandon(writer);
+    }
 }
 
 void v2v_volume_abandon(struct v2v_volume_writer **writer)

@@ -6,10 +6,8 @@
 #include "v2v3d/io/json.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <unistd.h>
 
 #define METRICS "metrics.jsonl"
@@ -25,18 +23,10 @@ static enum v2v_status lock(struct v2v_run_folder *folder)
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
     V2V_TRY(path_in(path, folder, "lock"));
-    int descriptor = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (descriptor < 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
+    rc = v2v_file_lock(&folder->lock, path);
+    if (rc == V2V_E_BUSY) {
+        rc = V2V_FAIL(rc, "%s: another run works in this folder", folder->path);
     }
-    if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
-        int reason = errno;
-        (void)close(descriptor);
-        V2V_TRY(reason == EWOULDBLOCK
-                    ? V2V_FAIL(V2V_E_BUSY, "%s: another run works in this folder", folder->path)
-                    : V2V_FAIL(V2V_E_IO, "%s: cannot lock: %s", path, strerror(reason)));
-    }
-    folder->lock = descriptor;
 done:
     return rc;
 }

@@ -49,6 +49,17 @@ enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *p
  *  @return V2V_OK | V2V_E_IO; the temporary file is removed on failure */
 enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUST_CHECK;
 
+/** Wait until what was written to a file has reached the disk. @kind Local. @return V2V_OK |
+ * V2V_E_IO
+ */
+enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
+
+/** Create the file `path` when it isn't there, and hold a lock on it until *descriptor is closed or
+ *  the process ends, however it ends. @kind Local.
+ *  @return V2V_OK | V2V_E_BUSY (another process holds it) | V2V_E_IO; *descriptor is -1 unless OK
+ */
+enum v2v_status v2v_file_lock(int *descriptor, const char *path) V2V_MUST_CHECK;
+
 /** Create a folder (and its parents); an existing one is fine. @kind Local. */
 enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;
 

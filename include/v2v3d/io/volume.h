@@ -56,6 +56,19 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
                                   const struct v2v_attribute *attributes, int64_t attribute_count,
                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
 
+/** The attribute that makes an HDF5 volume one that can be gone on with: text that differs whenever
+ *  anything differs that the voxels depend on. Such a file has `/checksum` [t] beside `/done`. */
+#define V2V_VOLUME_TASK "task"
+
+/** As v2v_volume_create, with what an interrupted run of the same task left under the temporary
+ *  name: frames that are marked there and whose checksum holds are done. All are to do when there
+ * is no such file, and in a TIFF. @kind Collective(comm). @return agreed */
+enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char *path,
+                                  const struct v2v_volume_info *info, unsigned datasets,
+                                  const struct v2v_attribute *attributes, int64_t attribute_count,
+                                  const struct v2v_comm *comm) V2V_MUST_CHECK;
+int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t);
+
 /** Write slices first .. first+count-1 of frame t of one dataset; count may be 0; ranks may differ
  * in t, first, count and data, not in dataset. @kind Collective(comm). @return agreed */
 enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
@@ -66,6 +79,9 @@ enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, 
  *  @kind Collective(comm) */
 enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t) V2V_MUST_CHECK;
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;
+/** Close an unfinished file and leave it for v2v_volume_resume, when it has a task and done frames;
+ *  else drop it. Accepts NULL. @kind Collective(comm) */
+void v2v_volume_suspend(struct v2v_volume_writer **writer);
 /** Drop an unfinished file; accepts NULL. @kind Collective(comm) */
 void v2v_volume_abandon(struct v2v_volume_writer **writer);
 

@@ -269,6 +269,96 @@ static void an_abandoned_volume_leaves_nothing(void **state)
     }
 }
 
+/* One attempt of a task: frames from..to-1 that are not done yet, slices shared by the ranks. */
+static enum v2v_status attempt(const char *task, int64_t from, int64_t to, int expected_done)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_attribute attribute = {.name = V2V_VOLUME_TASK, .text = task};
+    const struct v2v_part part = v2v_par_part(SLICES, size(), rank());
+    struct v2v_volume_writer *writer = NULL;
+    float images[SLICES * IMAGE];
+    int done = 0;
+    V2V_TRY(v2v_volume_resume(&writer, path, &shape, MEAN_ONLY, &attribute, 1, test_world()));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        done += v2v_volume_is_done(writer, t);
+        if (v2v_volume_is_done(writer, t) || t < from || t >= to) {
+            continue;
+        }
+        fill(images, V2V_VOLUME_MEAN, t * SLICES + part.first, part.count);
+        V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, images, t, part.first, part.count));
+        V2V_TRY(v2v_volume_mark_done(writer, t % size() == rank() ? t : -1));
+    }
+    assert_int_equal(done, expected_done);
+    if (to == FRAMES) {
+        V2V_TRY(v2v_volume_finish(&writer));
+    }
+done:
+    v2v_volume_suspend(&writer);
+    return rc;
+}
+
+/* One byte of the last image of frame 1, which is the last that was written. */
+static void damage_the_file(void)
+{
+    char temporary[V2V_PATH_BYTES];
+    float last[IMAGE], image[IMAGE];
+    fill(last, V2V_VOLUME_MEAN, 2 * SLICES - 1, 1);
+    assert_ok(v2v_file_temporary(temporary, path));
+    FILE *file = fopen(temporary, "r+be");
+    assert_non_null(file);
+    long at = 0;
+    do { /* images lie at multiples of four bytes */
+        assert_int_equal(fseek(file, at, SEEK_SET), 0);
+        assert_int_equal(fread(image, 1, sizeof image, file), sizeof image);
+        at += 4;
+    } while (memcmp(image, last, sizeof image) != 0);
+    assert_int_equal(fseek(file, at, SEEK_SET), 0);
+    assert_int_equal(fputc('?', file), '?');
+    assert_int_equal(fclose(file), 0);
+}
+
+static void an_interrupted_volume_is_gone_on_with_frame_by_frame(void **state)
+{
+    (void)state;
+    use("vol.h5");
+    assert_ok(attempt("one", 0, 2, 0));
+    assert_false(v2v_file_exists(path));
+    assert_ok(attempt("one", 2, FRAMES, 2));
+    assert_volume();
+    /* another task than the file's begins anew */
+    assert_ok(attempt("one", 0, 2, 0));
+    assert_ok(attempt("two", 0, FRAMES, 0));
+    assert_volume();
+}
+
+static void a_frame_whose_data_were_damaged_is_not_done(void **state)
+{
+    (void)state;
+    use("vol.h5");
+    assert_ok(attempt("one", 0, 2, 0));
+    v2v_par_barrier(test_world());
+    if (rank() == 0) {
+        damage_the_file();
+    }
+    v2v_par_barrier(test_world());
+    assert_ok(attempt("one", 0, FRAMES, 1));
+    assert_volume();
+}
+
+static void two_writers_of_one_file_are_refused(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *first = NULL, *second = NULL;
+    use("vol.h5");
+    assert_ok(v2v_volume_create(&first, path, &shape, MEAN_ONLY, NULL, 0, test_world()));
+    assert_int_equal(v2v_volume_create(&second, path, &shape, MEAN_ONLY, NULL, 0, test_world()),
+                     V2V_E_BUSY);
+    assert_null(second);
+    write_own_frames(first, 1);
+    assert_ok(v2v_volume_finish(&first));
+    assert_volume();
+}
+
 static void every_rank_gets_the_psfs(void **state)
 {
     (void)state;
@@ -302,6 +392,9 @@ int main(int argc, char **argv)
         balanced(a_bad_input_is_the_same_failure_on_every_rank),
         balanced(an_output_without_a_folder_fails_on_every_rank),
         balanced(an_abandoned_volume_leaves_nothing),
+        balanced(an_interrupted_volume_is_gone_on_with_frame_by_frame),
+        balanced(a_frame_whose_data_were_damaged_is_not_done),
+        balanced(two_writers_of_one_file_are_refused),
         balanced(every_rank_gets_the_psfs),
     };
     return test_mpi_main(tests, argc, argv);

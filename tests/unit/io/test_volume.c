@@ -7,9 +7,12 @@
 #include "v2v3d/io/volume.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #define MEAN_ONLY (1u << V2V_VOLUME_MEAN)
 
@@ -136,10 +139,11 @@ static float element(int dataset, int64_t t, int64_t i)
 }
 
 /* Two slices, then the other two, the frames in the given order. */
-static void write_frames(struct v2v_volume_writer *writer, int dataset, const int64_t *order)
+static void write_some(struct v2v_volume_writer *writer, int dataset, const int64_t *order,
+                       int count)
 {
     float frame[40];
-    for (int n = 0; n < 3; n++) {
+    for (int n = 0; n < count; n++) {
         for (int64_t i = 0; i < 40; i++) {
             frame[i] = element(dataset, order[n], i);
         }
@@ -147,6 +151,11 @@ static void write_frames(struct v2v_volume_writer *writer, int dataset, const in
         assert_ok(v2v_volume_write(writer, dataset, frame, order[n], 0, 2));
         assert_ok(v2v_volume_write(writer, dataset, frame, 0, 0, 0));
     }
+}
+
+static void write_frames(struct v2v_volume_writer *writer, int dataset, const int64_t *order)
+{
+    write_some(writer, dataset, order, 3);
 }
 
 static void assert_frames(int64_t slices)
@@ -223,6 +232,44 @@ static void only_marked_frames_are_done_once_one_is_marked(void **state)
     double *done = test_h5_read(path, "/done", &count);
     assert_true(count == 3 && done[0] == 0.0 && done[1] == 1.0 && done[2] == 0.0);
     test_release(done);
+}
+
+/* The frames of an attempt that is killed at its end: one is marked, one is written only. */
+static void killed_attempt(void)
+{
+    struct v2v_volume_writer *writer = NULL;
+    const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "task"};
+    if (v2v_volume_create(&writer, path, &small, MEAN_ONLY, &task, 1, NULL) == V2V_OK) {
+        write_frames(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 1, 2});
+        if (v2v_volume_mark_done(writer, 1) == V2V_OK) {
+            raise(SIGKILL);
+        }
+    }
+    _exit(1);
+}
+
+static void a_killed_writer_leaves_the_marked_frames_to_go_on_with(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "task"};
+    int status = 0;
+    use("killed.h5");
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        killed_attempt();
+    }
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSIGNALED(status));
+    assert_ok(v2v_volume_resume(&writer, path, &small, MEAN_ONLY, &task, 1, NULL));
+    assert_true(!v2v_volume_is_done(writer, 0) && v2v_volume_is_done(writer, 1) &&
+                !v2v_volume_is_done(writer, 2));
+    write_some(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 2}, 2);
+    assert_ok(v2v_volume_mark_done(writer, 0));
+    assert_ok(v2v_volume_mark_done(writer, 2));
+    assert_ok(v2v_volume_finish(&writer));
+    assert_frames(0);
 }
 
 static void tiff_pages_are_in_order_whatever_the_order_of_writing(void **state)
@@ -375,6 +422,7 @@ int main(void)
         cmocka_unit_test(an_unfinished_frame_is_refused),
         cmocka_unit_test(written_hdf5_is_read_back_to_the_bit_with_its_provenance),
         cmocka_unit_test(only_marked_frames_are_done_once_one_is_marked),
+        cmocka_unit_test(a_killed_writer_leaves_the_marked_frames_to_go_on_with),
         cmocka_unit_test(tiff_pages_are_in_order_whatever_the_order_of_writing),
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),

@@ -1,0 +1,216 @@
+#include "io/h5_resume.h"
+
+#include "io/h5_common.h"
+#include "io/h5_guard.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/volume.h"
+#include <string.h>
+
+uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width)
+{
+    uint64_t sum = 0;
+    for (int64_t i = 0; i < count; i++) {
+        const uint32_t crc = v2v_file_crc32c(0, rows + i * width, width * (int64_t)sizeof *rows);
+        sum += v2v_random_splitmix64(v2v_random_splitmix64((uint64_t)(first + i)) + crc);
+    }
+    return sum;
+}
+
+/* A dataset of this very shape with all its space, so that its index can be walked through. */
+static enum v2v_status check_dataset(hid_t file, const char *path, const char *name, int rank,
+                                     const int64_t *shape, size_t bytes)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, type = H5I_INVALID_HID;
+    hsize_t extent[4] = {0}, elements = 1;
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
+    space = H5Dget_space(set);
+    type = H5Dget_type(set);
+    int same = H5Sget_simple_extent_ndims(space) == rank &&
+               H5Sget_simple_extent_dims(space, extent, NULL) == rank && H5Tget_size(type) == bytes;
+    for (int i = 0; i < rank; i++) {
+        same = same && extent[i] == (hsize_t)shape[i];
+        elements *= (hsize_t)shape[i];
+    }
+    if (!same || H5Dget_storage_size(set) != elements * bytes) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_INPUT, "%s: %s: has not the shape, type or space expected", path, name));
+    }
+done:
+    v2v_h5_close(&type);
+    v2v_h5_close(&space);
+    v2v_h5_close(&set);
+    return rc;
+}
+
+struct look {
+    const char *path;
+    const struct v2v_h5_plan *plan;
+};
+
+/* Runs in the child, which then ends: nothing is closed. */
+static enum v2v_status look_at(const void *argument)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct look *look = argument;
+    const struct v2v_h5_plan *plan = look->plan;
+    hid_t file = H5I_INVALID_HID;
+    char task[64];
+    int there = 0;
+    V2V_TRY(v2v_h5_open(&file, look->path));
+    V2V_TRY(v2v_h5_get_text(task, sizeof task, &there, file, look->path, V2V_VOLUME_TASK));
+    if (!there || strcmp(task, plan->task) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
+                         look->path));
+    }
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        if (plan->dataset[i] != NULL) {
+            V2V_TRY(
+                check_dataset(file, look->path, plan->dataset[i], 4, plan->shape, sizeof(float)));
+        }
+    }
+    V2V_TRY(check_dataset(file, look->path, "/done", 1, plan->shape, sizeof(uint8_t)));
+    V2V_TRY(check_dataset(file, look->path, V2V_H5_CHECKSUM, 1, plan->shape, sizeof(uint64_t)));
+done:
+    return rc;
+}
+
+static enum v2v_status read_numbers(void *out, hid_t file, const char *path, const char *name,
+                                    hid_t type)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t set = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
+    if (H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, out) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be read"));
+    }
+done:
+    v2v_h5_close(&set);
+    return rc;
+}
+
+/* Add frame t of dataset number i, image by image. */
+static enum v2v_status add_frame(uint64_t *sum, float *image, hid_t file, const char *path,
+                                 const struct v2v_h5_plan *plan, int i, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t *shape = plan->shape;
+    const hsize_t size[4] = {1, 1, (hsize_t)shape[2], (hsize_t)shape[3]};
+    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID;
+    hid_t memory = H5Screate_simple(4, size, NULL);
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, plan->dataset[i]));
+    space = H5Dget_space(set);
+    for (int64_t m = 0; m < shape[1]; m++) {
+        const hsize_t start[4] = {(hsize_t)t, (hsize_t)m, 0, 0};
+        if (H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) < 0 ||
+            H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, image) < 0) {
+            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, plan->dataset[i], "can't be read"));
+        }
+        *sum += v2v_h5_rows_checksum(image, ((i * shape[0] + t) * shape[1] + m) * shape[2],
+                                     shape[2], shape[3]);
+    }
+done:
+    v2v_h5_close(&space);
+    v2v_h5_close(&memory);
+    v2v_h5_close(&set);
+    return rc;
+}
+
+static enum v2v_status sum_frame(uint64_t *sum, float *image, hid_t file, const char *path,
+                                 const struct v2v_h5_plan *plan, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    *sum = 0;
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        if (plan->dataset[i] != NULL) {
+            V2V_TRY(add_frame(sum, image, file, path, plan, i, t));
+        }
+    }
+done:
+    return rc;
+}
+
+/* What this rank finds in its share of the frames. */
+struct verdict {
+    uint8_t *marked;    /* [t] as the file says */
+    uint64_t *checksum; /* [t] */
+    float *image;       /* [y,x] */
+    int64_t *good;      /* [t] 1: verified by this rank */
+};
+
+/* A frame that can't be read is none: only a lack of memory is a failure. */
+static enum v2v_status verify(struct verdict *verdict, const char *path,
+                              const struct v2v_h5_plan *plan, struct v2v_part mine)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID;
+    const int64_t frames = plan->shape[0];
+    V2V_TRY(V2V_ALLOC(verdict->marked, "io.resume", frames));
+    V2V_TRY(V2V_ALLOC(verdict->checksum, "io.resume", frames));
+    V2V_TRY(V2V_ALLOC(verdict->good, "io.resume", frames));
+    V2V_TRY(V2V_ALLOC(verdict->image, "io.resume", plan->shape[2] * plan->shape[3]));
+    V2V_TRY(v2v_h5_open(&file, path));
+    V2V_TRY(read_numbers(verdict->marked, file, path, "/done", H5T_NATIVE_UINT8));
+    V2V_TRY(read_numbers(verdict->checksum, file, path, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64));
+    for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
+        uint64_t sum = 0;
+        if (verdict->marked[t] != 1) {
+            continue;
+        }
+        verdict->good[t] = sum_frame(&sum, verdict->image, file, path, plan, t) == V2V_OK &&
+                           sum == verdict->checksum[t];
+        if (!verdict->good[t]) {
+            v2v_log(V2V_LOG_WARNING, "%s: frame %lld is damaged and computed anew", path,
+                    (long long)t);
+        }
+    }
+done:
+    v2v_h5_close(&file);
+    return rc == V2V_E_INPUT ? V2V_OK : rc;
+}
+
+/* Rank 0: 1 when the file can be gone on with. */
+static int is_usable(const char *temporary, const struct v2v_h5_plan *plan)
+{
+    if (!v2v_file_exists(temporary)) {
+        return 0;
+    }
+    if (v2v_h5_guard(temporary, look_at, &(struct look){temporary, plan}) != V2V_OK) {
+        v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
+        return 0;
+    }
+    return 1;
+}
+
+enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
+                              const struct v2v_h5_plan *plan, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct verdict verdict = {0};
+    const int64_t frames = plan->shape[0];
+    int64_t count = 0;
+    *found = v2v_comm_rank(comm) == 0 && is_usable(temporary, plan);
+    v2v_par_broadcast(comm, found, sizeof *found, 0);
+    if (!*found) {
+        goto done;
+    }
+    rc = verify(&verdict, temporary, plan,
+                v2v_par_part(frames, v2v_comm_size(comm), v2v_comm_rank(comm)));
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_par_sum_i64(comm, verdict.good, frames);
+    for (int64_t t = 0; t < frames; t++) {
+        done[t] = verdict.good[t] != 0;
+        count += done[t];
+    }
+    v2v_log(V2V_LOG_INFO, "resuming: %lld of %lld frames are done", (long long)count,
+            (long long)frames);
+done:
+    v2v_mem_free(verdict.image);
+    v2v_mem_free(verdict.good);
+    v2v_mem_free(verdict.checksum);
+    v2v_mem_free(verdict.marked);
+    return rc;
+}

@@ -1,0 +1,30 @@
+/** Going on with the HDF5 file that an interrupted run left under its temporary name.
+ *
+ *  The file's structure never changes once rank 0 has created it (all space is taken at once), so a
+ *  crash can only leave frames unwritten. A frame counts as done when its mark in `/done` and its
+ *  checksum in `/checksum` both hold: whatever reached the disk, and in whatever order, a frame
+ *  with wrong data is none (RELIABILITY.md 1a, P1).
+ */
+#ifndef V2V_IO_H5_RESUME_H
+#define V2V_IO_H5_RESUME_H
+
+#include "io/h5_writer.h"
+
+/** The dataset of checksums [t]. */
+#define V2V_H5_CHECKSUM "/checksum"
+
+/** What rows first .. first+count-1 add to the checksum of their frame, modulo 2^64; row n is
+ *  ((set * T + t) * M + m) * Y + y of all rows of the file. Sums over any split of a frame, in any
+ *  order, are the same. @kind Local. @param rows [count,width] */
+uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width);
+
+/** Is there a file under the temporary name that the plan can go on with, and which of its frames
+ *  are good? One of another task or shape, or a damaged one, is reported and not taken.
+ *  @kind Collective(comm). @param done [t], 1 where a frame is good; untouched when not *found
+ *  @return V2V_OK | V2V_E_MEMORY; agreed. @cost reads every marked frame once, shared by the ranks
+ */
+enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
+                              const struct v2v_h5_plan *plan,
+                              const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+#endif
