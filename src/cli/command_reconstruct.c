@@ -1,6 +1,7 @@
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/nn/model.h"
 #include "v2v3d/nn/precision.h"
@@ -11,6 +12,7 @@
 struct arguments {
     struct v2v_common common;
     const char *psf, *weights, *input, *output;
+    const char *frames; /* FIRST:COUNT */
     int branches, resume;
 };
 
@@ -22,7 +24,12 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SWITCH(struct arguments, branches, "branches",
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTION_SWITCH(struct arguments, resume, "resume",
-                      "a complete output is left as it is; one that is not is computed anew"),
+                      "go on with what an interrupted run left; a complete output stays"),
+    {.name = "frames",
+     .kind = V2V_OPTION_TEXT,
+     .at = offsetof(struct arguments, frames),
+     .value = "FIRST:COUNT",
+     .help = "these of the recording, from 0; fewer where it ends"},
     V2V_OPTION_SET("precision", "recon.precision", "f32|bf16|bf16-always",
                    "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET(
@@ -41,7 +48,26 @@ static double skip_of(const struct v2v_recon_settings *recon)
                                                  : recon->skip.value;
 }
 
-static enum v2v_status check(const struct arguments *given, const struct v2v_session *session)
+/* FIRST:COUNT; all frames when it is not given. */
+static enum v2v_status parse_frames(struct v2v_part *frames, const char *text)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char what[] = "--frames FIRST:COUNT";
+    char first[32];
+    *frames = (struct v2v_part){0, INT64_MAX};
+    if (text != NULL) {
+        const int digits = (int)strcspn(text, ":");
+        V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits, text));
+        V2V_TRY(v2v_text_to_i64(&frames->first, first, 0, INT64_MAX, what, V2V_E_USAGE));
+        V2V_TRY(v2v_text_to_i64(&frames->count, text[digits] == ':' ? text + digits + 1 : "", 1,
+                                INT64_MAX, what, V2V_E_USAGE));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status check(const struct arguments *given, struct v2v_part *frames,
+                             const struct v2v_session *session)
 {
     const struct v2v_recon_settings *recon = &session->config.recon;
     if (skip_of(recon) > 0.0 && !session->config.model.winograd) {
@@ -51,7 +77,7 @@ static enum v2v_status check(const struct arguments *given, const struct v2v_ses
         return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
                         given->output);
     }
-    return V2V_OK;
+    return parse_frames(frames, given->frames);
 }
 
 /* Local: the network with its weights; this rank holds the branches that the grid gives it. */
@@ -130,10 +156,11 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_scaling scaling;
     struct v2v_provenance provenance = {0};
     struct v2v_volume_writer *writer = NULL;
+    struct v2v_part frames;
     double part = 1.0;
     unsigned datasets = 1u << V2V_VOLUME_MEAN;
     int precision = V2V_PRECISION_F32;
-    V2V_TRY(check(given, session));
+    V2V_TRY(check(given, &frames, session));
     if (is_done(given, session)) {
         goto done;
     }
@@ -152,18 +179,25 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
+    /* after the whole recording has decided on the scaling: a range has the bits of the whole */
+    V2V_TRY(v2v_recording_cut(recording, frames.first, frames.count));
     V2V_TRY(v2v_provenance_init(&provenance, session, &psf, given->weights, &scaling));
+    V2V_TRY(v2v_provenance_task(&provenance, session, given->input, frames.first));
     struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), &psf);
     if (given->branches) {
         datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
     }
-    V2V_TRY(v2v_volume_create(&writer, given->output, &info, datasets, provenance.item,
-                              provenance.count, session->world));
+    V2V_TRY((given->resume ? v2v_volume_resume
+                           : v2v_volume_create)(&writer, given->output, &info, datasets,
+                                                provenance.item, provenance.count, session->world));
     v2v_step_announce(session);
     V2V_TRY(v2v_reconstruct(model, recording, &scaling, writer, given->branches, &grid, &part));
     report_skipped(part, skip_of(&session->config.recon), precision);
     V2V_TRY(v2v_volume_finish(&writer));
 done:
+    if (rc == V2V_STOPPED || rc == V2V_E_IO) {
+        v2v_volume_suspend(&writer);
+    }
     v2v_volume_abandon(&writer);
     v2v_provenance_fini(&provenance);
     v2v_model_destroy(&model);

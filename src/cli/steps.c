@@ -4,6 +4,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
 #include <errno.h>
@@ -12,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 
 int v2v_step_on_root(const struct v2v_session *session)
 {
@@ -254,6 +256,65 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     add_number(provenance, "offset", scaling->offset);
     add_number(provenance, "gain", scaling->gain);
 done:
+    return rc;
+}
+
+/* Everything the voxels depend on, as text; to be freed with free(). */
+static enum v2v_status task_text(char **text, const struct v2v_provenance *provenance,
+                                 const struct v2v_session *session, const char *recording)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_config config, defaults;
+    struct stat state;
+    size_t bytes = 0;
+    FILE *stream = open_memstream(text, &bytes);
+    if (stream == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the task's text"));
+    }
+    v2v_config_defaults(&defaults);
+    config = session->config;
+    config.parallel = defaults.parallel;
+    v2v_config_print(&config, stream, 0);
+    for (int64_t i = 0; i < provenance->count; i++) {
+        static const char *const by_run[] = {"command_line", "configuration", "written", "ranks",
+                                             "threads"};
+        const struct v2v_attribute *item = &provenance->item[i];
+        int skipped = 0;
+        for (size_t k = 0; k < sizeof by_run / sizeof by_run[0]; k++) {
+            skipped |= strcmp(item->name, by_run[k]) == 0;
+        }
+        if (!skipped) {
+            fprintf(stream, "%s %s %a\n", item->name, item->text != NULL ? item->text : "",
+                    item->number);
+        }
+    }
+    if (stat(recording, &state) == 0) {
+        fprintf(stream, "%lld bytes, changed %lld.%09ld\n", (long long)state.st_size,
+                (long long)state.st_mtim.tv_sec, state.st_mtim.tv_nsec);
+    }
+    if (fclose(stream) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the task's text"));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
+                                    const struct v2v_session *session, const char *recording,
+                                    int64_t first_frame)
+{
+    enum v2v_status rc = V2V_OK;
+    char *text = NULL;
+    add_number(provenance, "first_frame", (double)first_frame);
+    if (v2v_step_on_root(session)) { /* the other ranks' attributes are not written */
+        rc = task_text(&text, provenance, session, recording);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    snprintf(provenance->task, sizeof provenance->task, "%016" PRIx64,
+             v2v_random_fnv1a64(text != NULL ? text : ""));
+    add_text(provenance, V2V_VOLUME_TASK, provenance->task);
+done:
+    free(text);
     return rc;
 }
 

@@ -69,7 +69,7 @@ struct v2v_provenance {
     struct v2v_attribute item[V2V_PROVENANCE_MOST];
     int64_t count;
     char *config;
-    char psf_crc32c[16], weights_crc32c[16], written[32];
+    char psf_crc32c[16], weights_crc32c[16], written[32], task[32];
 };
 
 /** @kind Collective(world): rank 0 reads `weights` (may be NULL) for its checksum; agreed */
@@ -77,6 +77,14 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
                                     const struct v2v_session *session,
                                     const struct v2v_psf_file *psf, const char *weights,
                                     const struct v2v_scaling *scaling) V2V_MUST_CHECK;
+
+/** Add which frame of the recording is the first, and `task` (V2V_VOLUME_TASK): a hash of what was
+ *  added so far, the recording's name, size and time of change, and the frame. Ranks, threads and
+ *  the rest of the configuration's section `parallel` are not in it: they don't change what is
+ *  computed. @kind Collective(world), agreed */
+enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
+                                    const struct v2v_session *session, const char *recording,
+                                    int64_t first_frame) V2V_MUST_CHECK;
 void v2v_provenance_fini(struct v2v_provenance *provenance);
 
 /** The resolved configuration as text, to be freed with free(). @kind Local */

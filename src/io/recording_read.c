@@ -8,6 +8,7 @@ struct v2v_recording {
     struct v2v_stack stack;
     int64_t first_page; /* the first frame's first view */
     int64_t stride;     /* pages from frame to frame */
+    int64_t cut;        /* frames of the file before the first */
 };
 
 /* Views that the file itself states: HDF5's axis; in TIFF an ImageJ time series, else one frame. */
@@ -108,6 +109,19 @@ const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *
     return &recording->info;
 }
 
+enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first, int64_t count)
+{
+    struct v2v_recording_info *info = &recording->info;
+    V2V_ASSERT(first >= 0 && count > 0);
+    if (first >= info->frames) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: there is no frame %lld: it has %lld, from 0",
+                        recording->stack.path, (long long)first, (long long)info->frames);
+    }
+    recording->cut += first;
+    info->frames = count < info->frames - first ? count : info->frames - first;
+    return V2V_OK;
+}
+
 /* Pages of a TIFF file into views `first` .. of frame t. The file knows nothing of frames and
  * views: what is wrong with a page is said in both terms. */
 static enum v2v_status read_pages(struct v2v_recording *recording, float *views, int64_t page,
@@ -140,6 +154,7 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
     V2V_ASSERT(t >= 0 && t < info->frames);
+    t += recording->cut;
     /* The window's first page shows this view; the views before it come at the window's end. */
     const int64_t page = recording->first_page + t * recording->stride;
     const int64_t view = t * recording->stride % info->views;

@@ -18,6 +18,7 @@ struct job {
     struct v2v_volume_writer *writer;
     const struct v2v_grid *grid;
     int64_t frames, views, slices;
+    int64_t *todo;                       /* [frames] those that are not done yet, in order */
     int64_t height, width;               /* of a frame */
     int64_t padded_height, padded_width; /* multiples of V2V_MODEL_GRID */
     float *recorded;                     /* [v,y,x] as recorded */
@@ -26,6 +27,7 @@ struct job {
     float *branch[2];                    /* [z,y,x] in units of the recording; NULL likewise */
     float *mean;                         /* [z,y,x] */
     double parts[2];                     /* computed of the frames so far, and how many */
+    int64_t rounds;                      /* done: every attempt gets one further (RELIABILITY 5) */
 };
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
@@ -39,9 +41,14 @@ static enum v2v_status job_plan(struct job *job)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(job->recording);
-    job->frames = info->frames;
+    V2V_TRY(V2V_ALLOC(job->todo, "recon.frames", info->frames));
+    for (int64_t t = 0; t < info->frames; t++) {
+        if (!v2v_volume_is_done(job->writer, t)) {
+            job->todo[job->frames++] = t;
+        }
+    }
     if (job->grid->idle) {
-        return V2V_OK;
+        goto done;
     }
     const struct v2v_model_spec *spec = v2v_model_spec(job->model);
     if (info->views != spec->views) {
@@ -81,6 +88,7 @@ static void job_fini(struct job *job)
     v2v_mem_free(job->mean);
     v2v_mem_free(job->padded);
     v2v_mem_free(job->recorded);
+    v2v_mem_free(job->todo);
 }
 
 /** Cut the padding off branch b and bring it to the recording's units. */
@@ -112,7 +120,7 @@ static enum v2v_status compute(struct job *job, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
-    if (v2v_stop_requested()) {
+    if (job->rounds > 0 && v2v_stop_requested()) {
         V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request"));
     }
     if (t >= 0) {
@@ -195,20 +203,21 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
     announce_memory(grid);
     v2v_progress_begin(&progress, "reconstruct", 0, job.frames);
     for (int64_t round = 0; round * grid->data_size < job.frames; round++) {
-        int64_t t = round * grid->data_size + grid->data_rank;
-        t = grid->idle || t >= job.frames ? -1 : t;
+        const int64_t i = round * grid->data_size + grid->data_rank;
+        const int64_t t = grid->idle || i >= job.frames ? -1 : job.todo[i];
         v2v_watchdog_arm(frame_watchdog_s, "reconstructing a frame");
         V2V_TRY(v2v_par_agree(grid->world, compute(&job, t)));
         if (t >= 0) { /* the same for both ranks of a pair */
             average(&job);
         }
         V2V_TRY(write_frame(&job, t, branches));
+        job.rounds++;
         int64_t done = (round + 1) * grid->data_size;
         v2v_progress_step(&progress, done < job.frames ? done : job.frames, NULL);
     }
     v2v_progress_end(&progress);
     v2v_par_sum_f64(grid->world, job.parts, 2);
-    *computed_part = job.parts[0] / job.parts[1];
+    *computed_part = job.parts[1] > 0.0 ? job.parts[0] / job.parts[1] : 1.0;
 done:
     job_fini(&job);
     return rc;

@@ -25,6 +25,20 @@ if command -v h5dump >/dev/null; then
     done
 fi
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
+
+# A range of frames has the bits of the whole, and ends where the recording ends.
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o whole.h5
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o second.h5 --frames 1:5
+works info second.h5
+says 'volume, 1 frames'
+if command -v h5dump >/dev/null; then
+    h5dump -b LE -o whole.bin -d /volume -s 1,0,0,0 -c 1,7,64,64 whole.h5 >/dev/null
+    h5dump -b LE -o second.bin -d /volume second.h5 >/dev/null
+    cmp whole.bin second.bin || fail 'a range of frames is not what the whole recording gives'
+fi
+refuses 65 'there is no frame 2: it has 2, from 0' reconstruct --psf psf.h5 --weights w.h5 \
+    --input recording.h5 -o out.h5 --frames 2:1
+
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o skipped.h5 --skip auto
 grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped tiles: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped.h5 --skip 0

@@ -56,6 +56,10 @@ refuses 2 '--skip needs model.winograd: true' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip auto --set model.winograd=false
 refuses 2 '--skip: 1.5 is outside' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip 1.5
+for frames in 3 3: :4 -1:2 0:0 a:b 1:2:3; do
+    refuses 2 '--frames FIRST:COUNT: ' \
+        reconstruct --psf p --weights w --input r -o out.h5 "--frames=$frames"
+done
 refuses 2 "--precision: 'f16' is not f32 or bf16 or bf16-always" \
     reconstruct --psf p --weights w --input r -o out.h5 --precision f16
 refuses 2 '--branches needs an HDF5 output' \

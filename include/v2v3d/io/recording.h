@@ -32,6 +32,11 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording);
 
+/** From now on the recording is its frames first .. first+count-1, or fewer where it ends before.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (no frame `first`) */
+enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first,
+                                  int64_t count) V2V_MUST_CHECK;
+
 /** Frame t as float32 in the file's own units, views in order.
  *  @kind Local (ranks read different frames at their own pace). @param views [v,y,x]
  *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, view, pixel; unreadable data) */
