@@ -5,6 +5,9 @@
 #   V2V3D_LAUNCHER       srun (default) or mpirun
 #   V2V3D_LAUNCHER_ARGS  more words for the launcher
 #   V2V3D_MAX_CRASHES    killed runs in a row after which the job is given up; default 5
+#
+# A run that was killed, by Slurm or with its node, goes on from its last checkpoint or frame; one
+# that finds another run at work on its output (75) is tried again later.
 # shellcheck shell=bash
 set -uo pipefail
 
@@ -69,6 +72,8 @@ run_job() # COMMAND [--] [ARGUMENT...]
     [[ ${1:-} != -- ]] || shift
     launcher_words
     thread_settings
+    echo "job ${SLURM_JOB_ID:-?}: attempt $((${SLURM_RESTART_COUNT:-0} + 1)) on" \
+        "${SLURM_JOB_NODELIST:-$(hostname)}, $(date -u +%FT%TZ)"
 
     # Slurm sends USR1 to this script alone; both launchers hand it on to the ranks, which write a
     # checkpoint and exit with 85.
@@ -89,7 +94,7 @@ run_job() # COMMAND [--] [ARGUMENT...]
         rm -f "$crash_list"
         requeue "stopped, resumable"
         ;;
-    137 | 138 | 143 | 205) # KILL, USR1 before the program could catch it, TERM, a node lost
+    75 | 137 | 138 | 143 | 205) # busy, KILL, USR1 before the program could catch it, TERM, a lost node
         if ! count_crash "$rc"; then
             echo "cannot write $crash_list: not requeued" >&2
         elif ((crashes <= ${V2V3D_MAX_CRASHES:-5})); then
@@ -103,4 +108,50 @@ run_job() # COMMAND [--] [ARGUMENT...]
         ;;
     esac
     exit "$rc"
+}
+
+# One task of an array: `reconstruct` on a range of frames, or on one recording of a list. In the
+# arguments %a is the task's number, %n the recording's name without folder and ending.
+run_array() # --each FRAMES | --list FILE, [--] [ARGUMENT...]
+{
+    local task=${SLURM_ARRAY_TASK_ID:-} kind=${1:-} value=${2:-} recording='' name='' word
+    local own=() words=()
+    if [[ -z $task ]]; then
+        echo "not a task of an array: sbatch --array=0-9" >&2
+        exit 2
+    fi
+    case $kind in
+    --each)
+        if [[ ! $value =~ ^[1-9][0-9]*$ ]]; then
+            echo "--each '$value': a number of frames is needed" >&2
+            exit 2
+        fi
+        own=(--frames "$((task * value)):$value")
+        ;;
+    --list)
+        recording=$(sed -n "$((task + 1))p" "$value") || exit 65
+        if [[ -z $recording ]]; then
+            echo "$value: no line $((task + 1)) for task $task" >&2
+            exit 65
+        fi
+        name=${recording##*/}
+        name=${name%.*}
+        own=(--input "$recording")
+        ;;
+    *)
+        echo "an array needs --each FRAMES or --list FILE first" >&2
+        exit 2
+        ;;
+    esac
+    shift 2
+    [[ ${1:-} != -- ]] || shift
+    if [[ $* != *%[an]* ]]; then
+        echo "all tasks would write one file: the output's name needs %a or %n" >&2
+        exit 2
+    fi
+    for word in "$@"; do
+        word=${word//%a/$task}
+        words+=("${word//%n/$name}")
+    done
+    run_job reconstruct -- "${words[@]}" "${own[@]}"
 }

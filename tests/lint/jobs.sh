@@ -35,7 +35,8 @@ fail() # WHAT
 start() # FAKE_EXIT LAUNCHER ARGUMENT...
 {
     cp "$root/jobs/$script.sbatch" "$fake/slurm_script"
-    PATH=$fake:$PATH FAKE_EXIT=$1 V2V3D_LAUNCHER=$2 V2V3D_HOME=$root V2V3D_PROGRAM=prog \
+    [[ $script != array ]] || set -- "$1" "$2" --each 5 "${@:3}" -o %a.h5
+    PATH=$fake:$PATH SLURM_ARRAY_TASK_ID=3 FAKE_EXIT=$1 V2V3D_LAUNCHER=$2 V2V3D_HOME=$root V2V3D_PROGRAM=prog \
         SLURM_JOB_ID=7 exec bash "$fake/slurm_script" "${@:3}" >output 2>&1
 }
 
@@ -49,10 +50,13 @@ stopped more often than the cap|85|7|85|7
 killed rank|137|1|137|1
 terminated|143|1|143|1
 lost node|205|1|205|1
+another run at work|75|1|75|1
 killed again and again: five restarts|137|7|137|5
 '
 
-for script in train reconstruct; do
+for script in train reconstruct array; do
+    command=$script after=''
+    [[ $script != array ]] || command=reconstruct after=' [-o] [3.h5] [--frames] [15:5]'
     while IFS='|' read -r case_name code times expected requeues; do
         [[ -n $case_name ]] || continue
         rm -rf "$fake/job" && mkdir "$fake/job"
@@ -63,7 +67,7 @@ for script in train reconstruct; do
         done
         seen=$(grep -c '^scontrol requeue 7$' "$fake/job/calls") || true
         [[ $seen -eq $requeues ]] || fail "$seen requeues, expected $requeues"
-        words="srun [--mpi=pmix] [--kill-on-bad-exit=1] [prog] [$script] [--resume] [--psf] [a b.h5]"
+        words="srun [--mpi=pmix] [--kill-on-bad-exit=1] [prog] [$command] [--resume] [--psf] [a b.h5]$after"
         grep -qxF "$words" "$fake/job/calls" ||
             fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
     done <<<"$cases"
@@ -71,7 +75,7 @@ for script in train reconstruct; do
     case_name="mpirun"
     rm -rf "$fake/job" && mkdir "$fake/job"
     (cd "$fake/job" && start 0 mpirun -o out) || fail "exit code $?"
-    words="mpirun [--bind-to] [none] [prog] [$script] [--resume] [-o] [out]"
+    words="mpirun [--bind-to] [none] [prog] [$command] [--resume] [-o] [out]$after"
     grep -qxF "$words" "$fake/job/calls" ||
         fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
 
@@ -99,4 +103,34 @@ for script in train reconstruct; do
         grep -qx "#SBATCH $line" "$root/jobs/$script.sbatch" || fail "no #SBATCH $line"
     done
 done
+
+# What an array makes of its arguments: task | arguments | exit code | the program's arguments
+script=array
+printf 'one.h5\na folder/two.b.tif\n' >"$fake/list"
+while IFS='|' read -r task arguments expected words; do
+    [[ -n $task ]] || continue
+    case_name="task $task of '$arguments'"
+    rm -rf "$fake/job" && mkdir "$fake/job"
+    read -ra given <<<"$arguments"
+    rc=0
+    (cd "$fake/job" && cp "$root/jobs/array.sbatch" "$fake/slurm_script" &&
+        PATH=$fake:$PATH SLURM_ARRAY_TASK_ID=${task#none} FAKE_EXIT=0 V2V3D_HOME=$root \
+            V2V3D_PROGRAM=prog SLURM_JOB_ID=7 bash "$fake/slurm_script" "${given[@]}" \
+            >output 2>&1) || rc=$?
+    [[ $rc -eq $expected ]] || fail "exit code $rc, expected $expected"
+    if [[ $expected -eq 0 ]]; then
+        grep -qF "[reconstruct] [--resume] $words" "$fake/job/calls" ||
+            fail "called as: $(<"$fake/job/calls"), expected: $words"
+    fi
+done <<'END'
+0|--each 4 --input r.h5 -o v_%a.h5|0|[--input] [r.h5] [-o] [v_0.h5] [--frames] [0:4]
+2|--each 4 -- --input r.h5 -o v_%a.h5|0|[--input] [r.h5] [-o] [v_2.h5] [--frames] [8:4]
+1|--list ../list -o out/%n.h5|0|[-o] [out/two.b.h5] [--input] [a folder/two.b.tif]
+2|--list ../list -o out/%n.h5|65|
+1|--list ../nothing -o out/%n.h5|65|
+0|--each 0 -o v_%a.h5|2|
+0|--each 4 -o v.h5|2|
+0|-o v_%a.h5|2|
+none|--each 4 -o v_%a.h5|2|
+END
 [[ $failures -eq 0 ]]
