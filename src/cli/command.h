@@ -53,6 +53,7 @@ extern const struct v2v_command v2v_command_psf_info;
 extern const struct v2v_command v2v_command_psf_simulate;
 extern const struct v2v_command v2v_command_reconstruct;
 extern const struct v2v_command v2v_command_simulate;
+extern const struct v2v_command v2v_command_slurm;
 extern const struct v2v_command v2v_command_train;
 extern const struct v2v_command v2v_command_weights_info;
 extern const struct v2v_command v2v_command_weights_init;

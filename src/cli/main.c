@@ -17,7 +17,7 @@ static const struct v2v_command *const commands[] = {
     &v2v_command_weights_info, &v2v_command_train,        &v2v_command_reconstruct,
     &v2v_command_deconvolve,   &v2v_command_evaluate,     &v2v_command_bench,
     &v2v_command_convert,      &v2v_command_preview,      &v2v_command_info,
-    &v2v_command_check,        &v2v_command_init};
+    &v2v_command_check,        &v2v_command_init,         &v2v_command_slurm};
 enum { COMMANDS = sizeof commands / sizeof commands[0], LONGEST_NAME = 32 };
 
 static void print_commands(const char *first_word)
@@ -41,12 +41,13 @@ static void print_usage(void)
 
 static void print_help(const struct v2v_command *command)
 {
-    const char *operand = "";
+    const char *operand = "", *rest = "";
     for (const struct v2v_option *o = command->options; o->kind != V2V_OPTION_END; o++) {
         operand = o->kind == V2V_OPTION_OPERAND ? o->value : operand;
+        rest = o->kind == V2V_OPTION_REST ? " -- ARGUMENT..." : rest;
     }
-    printf("v2v3d %s: %s\n\nUsage: v2v3d %s [options] %s\n\n", command->name, command->summary,
-           command->name, operand);
+    printf("v2v3d %s: %s\n\nUsage: v2v3d %s [options] %s%s\n\n", command->name, command->summary,
+           command->name, operand, rest);
     v2v_options_help(stdout, command->options);
 }
 

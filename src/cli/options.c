@@ -59,6 +59,12 @@ struct parser {
     int options_ended;             /* after "--" */
 };
 
+/* Operands have a name for the table only. */
+static int is_named(const struct v2v_option *option)
+{
+    return option->kind != V2V_OPTION_OPERAND && option->kind != V2V_OPTION_REST;
+}
+
 /* The option of both tables for which the test holds. */
 static const struct v2v_option *find(const struct v2v_option *table, const char *name,
                                      size_t length, char letter)
@@ -66,8 +72,8 @@ static const struct v2v_option *find(const struct v2v_option *table, const char 
     const struct v2v_option *const tables[] = {table, common_options};
     for (int i = 0; i < 2; i++) {
         for (const struct v2v_option *o = tables[i]; o->kind != V2V_OPTION_END; o++) {
-            int named = name != NULL && o->kind != V2V_OPTION_OPERAND &&
-                        strlen(o->name) == length && memcmp(o->name, name, length) == 0;
+            int named = name != NULL && is_named(o) && strlen(o->name) == length &&
+                        memcmp(o->name, name, length) == 0;
             if (named || (letter != 0 && o->letter == letter)) {
                 return o;
             }
@@ -86,7 +92,7 @@ static enum v2v_status unknown_option(const struct v2v_option *table, const char
     const struct v2v_option *const tables[] = {table, common_options};
     for (int i = 0; i < 2; i++) {
         for (const struct v2v_option *o = tables[i]; o->kind != V2V_OPTION_END; o++) {
-            if (o->kind != V2V_OPTION_OPERAND && count < MOST) {
+            if (is_named(o) && count < MOST) {
                 names[count++] = o->name;
             }
         }
@@ -189,6 +195,7 @@ static enum v2v_status store(struct parser *parser, const struct v2v_option *opt
     case V2V_OPTION_SETTING:
         V2V_TRY(append_assignment(parser, option, text));
         break;
+    case V2V_OPTION_REST: /* taken whole */
     case V2V_OPTION_END:
         break;
     }
@@ -246,12 +253,24 @@ static enum v2v_status check_required(const struct parser *parser)
         /* The destinations of required options are pointers or start with one. */
         const char *const *to = (const void *)(parser->arguments + o->at);
         if (o->required && *to == NULL) {
-            return o->kind == V2V_OPTION_OPERAND
-                       ? V2V_FAIL(V2V_E_USAGE, "%s is missing", o->value)
-                       : V2V_FAIL(V2V_E_USAGE, "--%s %s is missing", o->name, o->value);
+            return is_named(o) ? V2V_FAIL(V2V_E_USAGE, "--%s %s is missing", o->name, o->value)
+                               : V2V_FAIL(V2V_E_USAGE, "%s%s is missing",
+                                          o->kind == V2V_OPTION_REST ? "-- " : "", o->value);
         }
     }
     return V2V_OK;
+}
+
+/* Where the table has a REST, nothing is left to read. */
+static void take_rest(struct parser *parser)
+{
+    for (const struct v2v_option *o = parser->table; o->kind != V2V_OPTION_END; o++) {
+        if (o->kind == V2V_OPTION_REST && parser->next < parser->argc) {
+            *(struct v2v_rest *)(void *)(parser->arguments + o->at) =
+                (struct v2v_rest){parser->argv + parser->next, parser->argc - parser->next};
+            parser->next = parser->argc;
+        }
+    }
 }
 
 enum v2v_status v2v_options_parse(void *arguments, const struct v2v_option *table, int argc,
@@ -269,6 +288,7 @@ enum v2v_status v2v_options_parse(void *arguments, const struct v2v_option *tabl
         const char *word = argv[parser.next++];
         if (!parser.options_ended && strcmp(word, "--") == 0) {
             parser.options_ended = 1;
+            take_rest(&parser);
         } else if (!parser.options_ended && word[0] == '-' && word[1] != '\0') {
             V2V_TRY(option_word(&parser, word));
         } else {
@@ -316,10 +336,11 @@ static void print_table(FILE *stream, const struct v2v_option *table)
 {
     enum { COLUMN = 30 };
     for (const struct v2v_option *o = table; o->kind != V2V_OPTION_END; o++) {
-        int width = o->kind == V2V_OPTION_OPERAND ? fprintf(stream, "  %s", o->value)
-                    : o->letter != 0 ? fprintf(stream, "  -%c, --%s", o->letter, o->name)
-                                     : fprintf(stream, "      --%s", o->name);
-        if (o->value != NULL && o->kind != V2V_OPTION_OPERAND) {
+        int width = o->kind == V2V_OPTION_REST ? fprintf(stream, "  -- %s", o->value)
+                    : !is_named(o)             ? fprintf(stream, "  %s", o->value)
+                    : o->letter != 0           ? fprintf(stream, "  -%c, --%s", o->letter, o->name)
+                                               : fprintf(stream, "      --%s", o->name);
+        if (o->value != NULL && is_named(o)) {
             width += fprintf(stream, " %s", o->value);
         }
         if (width >= COLUMN) {

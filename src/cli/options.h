@@ -18,13 +18,20 @@ enum v2v_option_kind {
     V2V_OPTION_CHOICE,   /**< int: index into the words of `value`, "sum|mean" */
     V2V_OPTION_LIST,     /**< struct v2v_words: repeatable, and takes the words that follow it */
     V2V_OPTION_SETTING,  /**< a short name for `--set KEY=value`, KEY in `key` */
-    V2V_OPTION_OPERAND   /**< const char *: the word without an option */
+    V2V_OPTION_OPERAND,  /**< const char *: the word without an option */
+    V2V_OPTION_REST      /**< struct v2v_rest: all words after "--", whatever they are */
 };
 
 /** Words in the order of the command line, borrowed from it. */
 struct v2v_words {
     const char **item;
     int64_t count;
+};
+
+/** The same, as they stand there. */
+struct v2v_rest {
+    char *const *item;
+    int count;
 };
 
 struct v2v_option {

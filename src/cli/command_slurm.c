@@ -1,0 +1,297 @@
+#include "cli/steps.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include <inttypes.h>
+#include <string.h>
+
+/* Longest time from the warning to the end of an attempt, s: a checkpoint takes less, and Slurm
+ * sends the signal up to a minute early. */
+#define WARNING_SECONDS 180.0
+
+struct arguments {
+    struct v2v_common common;
+    const char *kind, *partition, *account, *array, *list, *home;
+    struct v2v_rest words;
+    int64_t nodes, ranks, each;
+    int launcher; /* index into launchers */
+    double time_s, memory_gb;
+};
+
+static const char *const launchers[] = {"srun", "mpirun"};
+
+#define TEXT(field, word, values, text)                                                            \
+    {                                                                                              \
+        .name = (word), .kind = V2V_OPTION_TEXT, .at = offsetof(struct arguments, field),          \
+        .value = (values), .help = (text)                                                          \
+    }
+
+static const struct v2v_option options[] = {
+    {.name = "kind",
+     .kind = V2V_OPTION_OPERAND,
+     .at = offsetof(struct arguments, kind),
+     .value = "train|reconstruct|array",
+     .help = "the command; array: reconstruct as many tasks",
+     .required = 1},
+    {.name = "arguments",
+     .kind = V2V_OPTION_REST,
+     .at = offsetof(struct arguments, words),
+     .value = "ARGUMENT...",
+     .help = "of that command, checked before they are printed",
+     .required = 1},
+    {.name = "nodes",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, nodes),
+     .value = "N",
+     .help = "of the job, or of each task",
+     .initial = "1",
+     .least = 1,
+     .most = 1e6},
+    {.name = "ranks",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, ranks),
+     .value = "N",
+     .help = "on each node, --threads of each rank",
+     .initial = "1",
+     .least = 1,
+     .most = 1e6},
+    {.name = "time",
+     .kind = V2V_OPTION_DURATION,
+     .at = offsetof(struct arguments, time_s),
+     .value = "TIME",
+     .help = "limit of an attempt; the job is requeued until it is done",
+     .initial = "4h"},
+    {.name = "mem",
+     .kind = V2V_OPTION_NUMBER,
+     .at = offsetof(struct arguments, memory_gb),
+     .value = "GB",
+     .help = "of a node; 0: from --max-mem of the command, else the cluster's default",
+     .least = 0,
+     .most = 1e6},
+    TEXT(partition, "partition", "NAME", "where to run"),
+    TEXT(account, "account", "NAME", "who pays"),
+    {.name = "launcher",
+     .kind = V2V_OPTION_CHOICE,
+     .at = offsetof(struct arguments, launcher),
+     .value = "srun|mpirun",
+     .help = "what starts the ranks"},
+    TEXT(array, "array", "TASKS", "array: numbers of the tasks, such as 0-9 or 0-99%8"),
+    {.name = "each",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, each),
+     .value = "N",
+     .help = "array: task k takes frames k N .. k N + N - 1",
+     .least = 1,
+     .most = 1e12},
+    TEXT(list, "list", "FILE", "array: task k takes the recording in line k + 1"),
+    TEXT(home, "home", "FOLDER", "that holds jobs/; default: where sbatch is called"),
+    {0}};
+
+static int is_array(const struct arguments *given)
+{
+    return strcmp(given->kind, "array") == 0;
+}
+
+/* A word for a line #SBATCH, where nothing can be quoted. */
+static enum v2v_status check_plain(const char *option, const char *text)
+{
+    static const char fine[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                               "_.,:@%+-";
+    if (text != NULL && text[strspn(text, fine)] != '\0') {
+        return V2V_FAIL(V2V_E_USAGE,
+                        "--%s: '%s' holds other characters than letters, digits and %s", option,
+                        text, strchr(fine, '_'));
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status check_array(const struct arguments *given)
+{
+    int has_pattern = 0;
+    for (int i = 0; i < given->words.count; i++) {
+        const char *word = given->words.item[i];
+        has_pattern |= strstr(word, "%a") != NULL || strstr(word, "%n") != NULL;
+    }
+    if (!is_array(given)) {
+        return given->array != NULL || given->each > 0 || given->list != NULL
+                   ? V2V_FAIL(V2V_E_USAGE, "--array, --each and --list are for an array")
+                   : V2V_OK;
+    }
+    if (given->array == NULL) {
+        return V2V_FAIL(V2V_E_USAGE, "an array needs --array TASKS");
+    }
+    if ((given->each > 0) == (given->list != NULL)) {
+        return V2V_FAIL(V2V_E_USAGE, "an array needs --each N or --list FILE");
+    }
+    if (!has_pattern) {
+        return V2V_FAIL(V2V_E_USAGE, "all tasks would write one file: the output's name needs %%a "
+                                     "(the task's number) or %%n (the recording's name)");
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status check(const struct arguments *given)
+{
+    enum v2v_status rc = V2V_OK;
+    if (strcmp(given->kind, "train") != 0 && strcmp(given->kind, "reconstruct") != 0 &&
+        !is_array(given)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "'%s' is none of train|reconstruct|array", given->kind));
+    }
+    V2V_TRY(check_plain("partition", given->partition));
+    V2V_TRY(check_plain("account", given->account));
+    V2V_TRY(check_plain("array", given->array));
+    V2V_TRY(check_array(given));
+    if (given->time_s < 60.0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--time: Slurm's shortest is a minute"));
+    }
+done:
+    return rc;
+}
+
+/* What the job would say to its arguments, before it waits in a queue. Rank 0.
+ *  @param memory_gb that a rank may hold by its configuration; 0: no limit */
+static enum v2v_status check_words(const struct arguments *given, double *memory_gb)
+{
+    enum v2v_status rc = V2V_OK;
+    static char input[] = "--input=recording";
+    const struct v2v_command *command =
+        strcmp(given->kind, "train") == 0 ? &v2v_command_train : &v2v_command_reconstruct;
+    struct v2v_common *parsed = NULL;
+    char **words = NULL;
+    struct v2v_config config;
+    int count = given->words.count;
+    V2V_TRY(V2V_ALLOC(words, "cli.words", count + 1));
+    for (int i = 0; i < count; i++) {
+        words[i] = given->words.item[i];
+    }
+    if (given->list != NULL) {
+        words[count++] = input; /* each task has its own */
+    }
+    parsed = v2v_mem_alloc("cli.arguments", 1, command->bytes);
+    if (parsed == NULL) {
+        V2V_TRY(V2V_E_MEMORY);
+    }
+    V2V_TRY(v2v_options_parse(parsed, command->options, count, words));
+    v2v_config_defaults(&config);
+    if (parsed->config != NULL) {
+        V2V_TRY(v2v_config_load(&config, parsed->config));
+    }
+    V2V_TRY(v2v_options_apply(parsed, &config));
+    *memory_gb = config.parallel.max_mem_gb;
+done:
+    if (parsed != NULL) {
+        v2v_options_fini(parsed, command->options);
+    }
+    v2v_mem_free(parsed);
+    v2v_mem_free(words);
+    return rc;
+}
+
+/* A word as the shell reads it back. */
+static void print_word(const char *word)
+{
+    static const char safe[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                               "_./:=,%+@-";
+    if (word[0] != '\0' && word[strspn(word, safe)] == '\0') {
+        printf("%s", word);
+        return;
+    }
+    putchar('\'');
+    for (; *word != '\0'; word++) {
+        if (*word == '\'') {
+            printf("'\\''");
+        } else {
+            putchar(*word);
+        }
+    }
+    putchar('\'');
+}
+
+static void print_request(const struct arguments *given, int64_t threads, double memory_gb)
+{
+    const int64_t minutes = (int64_t)(given->time_s / 60.0);
+    const double margin =
+        given->time_s / 4.0 < WARNING_SECONDS ? given->time_s / 4.0 : WARNING_SECONDS;
+    printf("#!/bin/bash\n"
+           "#SBATCH --job-name=v2v3d-%s\n"
+           "#SBATCH --nodes=%" PRId64 "\n"
+           "#SBATCH --ntasks-per-node=%" PRId64 "\n"
+           "#SBATCH --cpus-per-task=%" PRId64 "\n"
+           "#SBATCH --time=%" PRId64 "-%02d:%02d\n",
+           given->kind, given->nodes, given->ranks, threads, minutes / 1440,
+           (int)(minutes / 60 % 24), (int)(minutes % 60));
+    if (memory_gb > 0.0) {
+        printf("#SBATCH --mem=%.0fM\n", 1e9 * memory_gb / (1 << 20));
+    }
+    if (given->partition != NULL) {
+        printf("#SBATCH --partition=%s\n", given->partition);
+    }
+    if (given->account != NULL) {
+        printf("#SBATCH --account=%s\n", given->account);
+    }
+    if (given->array != NULL) {
+        printf("#SBATCH --array=%s\n", given->array);
+    }
+    printf("#SBATCH --signal=B:USR1@%.0f\n"
+           "#SBATCH --requeue\n"
+           "#SBATCH --open-mode=append\n",
+           margin);
+}
+
+static void print_start(const struct arguments *given)
+{
+    printf("V2V3D_HOME=${V2V3D_HOME:-");
+    if (given->home != NULL) {
+        print_word(given->home);
+    } else {
+        printf("${SLURM_SUBMIT_DIR:-$PWD}");
+    }
+    printf("}\n"
+           "V2V3D_LAUNCHER=${V2V3D_LAUNCHER:-%s}\n"
+           "# shellcheck source=/dev/null\n"
+           ". \"$V2V3D_HOME/jobs/common.sh\" || exit 78\n",
+           launchers[given->launcher]);
+    if (!is_array(given)) {
+        printf("run_job %s --", given->kind);
+    } else if (given->list == NULL) {
+        printf("run_array --each %" PRId64 " --", given->each);
+    } else {
+        printf("run_array --list ");
+        print_word(given->list);
+        printf(" --");
+    }
+    for (int i = 0; i < given->words.count; i++) {
+        putchar(' ');
+        print_word(given->words.item[i]);
+    }
+    putchar('\n');
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    const int64_t threads = session->config.parallel.threads;
+    double memory_gb = 0.0;
+    V2V_TRY(check(given));
+    if (v2v_step_on_root(session)) {
+        rc = check_words(given, &memory_gb);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    if (v2v_step_on_root(session)) {
+        /* what the program counts, and a tenth for the libraries */
+        memory_gb =
+            given->memory_gb > 0.0 ? given->memory_gb : 1.1 * memory_gb * (double)given->ranks;
+        print_request(given, threads > 0 ? threads : 1, memory_gb);
+        print_start(given);
+    }
+done:
+    return rc;
+}
+
+const struct v2v_command v2v_command_slurm = {
+    .name = "slurm",
+    .summary = "job script that trains or reconstructs on a Slurm cluster",
+    .options = options,
+    .bytes = sizeof(struct arguments),
+    .run = run};
