@@ -102,7 +102,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));
     v2v_step_announce(session);
+    struct v2v_par_time began = v2v_par_time_now();
     V2V_TRY(frames(given, session, recording, &scaling, writer, rld));
+    v2v_step_communication(session, &began);
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     v2v_volume_abandon(&writer);

@@ -191,7 +191,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                            : v2v_volume_create)(&writer, given->output, &info, datasets,
                                                 provenance.item, provenance.count, session->world));
     v2v_step_announce(session);
+    struct v2v_par_time began = v2v_par_time_now();
     V2V_TRY(v2v_reconstruct(model, recording, &scaling, writer, given->branches, &grid, &part));
+    v2v_step_communication(session, &began);
     report_skipped(part, skip_of(&session->config.recon), precision);
     V2V_TRY(v2v_volume_finish(&writer));
 done:

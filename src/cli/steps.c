@@ -138,6 +138,12 @@ void v2v_step_announce(const struct v2v_session *session)
     v2v_log(V2V_LOG_INFO, "%d ranks x %d threads", v2v_comm_size(session->world), session->threads);
 }
 
+void v2v_step_communication(const struct v2v_session *session, const struct v2v_par_time *began)
+{
+    struct v2v_par_shares shares = v2v_par_shares_since(session->world, began);
+    v2v_par_log_shares(session->world, &shares);
+}
+
 /* A file's own figure, or the PSFs' when the file does not say. */
 static double stated(double own, double of_psf)
 {

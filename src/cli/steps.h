@@ -10,6 +10,7 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/io/volume.h"
 #include "v2v3d/io/weights_file.h"
+#include "v2v3d/par/time.h"
 
 /** Is this the rank that prints? @kind Local */
 int v2v_step_on_root(const struct v2v_session *session);
@@ -54,6 +55,10 @@ enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_sc
 
 /** Log ranks x threads. @kind Local */
 void v2v_step_announce(const struct v2v_session *session);
+
+/** Log the part of the time since `began` that the ranks spent on communication.
+ *  @kind Collective(world) */
+void v2v_step_communication(const struct v2v_session *session, const struct v2v_par_time *began);
 
 /** Frames and voxel size of a volume made from a recording. @kind Local */
 struct v2v_volume_info v2v_step_volume_of(const struct v2v_recording_info *recording,

@@ -1,6 +1,7 @@
 #include "v2v3d/par/comm.h"
 
 #include "par/comm_mpi.h"
+#include "par/spent.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -179,6 +180,7 @@ enum v2v_status v2v_par_agree(const struct v2v_comm *comm, enum v2v_status rc)
     }
     worst.code = (int)rc;
     worst.rank = comm->rank;
+    double began = v2v_clock_now();
     /* Of equal codes MPI_MAXLOC takes the lowest rank. */
     MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_2INT, MPI_MAXLOC, comm->mpi);
     if (worst.code != (int)V2V_OK) {
@@ -189,5 +191,6 @@ enum v2v_status v2v_par_agree(const struct v2v_comm *comm, enum v2v_status rc)
         MPI_Bcast(&verdict, (int)sizeof verdict, MPI_BYTE, worst.rank, comm->mpi);
         v2v_status_set_message(verdict.message, verdict.place);
     }
+    v2v_par_spent(V2V_PAR_AGREE, began);
     return (enum v2v_status)worst.code;
 }

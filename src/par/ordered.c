@@ -1,4 +1,5 @@
 #include "par/comm_mpi.h"
+#include "par/spent.h"
 
 #include <string.h>
 
@@ -65,10 +66,12 @@ void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const floa
         add(sum, x, count);
         return;
     }
+    double began = v2v_clock_now();
     int64_t length = piece_length(comm);
     for (int64_t i = 0; i < count; i += length) {
         add_piece(comm, sum + i, x + i, shorter(count - i, length), scratch, 0);
     }
+    v2v_par_spent(V2V_PAR_SUM, began);
 }
 
 void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
@@ -77,6 +80,7 @@ void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
     if (size == 1) {
         return;
     }
+    double began = v2v_clock_now();
     int64_t length = piece_length(comm);
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
     for (int64_t i = 0; i < count; i += length) {
@@ -84,6 +88,7 @@ void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
         MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, sum + i, counts, offsets, MPI_FLOAT,
                        v2v_comm_mpi(comm));
     }
+    v2v_par_spent(V2V_PAR_SPREAD, began);
 }
 
 void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)

@@ -1,4 +1,5 @@
 #include "par/comm_mpi.h"
+#include "par/spent.h"
 
 #include <limits.h>
 #include <string.h>
@@ -20,10 +21,12 @@ static void reduce(const struct v2v_comm *comm, void *x, int64_t count, size_t s
     if (v2v_comm_size(comm) == 1) {
         return;
     }
+    double began = v2v_clock_now();
     for (int64_t i = 0; i < count; i += PIECE) {
         MPI_Allreduce(MPI_IN_PLACE, (char *)x + (size_t)i * size, piece_count(count - i), type,
                       operation, v2v_comm_mpi(comm));
     }
+    v2v_par_spent(V2V_PAR_SUM, began);
 }
 
 void v2v_par_sum_f32(const struct v2v_comm *comm, float *x, int64_t count)
@@ -57,9 +60,11 @@ void v2v_par_broadcast(const struct v2v_comm *comm, void *data, int64_t bytes, i
     if (v2v_comm_size(comm) == 1) {
         return;
     }
+    double began = v2v_clock_now();
     for (int64_t i = 0; i < bytes; i += PIECE) {
         MPI_Bcast((char *)data + i, piece_count(bytes - i), MPI_BYTE, root, v2v_comm_mpi(comm));
     }
+    v2v_par_spent(V2V_PAR_SPREAD, began);
 }
 
 /** Does every contribution end below what an int can count? The same answer on all ranks. */
@@ -96,8 +101,10 @@ void v2v_par_allgather_f32(const struct v2v_comm *comm, float *out, const float 
         counts[r] = (int)count[r];
         offsets[r] = (int)offset[r];
     }
+    double began = v2v_clock_now();
     MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, out, counts, offsets, MPI_FLOAT,
                    v2v_comm_mpi(comm));
+    v2v_par_spent(V2V_PAR_SPREAD, began);
 }
 
 void v2v_par_exchange_f32(const struct v2v_comm *comm, float *received, const float *sent,
@@ -111,17 +118,21 @@ void v2v_par_exchange_f32(const struct v2v_comm *comm, float *received, const fl
         }
         return;
     }
+    double began = v2v_clock_now();
     for (int64_t i = 0; i < count; i += PIECE) {
         int piece = piece_count(count - i);
         MPI_Sendrecv(sent + i, piece, MPI_FLOAT, other, TAG, received + i, piece, MPI_FLOAT, other,
                      TAG, v2v_comm_mpi(comm), MPI_STATUS_IGNORE);
     }
+    v2v_par_spent(V2V_PAR_EXCHANGE, began);
 }
 
 void v2v_par_barrier(const struct v2v_comm *comm)
 {
     if (v2v_comm_size(comm) > 1) {
+        double began = v2v_clock_now();
         MPI_Barrier(v2v_comm_mpi(comm));
+        v2v_par_spent(V2V_PAR_AGREE, began);
     }
 }
 

@@ -3,6 +3,7 @@
 #define V2V3D_TRAIN_RUN_FOLDER_H
 
 #include "train/trainer.h"
+#include "v2v3d/par/time.h"
 
 #include <stdio.h>
 
@@ -24,10 +25,10 @@ enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct
  * later steps are cut off. Local; rank 0 works. */
 enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
 
-/* One line. Local; rank 0 works. */
+/* One line of a step that began then. Local; rank 0 works. */
 enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
                                    const struct v2v_step_result *result,
-                                   double seconds) V2V_MUST_CHECK;
+                                   const struct v2v_par_time *began) V2V_MUST_CHECK;
 void v2v_run_folder_leave(struct v2v_run_folder *folder);
 
 #endif

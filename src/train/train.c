@@ -8,6 +8,7 @@
 #include "v2v3d/base/stop.h"
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/nn/rule.h"
+#include "v2v3d/par/time.h"
 #include "v2v3d/par/watchdog.h"
 
 #include <stdio.h>
@@ -130,15 +131,15 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
     struct v2v_step_result result = {0};
     const struct v2v_train_settings *settings = &run->job->config->train;
     while (run->step < settings->steps) {
-        double began = v2v_clock_now();
+        struct v2v_par_time began = v2v_par_time_now();
         v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "a training step");
         V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, wants_to_stop(run)));
         run->step++;
         report->last_total = result.terms[V2V_LOSS_TOTAL];
         V2V_TRY(judge(run, &result));
         if (run->step % settings->log_every == 0 || run->step == settings->steps) {
-            V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_log(&run->folder, run->step, &result,
-                                                                v2v_clock_now() - began)));
+            V2V_TRY(v2v_par_agree(run->comm,
+                                  v2v_run_folder_log(&run->folder, run->step, &result, &began)));
         }
         show(run, &result);
         if (result.votes > 0 && run->step < settings->steps) {
@@ -166,8 +167,14 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     V2V_TRY(v2v_trainer_create(&run.trainer, job, comm));
     V2V_TRY(start(&run));
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
     v2v_progress_end(&run.progress);
+    if (rc == V2V_OK || rc == V2V_STOPPED) {
+        struct v2v_par_shares shares = v2v_par_shares_since(comm, &began);
+        v2v_par_log_shares(comm, &shares);
+        report->communication = shares.mean;
+    }
 done:
     v2v_watchdog_disarm();
     report->steps = run.step;

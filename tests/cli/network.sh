@@ -59,7 +59,7 @@ fi
 # The golden configuration takes the network from the weight file.
 works train -c golden.yaml --psf psf.h5 --input recording.h5 --weights w.h5 -o golden
 [ "$(wc -l <golden/metrics.jsonl)" -eq 3 ] || fail 'golden: not 3 lines of metrics'
-for key in step mse fft pos dc tv total grad_norm seconds; do
+for key in step mse fft pos dc tv total grad_norm seconds communication; do
     grep -q "\"$key\": " golden/metrics.jsonl || fail "metrics.jsonl has no $key"
 done
 works weights info golden/weights.h5

@@ -43,10 +43,12 @@ struct v2v_train_report {
     int64_t steps;     /**< done in all, resumed ones included */
     double last_total; /**< total loss of the last step */
     double seconds;
+    double communication; /**< part of the steps' time, 0 .. 1, mean over ranks */
 };
 
 /** Train until config->train.steps, the time limit or a stop request. Writes RUN/metrics.jsonl
- * (step, mse, fft, pos, dc, tv, total, grad_norm, seconds), RUN/weights.h5, RUN/config.yaml.
+ * (step, mse, fft, pos, dc, tv, total, grad_norm, seconds and, of these, rank 0's in
+ * communication), RUN/weights.h5, RUN/config.yaml.
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_STOPPED (limit or signal: checkpoint written) | V2V_E_NUMERIC |
  *          V2V_E_CONFIG | V2V_E_INPUT | V2V_E_BUSY (another run holds RUN) | V2V_E_USAGE (RUN holds
