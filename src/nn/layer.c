@@ -2,6 +2,18 @@
 
 #include "v2v3d/base/text.h"
 
+void v2v_parameters_ready(const struct v2v_parameters *parameters, int64_t first_field,
+                          int64_t last_field)
+{
+    const struct v2v_fields *fields = parameters->fields;
+    int64_t first = fields->item[first_field].offset;
+    int64_t end = last_field + 1 < fields->count ? fields->item[last_field + 1].offset /* padding */
+                                                 : fields->total;
+    if (parameters->ready != NULL) {
+        parameters->ready(parameters->context, first, end - first);
+    }
+}
+
 enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fields,
                                   const char *prefix, const char *name)
 {

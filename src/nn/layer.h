@@ -18,7 +18,13 @@ struct v2v_layer {
 struct v2v_parameters {
     const struct v2v_fields *fields;
     float *weights, *gradients;
+    void (*ready)(void *context, int64_t first, int64_t count); /* may be NULL */
+    void *context;
 };
+
+/* Tell who watches that the gradients of these fields are final. */
+void v2v_parameters_ready(const struct v2v_parameters *parameters, int64_t first_field,
+                          int64_t last_field);
 
 /* Add NAME.weight [out,in,k,k] and NAME.bias [out] to the table. `layer` has its sizes already. */
 enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fields,

@@ -255,6 +255,24 @@ void v2v_model_gather(struct v2v_model *model, float *volume, const float *rows)
 
 /* ---- backward ---- */
 
+void v2v_model_watch_gradients(struct v2v_model *model,
+                               void (*ready)(void *context, int64_t first, int64_t count),
+                               void *context)
+{
+    int is_cut = v2v_model_slabs(model) > 1;
+    model->ready = ready;
+    model->ready_context = context;
+    model->slab[0].parameters.ready = is_cut ? NULL : ready;
+    model->slab[0].parameters.context = context;
+}
+
+static void tell(const struct v2v_model *model, int64_t first, int64_t count)
+{
+    if (model->ready != NULL) {
+        model->ready(model->ready_context, first, count);
+    }
+}
+
 static void run_branch_back(struct v2v_model *model, int b, const float *dvolume)
 {
     struct v2v_unet *middle = middle_of(model, b);
@@ -359,5 +377,7 @@ void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const fl
     if (is_cut) {
         memcpy(model->gradients, model->encoder_sum, (size_t)model->encoder_floats * sizeof(float));
         sum_slabs(model, model->encoder_floats, model->fields.total - model->encoder_floats);
+        tell(model, model->encoder_floats, model->fields.total - model->encoder_floats);
     }
+    tell(model, 0, model->encoder_floats);
 }

@@ -20,7 +20,8 @@ struct v2v_model_slab {
     float *batch[V2V_BRANCHES];       /* [views of its part,y,x], training */
     float *dbatch[V2V_BRANCHES];      /* [views of its part,feature,y,x] training */
     float *dvolume;                   /* [z,rows computed,x] training */
-    struct v2v_parameters parameters; /* the model's weights; gradients of this slab alone */
+    struct v2v_parameters parameters; /* the model's weights; gradients of this slab alone, which
+                                         tell who watches when there is one slab */
 };
 
 struct v2v_model {
@@ -39,6 +40,8 @@ struct v2v_model {
     int64_t view_count[V2V_BRANCHES];
     struct v2v_shifts shifts; /* a copy */
     double computed_part;
+    void (*ready)(void *context, int64_t first, int64_t count); /* watches gradients; or NULL */
+    void *ready_context;
     int32_t *round[2];            /* [ranks] views under way */
     float *encoder_sum, *scratch; /* of gradients over slabs, training */
     struct v2v_workspace shared;  /* of all convolutions, one after the other */

@@ -160,6 +160,7 @@ static void run_back(struct v2v_unet *unet, int i, const struct v2v_parameters *
 {
     if (parameters != NULL) {
         v2v_layer_backward(&unet->layer[i], parameters, unet->gradient[1], in, unet->gradient[0]);
+        v2v_parameters_ready(parameters, unet->layer[i].weight, unet->layer[i].bias);
     } else {
         v2v_conv_backward_data(unet->layer[i].conv, unet->gradient[1], unet->gradient[0]);
     }
@@ -263,4 +264,5 @@ void v2v_unet_enter_backward(struct v2v_unet *unet, const struct v2v_parameters 
                             v2v_parameter(fields, parameters->gradients, unet->first.weight),
                             v2v_parameter(fields, parameters->gradients, unet->first.bias),
                             dfeatures, features, unet->gradient[0]);
+    v2v_parameters_ready(parameters, unet->first.weight, unet->first.bias);
 }

@@ -107,6 +107,13 @@ double v2v_model_computed_part(const struct v2v_model *model);
  *  does it. @kind Local. */
 void v2v_model_weights_changed(struct v2v_model *model);
 
+/** From now on backward tells `ready` (NULL: nobody) of gradients [first, first + count) of the
+ * arena that it will not touch again, after every layer of a U-Net and after the encoder, with
+ * several slabs after their sum; every float once a call of backward. @kind Local. */
+void v2v_model_watch_gradients(struct v2v_model *model,
+                               void (*ready)(void *context, int64_t first, int64_t count),
+                               void *context);
+
 /** Add to the gradients what the last forward makes of dL/dvolume [z,rows,x]; with several slabs
  *  they are overwritten: by the sum over all slabs in their order, on every rank of the shard.
  *  @kind Collective(shard) */
