@@ -77,7 +77,7 @@ done:
     return rc;
 }
 
-/* Rank 0's clock and every rank's signals decide; the votes travel with the loss of the step. */
+/* Rank 0's clock and every rank's signals decide; the votes travel with the gradients. */
 static int wants_to_stop(const struct run *run)
 {
     double limit = run->job->max_time_s;
@@ -86,12 +86,11 @@ static int wants_to_stop(const struct run *run)
     return late || v2v_stop_requested();
 }
 
-/* Is it time for a checkpoint? Rank 0's clock says it for all. Collective(comm). */
+/* Is it time for a checkpoint? Rank 0's clock says it for all, with the votes. */
 static int checkpoint_due(const struct run *run)
 {
-    int due = v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
-    v2v_par_broadcast(run->comm, &due, sizeof due, 0);
-    return due;
+    return v2v_comm_rank(run->comm) == 0 &&
+           v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
 }
 
 static enum v2v_status judge(struct run *run, const struct v2v_step_result *result)
@@ -124,33 +123,47 @@ static void show(struct run *run, const struct v2v_step_result *result)
     v2v_progress_step(&run->progress, run->step, note);
 }
 
+/* What follows a step on all ranks alike. A line that could not be written is in `votes` and ends
+ * the run with the next step. Collective(comm), agreed. */
+static enum v2v_status after_step(struct run *run, const struct v2v_step_result *result,
+                                  struct v2v_step_votes *votes, const struct v2v_par_time *began)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_train_settings *settings = &run->job->config->train;
+    V2V_TRY(judge(run, result));
+    if (run->step % settings->log_every == 0 || run->step == settings->steps) {
+        votes->earlier = v2v_run_folder_log(&run->folder, run->step, result, began);
+    }
+    show(run, result);
+    if (result->stop && run->step < settings->steps) {
+        V2V_TRY(checkpoint(run));
+        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
+                         (long long)run->step, (long long)settings->steps));
+    }
+    if (result->checkpoint) {
+        V2V_TRY(checkpoint(run));
+    }
+done:
+    return rc;
+}
+
 /* Steps until the end or a stop. Collective(comm), agreed. */
 static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_step_result result = {0};
-    const struct v2v_train_settings *settings = &run->job->config->train;
-    while (run->step < settings->steps) {
+    struct v2v_step_votes votes = {0};
+    while (run->step < run->job->config->train.steps) {
         struct v2v_par_time began = v2v_par_time_now();
         v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "a training step");
-        V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, wants_to_stop(run)));
+        votes.stop = wants_to_stop(run);
+        votes.checkpoint = checkpoint_due(run);
+        V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, &votes));
         run->step++;
         report->last_total = result.terms[V2V_LOSS_TOTAL];
-        V2V_TRY(judge(run, &result));
-        if (run->step % settings->log_every == 0 || run->step == settings->steps) {
-            V2V_TRY(v2v_par_agree(run->comm,
-                                  v2v_run_folder_log(&run->folder, run->step, &result, &began)));
-        }
-        show(run, &result);
-        if (result.votes > 0 && run->step < settings->steps) {
-            V2V_TRY(checkpoint(run));
-            V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
-                             (long long)run->step, (long long)settings->steps));
-        }
-        if (checkpoint_due(run)) {
-            V2V_TRY(checkpoint(run));
-        }
+        V2V_TRY(after_step(run, &result, &votes, &began));
     }
+    V2V_TRY(v2v_par_agree(run->comm, votes.earlier));
     V2V_TRY(checkpoint(run));
 done:
     return rc;

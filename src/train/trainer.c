@@ -10,6 +10,10 @@
 
 enum { BRANCHES = 2 };
 
+/* The tail: how many ranks say so, then the loss terms [sample, branch, term], each of which one
+ * rank knows: a sum over ranks leaves its bits alone. */
+enum { FLAG_FAILED, FLAG_STOP, FLAG_CHECKPOINT, FLAGS };
+
 /* The branches that this rank computes; an idle rank holds the second without using it. */
 static unsigned held_branches(const struct v2v_grid *grid)
 {
@@ -54,15 +58,42 @@ static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2
     V2V_TRY(v2v_model_create(&trainer->model, &spec, &shifts));
     const struct v2v_fields *fields = v2v_model_fields(trainer->model);
     measure_fields(trainer, fields);
-    if (job->config->train.batch > 1 || trainer->grid.data_size > 1) {
+    if (trainer->rounds > 1) {
         V2V_TRY(V2V_ALLOC(trainer->sum, "train.gradients", fields->total));
-        V2V_TRY(V2V_ALLOC(trainer->scratch, "train.gradients", V2V_PAR_SCRATCH));
     }
     V2V_TRY(V2V_ALLOC(trainer->m, "adam.m", fields->total));
     V2V_TRY(V2V_ALLOC(trainer->v, "adam.v", fields->total));
 done:
     v2v_shifts_fini(&shifts);
     return rc;
+}
+
+/* A backward pass goes on while what it has finished travels. */
+static void gradients_ready(void *context, int64_t first, int64_t count)
+{
+    struct v2v_trainer *trainer = context;
+    v2v_bucket_sum_ready(trainer->buckets, first, count);
+}
+
+/* The encoder's gradients come last, summed over both branches; a U-Net's over its own column. */
+static enum v2v_status create_buckets(struct v2v_trainer *trainer)
+{
+    const struct v2v_grid *grid = &trainer->grid;
+    const unsigned samples = 1u << V2V_LEVEL_DATA, branches = 1u << V2V_LEVEL_BRANCH;
+    struct v2v_bucket_run run[BRANCHES + 1] = {{0}};
+    int64_t first = trainer->encoder_floats;
+    for (int b = 0; b < BRANCHES; b++) {
+        run[b] = (struct v2v_bucket_run){first, trainer->unet_floats[b], samples};
+        first += trainer->unet_floats[b];
+    }
+    run[BRANCHES] = (struct v2v_bucket_run){0, trainer->encoder_floats, branches | samples};
+    struct v2v_bucket_setup setup = {
+        .world = grid->world,
+        .level = {[V2V_LEVEL_BRANCH] = grid->pair, [V2V_LEVEL_DATA] = grid->column},
+        .run = run,
+        .runs = BRANCHES + 1,
+        .bucket = V2V_BUCKET_FLOATS};
+    return v2v_bucket_sum_create(&trainer->buckets, &setup);
 }
 
 static enum v2v_status create_workspace(struct v2v_trainer *trainer,
@@ -78,13 +109,17 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                    .width = width,
                                    .window = v2v_sampler_window(trainer->sampler)};
     trainer->voxels = job->psf->slices * height * width;
-    V2V_TRY(V2V_ALLOC(trainer->views, "train.views", job->psf->views * height * width));
+    trainer->view_floats = job->psf->views * height * width;
+    V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
     for (int b = 0; b < BRANCHES; b++) {
         V2V_TRY(V2V_ALLOC(trainer->volume[b], "train.volumes", trainer->voxels));
         V2V_TRY(V2V_ALLOC(trainer->dvolume[b], "train.volumes", trainer->voxels));
     }
+    trainer->tail_count = FLAGS + job->config->train.batch * BRANCHES * V2V_LOSS_TOTAL;
+    V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
     V2V_TRY(v2v_model_plan(trainer->model, height, width, 1));
     V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
+    v2v_model_watch_gradients(trainer->model, gradients_ready, trainer);
 done:
     return rc;
 }
@@ -98,10 +133,13 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     V2V_TRY(v2v_grid_create(&trainer->grid, comm, (int)job->config->parallel.branches));
     v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch ranks", trainer->grid.data_size,
             trainer->grid.branch_size);
+    trainer->rounds =
+        (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
     V2V_TRY(v2v_sampler_create(&trainer->sampler, job, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
     V2V_TRY(v2v_par_agree(comm, create_model(trainer, job, precision)));
     V2V_TRY(v2v_par_agree(comm, create_workspace(trainer, job)));
+    V2V_TRY(create_buckets(trainer));
 done:
     return rc;
 }
@@ -111,18 +149,20 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     v2v_loss_destroy(&trainer->loss);
     v2v_model_destroy(&trainer->model);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m,         trainer->v,          trainer->sum,
-                       trainer->scratch,   trainer->views,      trainer->volume[0],
-                       trainer->volume[1], trainer->dvolume[0], trainer->dvolume[1]};
+    float *memory[] = {trainer->m,          trainer->v,         trainer->sum,
+                       trainer->views,      trainer->volume[0], trainer->volume[1],
+                       trainer->dvolume[0], trainer->dvolume[1]};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
+    v2v_mem_free(trainer->tail);
+    v2v_bucket_sum_destroy(&trainer->buckets);
     v2v_grid_destroy(&trainer->grid);
     *trainer = (struct v2v_trainer){0};
 }
 
-/* Forward, losses and backward of one sample: adds to gradients and terms. Collective(pair). */
-static void run_sample(struct v2v_trainer *trainer, double *terms)
+/* Forward, losses and backward of one sample: adds to the gradients. Collective(pair). */
+static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 {
     const struct v2v_grid *grid = &trainer->grid;
     double value[V2V_LOSS_TERMS];
@@ -136,74 +176,89 @@ static void run_sample(struct v2v_trainer *trainer, double *terms)
     const float *const volume[BRANCHES] = {trainer->volume[0], trainer->volume[1]};
     v2v_loss_evaluate(trainer->loss, value, branches, trainer->dvolume, volume, trainer->views);
     v2v_model_backward(trainer->model, trainer->dvolume[0], trainer->dvolume[1]);
-    for (int i = 0; i < V2V_LOSS_TERMS; i++) {
-        terms[i] += value[i];
-    }
+    memcpy(trainer->tail + FLAGS + (sample * BRANCHES + grid->branch_rank) * V2V_LOSS_TOTAL, value,
+           V2V_LOSS_TOTAL * sizeof *value);
 }
 
-static void scale_gradients(struct v2v_trainer *trainer, double factor)
+/* Where the batch's gradient ends up. */
+static float *batch_gradients(struct v2v_trainer *trainer)
 {
-    float *gradients = v2v_model_gradients(trainer->model);
-    int64_t total = v2v_model_fields(trainer->model)->total;
-#pragma omp parallel for simd schedule(static)
-    for (int64_t i = 0; i < total; i++) {
-        gradients[i] *= (float)factor;
-    }
+    return trainer->sum != NULL ? trainer->sum : v2v_model_gradients(trainer->model);
 }
 
-/* Add the gradients of this round's samples, the encoder's being the sum over both branches; the
- * order of the sum is that of the samples on any grid. Collective(world). */
-static void collect_gradients(struct v2v_trainer *trainer)
+/* One sample a rank, or none where they have run out; the sum over samples keeps their order, so
+ * rounds cannot be added up by themselves first. A sample that cannot be read counts as dark until
+ * the step ends: its rank may not leave the others alone. Collective(world). */
+static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int64_t round)
 {
-    float *gradients = v2v_model_gradients(trainer->model);
-    v2v_par_sum_f32(trainer->grid.pair, gradients, trainer->encoder_floats);
-    if (trainer->sum != NULL) {
-        v2v_par_add_ordered_f32(trainer->grid.column, trainer->sum, gradients,
-                                v2v_model_fields(trainer->model)->total, trainer->scratch);
+    enum v2v_status drawn = V2V_OK;
+    const struct v2v_grid *grid = &trainer->grid;
+    int64_t total = v2v_model_fields(trainer->model)->total, batch = trainer->config->train.batch;
+    int64_t sample = round * grid->data_size + grid->data_rank;
+    struct v2v_bucket_round setup = {.x = v2v_model_gradients(trainer->model),
+                                     .total = batch_gradients(trainer),
+                                     .first = round == 0,
+                                     .last = round == trainer->rounds - 1,
+                                     .factor = 1.0f / (float)batch};
+    memset(setup.x, 0, (size_t)total * sizeof *setup.x);
+    v2v_bucket_sum_begin(trainer->buckets, &setup);
+    if (grid->idle || sample >= batch) {
+        v2v_bucket_sum_ready(trainer->buckets, 0, total);
+        goto finish;
     }
+    drawn = v2v_sampler_draw(trainer->sampler, trainer->views, step, sample);
+    if (drawn != V2V_OK) {
+        memset(trainer->views, 0, (size_t)trainer->view_floats * sizeof *trainer->views);
+        trainer->tail[FLAG_FAILED] = 1.0;
+    }
+    run_sample(trainer, sample);
+finish:
+    v2v_bucket_sum_finish(trainer->buckets, trainer->tail, setup.last ? trainer->tail_count : 0);
+    return drawn;
 }
 
-/* The mean over the batch, known to all. Collective(world). */
-static void finish_gradients(struct v2v_trainer *trainer)
-{
-    int64_t total = v2v_model_fields(trainer->model)->total;
-    if (trainer->sum == NULL) {
-        return;
-    }
-    v2v_par_share_f32(trainer->grid.column, trainer->sum, total);
-    memcpy(v2v_model_gradients(trainer->model), trainer->sum, (size_t)total * sizeof(float));
-    scale_gradients(trainer, 1.0 / (double)trainer->config->train.batch);
-}
-
-/* Sums over all ranks of what all must know: loss terms, squared gradient norms, votes. Each part
- * of the gradient is counted by one rank, the first that holds it. Collective(world). */
-static void share_result(struct v2v_trainer *trainer, struct v2v_step_result *result, int vote)
+/* The length of the batch's gradient, the same on all ranks to the last bit. Collective(world). */
+static double squared_norm(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    const float *gradients = v2v_model_gradients(trainer->model);
-    enum { NORMS = V2V_LOSS_TERMS, VOTES = NORMS + 1 + BRANCHES, POOLED };
-    double pool[POOLED] = {0.0};
-    for (int i = 0; i < V2V_LOSS_TERMS; i++) {
-        pool[i] = result->terms[i] / (double)trainer->config->train.batch;
+    const float *gradients = batch_gradients(trainer);
+    double part[1 + BRANCHES] = {0.0}, squares = 0.0;
+    if (grid->branch_rank <= 0) { /* the encoder's are the same on both ranks of a pair */
+        part[0] = v2v_sum_of_squares(gradients, trainer->encoder_floats);
     }
-    if (!grid->idle && grid->data_rank == 0) {
-        if (v2v_comm_rank(grid->world) == 0) {
-            pool[NORMS] = v2v_sum_of_squares(gradients, trainer->encoder_floats);
-        }
-        gradients += trainer->encoder_floats;
-        for (int b = 0; b < BRANCHES; b++) {
-            pool[NORMS + 1 + b] = v2v_sum_of_squares(gradients, trainer->unet_floats[b]);
-            gradients += trainer->unet_floats[b];
+    gradients += trainer->encoder_floats;
+    for (int b = 0; b < BRANCHES; b++) {
+        part[1 + b] = v2v_sum_of_squares(gradients, trainer->unet_floats[b]);
+        gradients += trainer->unet_floats[b];
+    }
+    v2v_par_sum_f64(grid->pair, part, 1 + BRANCHES);
+    for (int i = 0; i < 1 + BRANCHES; i++) {
+        squares += part[i];
+    }
+    if (grid->data_size * grid->branch_size < v2v_comm_size(grid->world)) {
+        v2v_par_broadcast(grid->world, &squares, sizeof squares, 0); /* idle ranks have none */
+    }
+    return squares;
+}
+
+/* From the tail: terms of all samples in their order, and votes. Local. */
+static void read_tail(const struct v2v_trainer *trainer, struct v2v_step_result *result)
+{
+    double weight[V2V_LOSS_TERMS];
+    int64_t batch = trainer->config->train.batch;
+    const double *term = trainer->tail + FLAGS;
+    v2v_loss_weights(weight, &trainer->config->loss);
+    for (int64_t s = 0; s < batch; s++, term += BRANCHES * V2V_LOSS_TOTAL) {
+        for (int i = 0; i < V2V_LOSS_TOTAL; i++) {
+            result->terms[i] += term[i] + term[V2V_LOSS_TOTAL + i];
         }
     }
-    pool[VOTES] = vote ? 1.0 : 0.0;
-    v2v_par_sum_f64(grid->world, pool, POOLED);
-    memcpy(result->terms, pool, sizeof result->terms);
-    double squares = pool[NORMS] + pool[NORMS + 1] + pool[NORMS + 2];
-    result->grad_norm = sqrt(squares);
-    result->votes = (int)pool[VOTES];
-    /* Adam squares every element in float32: where the whole sum fits, each square does */
-    result->finite = isfinite((float)squares) && isfinite(result->terms[V2V_LOSS_TOTAL]);
+    for (int i = 0; i < V2V_LOSS_TOTAL; i++) {
+        result->terms[i] /= (double)batch;
+        result->terms[V2V_LOSS_TOTAL] += weight[i] * result->terms[i];
+    }
+    result->stop = trainer->tail[FLAG_STOP] > 0.0;
+    result->checkpoint = trainer->tail[FLAG_CHECKPOINT] > 0.0;
 }
 
 /* Scale a gradient that is longer than train.clip_norm down to it. */
@@ -213,7 +268,13 @@ static void clip_gradients(struct v2v_trainer *trainer, double norm)
     if (most <= 0.0 || norm <= most) {
         return;
     }
-    scale_gradients(trainer, most / norm);
+    float *gradients = batch_gradients(trainer);
+    const float factor = (float)(most / norm);
+    int64_t total = v2v_model_fields(trainer->model)->total;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < total; i++) {
+        gradients[i] *= factor;
+    }
 }
 
 static double learning_rate(const struct v2v_train_settings *settings, int64_t step)
@@ -222,42 +283,43 @@ static double learning_rate(const struct v2v_train_settings *settings, int64_t s
     return settings->learning_rate * (decayed ? settings->decay : 1.0);
 }
 
-enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,
-                                 int64_t step, int vote)
+static void step_weights(struct v2v_trainer *trainer, double grad_norm, int64_t step)
 {
-    enum v2v_status rc = V2V_OK, drawn = V2V_OK;
-    const struct v2v_grid *grid = &trainer->grid;
     const struct v2v_train_settings *settings = &trainer->config->train;
-    const struct v2v_fields *fields = v2v_model_fields(trainer->model);
+    struct v2v_adam adam = {.learning_rate = learning_rate(settings, step),
+                            .beta1 = settings->beta1,
+                            .beta2 = settings->beta2,
+                            .epsilon = settings->epsilon};
+    clip_gradients(trainer, grad_norm);
+    v2v_adam_step(&adam, v2v_model_weights(trainer->model), trainer->m, trainer->v,
+                  batch_gradients(trainer), v2v_model_fields(trainer->model)->total, step + 1);
+    v2v_model_weights_changed(trainer->model);
+}
+
+enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,
+                                 int64_t step, const struct v2v_step_votes *votes)
+{
+    enum v2v_status rc = V2V_OK, mine = votes->earlier;
+    const struct v2v_grid *grid = &trainer->grid;
     *result = (struct v2v_step_result){0};
-    if (trainer->sum != NULL) {
-        memset(trainer->sum, 0, (size_t)fields->total * sizeof(float));
+    memset(trainer->tail, 0, (size_t)trainer->tail_count * sizeof *trainer->tail);
+    trainer->tail[FLAG_FAILED] = mine != V2V_OK;
+    trainer->tail[FLAG_STOP] = votes->stop != 0;
+    trainer->tail[FLAG_CHECKPOINT] = votes->checkpoint != 0;
+    for (int64_t round = 0; round < trainer->rounds; round++) {
+        enum v2v_status drawn = run_round(trainer, step, round);
+        mine = mine == V2V_OK ? drawn : mine;
     }
-    int64_t rounds = (settings->batch + grid->data_size - 1) / grid->data_size;
-    for (int64_t round = 0; round < rounds; round++) {
-        int64_t sample = round * grid->data_size + grid->data_rank;
-        int mine = sample < settings->batch && !grid->idle;
-        if (mine) {
-            drawn = v2v_sampler_draw(trainer->sampler, trainer->views, step, sample);
-        }
-        V2V_TRY(v2v_par_agree(grid->world, drawn));
-        memset(v2v_model_gradients(trainer->model), 0, (size_t)fields->total * sizeof(float));
-        if (mine) {
-            run_sample(trainer, result->terms);
-        }
-        collect_gradients(trainer);
+    if (trainer->tail[FLAG_FAILED] > 0.0) {
+        V2V_TRY(v2v_par_agree(grid->world, mine));
     }
-    finish_gradients(trainer);
-    share_result(trainer, result, vote);
+    read_tail(trainer, result);
+    double squares = squared_norm(trainer);
+    result->grad_norm = sqrt(squares);
+    /* Adam squares every element in float32: where the whole sum fits, each square does */
+    result->finite = isfinite((float)squares) && isfinite(result->terms[V2V_LOSS_TOTAL]);
     if (result->finite) {
-        struct v2v_adam adam = {.learning_rate = learning_rate(settings, step),
-                                .beta1 = settings->beta1,
-                                .beta2 = settings->beta2,
-                                .epsilon = settings->epsilon};
-        clip_gradients(trainer, result->grad_norm);
-        v2v_adam_step(&adam, v2v_model_weights(trainer->model), trainer->m, trainer->v,
-                      v2v_model_gradients(trainer->model), fields->total, step + 1);
-        v2v_model_weights_changed(trainer->model);
+        step_weights(trainer, result->grad_norm, step);
     }
 done:
     return rc;

@@ -5,6 +5,7 @@
 #include "train/sampler.h"
 #include "v2v3d/nn/adam.h"
 #include "v2v3d/nn/model.h"
+#include "v2v3d/par/bucket_sum.h"
 #include "v2v3d/par/grid.h"
 
 struct v2v_trainer {
@@ -16,11 +17,23 @@ struct v2v_trainer {
     float *m, *v;           /* Adam's moments, as the model's fields */
     int64_t encoder_floats; /* of the arenas: shared by both branches */
     int64_t unet_floats[2]; /* behind them, 0 for a branch not held */
-    float *sum, *scratch;   /* of gradients over a batch's samples; NULL where there is one */
-    float *views;           /* [v,y,x] of a sample */
-    float *volume[2];       /* [z,y,x] of both branches */
+    int64_t rounds;         /* in which the ranks run a batch's samples */
+    float *sum;             /* of gradients over rounds; NULL: one round, summed where they are */
+    struct v2v_bucket_sum *buckets;
+    double *tail; /* numbers of a step that all ranks must know */
+    int64_t tail_count;
+    float *views; /* [v,y,x] of a sample */
+    int64_t view_floats;
+    float *volume[2]; /* [z,y,x] of both branches */
     float *dvolume[2];
     int64_t voxels;
+};
+
+/* What a rank brings into a step beside its samples. */
+struct v2v_step_votes {
+    int stop;                /* this rank wants to stop after the step */
+    int checkpoint;          /* .. wants a checkpoint after it */
+    enum v2v_status earlier; /* a failure since the last step that nobody else knows of yet */
 };
 
 /* What every rank knows after a step. */
@@ -28,7 +41,7 @@ struct v2v_step_result {
     double terms[V2V_LOSS_TERMS]; /* means over the batch */
     double grad_norm;
     int finite; /* loss and squared gradient, in float32; the weights were stepped only then */
-    int votes;  /* ranks that voted to stop */
+    int stop, checkpoint; /* did any rank vote so? */
 };
 
 /* Collective(comm), agreed. */
@@ -36,9 +49,9 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
                                    struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_trainer_destroy(struct v2v_trainer *trainer);
 
-/* One Adam step on the batch of step `step` (from 0); `vote`: this rank wants to stop after it.
- * Collective(world), agreed. */
+/* One Adam step on the batch of step `step` (from 0). A rank's failure is known to all at the end
+ * of the step, which then changes nothing. Collective(world), agreed. */
 enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,
-                                 int64_t step, int vote) V2V_MUST_CHECK;
+                                 int64_t step, const struct v2v_step_votes *votes) V2V_MUST_CHECK;
 
 #endif
