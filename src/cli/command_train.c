@@ -41,6 +41,8 @@ static const struct v2v_option options[] = {
      .help = "checkpoint and stop (exit code 85) after 90s, 20m, 3h"},
     V2V_OPTION_SET("steps", "train.steps", "N", "steps in all"),
     V2V_OPTION_SET("seed", "train.seed", "N", "of crops and fresh weights"),
+    V2V_OPTION_SET("reproducible", "parallel.reproducible", NULL,
+                   "the same bits at any rank count and grid; one thread a rank unless told"),
     V2V_OPTION_OFFSET,
     V2V_OPTION_GAIN,
     V2V_OPTION_NORMALIZE,

@@ -129,7 +129,11 @@ static enum v2v_status prepare(struct v2v_session *session, const struct v2v_com
     session->quiet = common->quiet;
     V2V_TRY(settle_config(session, command, common));
     v2v_mem_set_limit((size_t)(1e9 * session->config.parallel.max_mem_gb));
-    session->threads = v2v_cli_threads(session->config.parallel.threads, session->world);
+    int64_t threads = session->config.parallel.threads;
+    if (threads == 0 && session->config.parallel.reproducible) {
+        threads = 1; /* cores / ranks would be another number at another rank count */
+    }
+    session->threads = v2v_cli_threads(threads, session->world);
     v2v_op_set_threads(session->threads);
     v2v_log(V2V_LOG_DEBUG, "%s: %d ranks x %d threads", command->name,
             v2v_comm_size(session->world), session->threads);

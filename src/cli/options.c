@@ -234,8 +234,8 @@ static enum v2v_status option_word(struct parser *parser, const char *word)
     if (value != NULL && is_long) {
         value++;
     }
-    if (option->kind == V2V_OPTION_FLAG) {
-        return value == NULL ? store(parser, option, "")
+    if (option->kind == V2V_OPTION_FLAG || option->value == NULL) {
+        return value == NULL ? store(parser, option, "true")
                              : V2V_FAIL(V2V_E_USAGE, "--%s takes no value", option->name);
     }
     if (value == NULL) {

@@ -39,7 +39,8 @@ struct v2v_option {
     char letter;               /**< 'o' for -o; 0: none */
     enum v2v_option_kind kind; /**< what it takes */
     size_t at;                 /**< offset of the destination in the command's arguments */
-    const char *value;         /**< name of the value in the help; the words of a CHOICE */
+    const char *value;         /**< name of the value in the help; the words of a CHOICE; NULL: it
+                                    takes none (a SETTING then becomes true) */
     const char *help;
     int required;
     const char *initial; /**< taken when it is not given; NULL: zero */

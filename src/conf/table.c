@@ -57,6 +57,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(parallel, threads, 0, 4096, 0, "OpenMP threads of a rank; 0: cores / ranks of this host"),
     REAL(parallel, watchdog_s, 0.0, 86400.0, 600.0, "a longer step ends the job, s; 0: off"),
     REAL(parallel, max_mem_gb, 0.0, 1e9, 0.0, "that a rank may hold, GB; 0: no limit"),
+    BOOL(parallel, reproducible, 0, "the same bits at any rank count; threads 0 then is 1"),
 
     WHOLE(input, views, 0, 4096, 0, "views of a frame; 0: as many as the PSF set has"),
     WHOLE(input, first_view, 0, BILLION, 0, "page of the first frame's first view"),
@@ -111,6 +112,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(train, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     REAL(train, checkpoint_every_s, 0.0, 1e9, 600.0, "s; 0: after every step"),
     WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),
+    WHOLE(train, check_every, 0, BILLION, 100, "steps; then the ranks compare weights; 0: never"),
 
     WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     SKIP(recon, skip, 0.0, 1.0, "light, of the brightest, below which nothing is computed"),

@@ -1,5 +1,6 @@
 #include "v2v3d/train/train.h"
 
+#include "train/alike.h"
 #include "train/checkpoint.h"
 #include "train/run_folder.h"
 #include "train/trainer.h"
@@ -69,6 +70,9 @@ static enum v2v_status checkpoint(struct run *run)
         goto done;
     }
     v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "writing a checkpoint");
+    if (run->job->config->train.check_every > 0) { /* else a bad one could replace a good one */
+        V2V_TRY(v2v_alike_weights(&run->trainer, run->step));
+    }
     V2V_TRY(
         v2v_checkpoint_write(&run->trainer, run->job->folder, run->step, run->folder.config_text));
     run->checkpointed = run->step;
@@ -131,6 +135,9 @@ static enum v2v_status after_step(struct run *run, const struct v2v_step_result 
     enum v2v_status rc = V2V_OK;
     const struct v2v_train_settings *settings = &run->job->config->train;
     V2V_TRY(judge(run, result));
+    if (settings->check_every > 0 && run->step % settings->check_every == 0) {
+        V2V_TRY(v2v_alike_weights(&run->trainer, run->step));
+    }
     if (run->step % settings->log_every == 0 || run->step == settings->steps) {
         votes->earlier = v2v_run_folder_log(&run->folder, run->step, result, began);
     }
@@ -176,6 +183,7 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     struct run run = {.job = job, .comm = comm, .checkpointed = -1};
     *report = (struct v2v_train_report){0};
     run.started = run.last_checkpoint = v2v_clock_now();
+    V2V_TRY(v2v_alike_processors(job->config, comm));
     V2V_TRY(v2v_run_folder_enter(&run.folder, job, comm));
     V2V_TRY(v2v_trainer_create(&run.trainer, job, comm));
     V2V_TRY(start(&run));

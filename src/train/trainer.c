@@ -1,10 +1,12 @@
 #include "train/trainer.h"
 
+#include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/tensor/statistics.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -117,6 +119,8 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
     }
     trainer->tail_count = FLAGS + job->config->train.batch * BRANCHES * V2V_LOSS_TOTAL;
     V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
+    V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
+                      V2V_TRAINER_PARTS * v2v_comm_size(trainer->grid.world)));
     V2V_TRY(v2v_model_plan(trainer->model, height, width, 1));
     V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
     v2v_model_watch_gradients(trainer->model, gradients_ready, trainer);
@@ -156,6 +160,7 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
         v2v_mem_free(memory[i]);
     }
     v2v_mem_free(trainer->tail);
+    v2v_mem_free(trainer->checksums);
     v2v_bucket_sum_destroy(&trainer->buckets);
     v2v_grid_destroy(&trainer->grid);
     *trainer = (struct v2v_trainer){0};
@@ -293,6 +298,9 @@ static void step_weights(struct v2v_trainer *trainer, double grad_norm, int64_t 
     clip_gradients(trainer, grad_norm);
     v2v_adam_step(&adam, v2v_model_weights(trainer->model), trainer->m, trainer->v,
                   batch_gradients(trainer), v2v_model_fields(trainer->model)->total, step + 1);
+    if (V2V_FAULT_POINT("train.weights") != V2V_OK) {
+        v2v_model_weights(trainer->model)[0] *= 1.0f + FLT_EPSILON; /* what bad memory does */
+    }
     v2v_model_weights_changed(trainer->model);
 }
 

@@ -8,6 +8,9 @@
 #include "v2v3d/par/bucket_sum.h"
 #include "v2v3d/par/grid.h"
 
+/* The encoder and two U-Nets. */
+enum { V2V_TRAINER_PARTS = 3 };
+
 struct v2v_trainer {
     const struct v2v_config *config;
     struct v2v_grid grid;
@@ -22,7 +25,8 @@ struct v2v_trainer {
     struct v2v_bucket_sum *buckets;
     double *tail; /* numbers of a step that all ranks must know */
     int64_t tail_count;
-    float *views; /* [v,y,x] of a sample */
+    int64_t *checksums; /* [rank,part] of weights */
+    float *views;       /* [v,y,x] of a sample */
     int64_t view_floats;
     float *volume[2]; /* [z,y,x] of both branches */
     float *dvolume[2];

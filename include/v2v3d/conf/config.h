@@ -88,6 +88,7 @@ struct v2v_train_settings {
     int precision; /**< enum v2v_precision */
     double checkpoint_every_s;
     int64_t log_every;
+    int64_t check_every; /**< steps between comparisons of the ranks' weights; 0: none */
 };
 
 struct v2v_recon_settings {
@@ -110,6 +111,7 @@ struct v2v_config {
         int64_t threads;  /**< 0: cores / ranks on this host */
         double watchdog_s;
         double max_mem_gb; /**< of a rank; 0: no limit */
+        int reproducible;  /**< bool: the same bits at any rank count and grid, or a refusal */
     } parallel;
     struct v2v_input_settings input;
     struct {
