@@ -80,27 +80,59 @@ static enum v2v_status check(const struct arguments *given, struct v2v_part *fra
     return parse_frames(frames, given->frames);
 }
 
+static struct v2v_model_spec describe_model(const struct v2v_weights_info *info,
+                                            const struct v2v_session *session, int precision)
+{
+    return (struct v2v_model_spec){.views = info->views,
+                                   .slices = info->slices,
+                                   .width = info->width,
+                                   .features = info->features,
+                                   .branches = V2V_BRANCH_BOTH,
+                                   .backend = session->config.model.backend,
+                                   .winograd = session->config.model.winograd,
+                                   .precision = precision,
+                                   .every_slice = !session->config.model.merge,
+                                   .volume_scale = info->volume_scale,
+                                   .skip = skip_of(&session->config.recon)};
+}
+
+/* Ranks take frames; where there are too few of them, branches and slabs of rows. Collective. */
+static enum v2v_status lay_out(struct v2v_grid *grid, struct v2v_session *session,
+                               const struct v2v_model_spec *spec,
+                               const struct v2v_recording_info *recording)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grid_work work;
+    struct v2v_grid_shape wanted = {(int)session->config.parallel.branches,
+                                    (int)session->config.parallel.shards};
+    struct v2v_grid_shape shape;
+    int ranks = v2v_comm_size(session->world);
+    v2v_model_describe_work(&work, spec, recording->height, recording->width);
+    work.items = recording->frames;
+    work.most_bytes = (int64_t)(session->config.parallel.max_mem_gb * 1e9);
+    work.most_shards = session->config.parallel.reproducible ? 1 : ranks;
+    V2V_TRY(v2v_grid_choose(&shape, &wanted, &work, ranks));
+    V2V_TRY(v2v_grid_create(grid, session->world, &shape));
+    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
+            grid->branch_size, grid->shard_size,
+            ranks - grid->data_size * grid->branch_size * grid->shard_size);
+done:
+    return rc;
+}
+
 /* Local: the network with its weights; this rank holds the branches that the grid gives it. */
 static enum v2v_status load_model(struct v2v_model **model, const char *path,
-                                  const struct v2v_weights_info *info,
-                                  const struct v2v_session *session, const struct v2v_psf_file *psf,
-                                  const struct v2v_grid *grid, int precision)
+                                  const struct v2v_model_spec *whole,
+                                  const struct v2v_psf_file *psf, const struct v2v_grid *grid)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_shifts shifts = {0};
-    struct v2v_model_spec spec = {.views = info->views,
-                                  .slices = info->slices,
-                                  .width = info->width,
-                                  .features = info->features,
-                                  .branches = grid->branch_size == 1   ? V2V_BRANCH_BOTH
-                                              : grid->branch_rank == 0 ? V2V_BRANCH_1
-                                                                       : V2V_BRANCH_2,
-                                  .backend = session->config.model.backend,
-                                  .winograd = session->config.model.winograd,
-                                  .precision = precision,
-                                  .every_slice = !session->config.model.merge,
-                                  .volume_scale = info->volume_scale,
-                                  .skip = skip_of(&session->config.recon)};
+    struct v2v_model_spec spec = *whole;
+    if (grid->branch_size > 1) {
+        spec.branches = grid->branch_rank == 0 ? V2V_BRANCH_1 : V2V_BRANCH_2;
+    }
+    spec.slabs = grid->shard_size;
+    spec.shard = grid->shard;
     V2V_TRY(v2v_shifts_from_psf(&shifts, psf));
     V2V_TRY(v2v_model_create(model, &spec, &shifts));
     V2V_TRY(v2v_weights_file_read(v2v_model_weights(*model), path, "weights",
@@ -168,14 +200,15 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                             (const char *const[]){given->psf, given->weights, given->input}, 3));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
-    V2V_TRY(v2v_grid_create(&grid, session->world, (int)session->config.parallel.branches));
     V2V_TRY(v2v_step_weights_info(session, &network, given->weights, &psf));
     V2V_TRY(decide_precision(&precision, session));
     if (skip_of(&session->config.recon) > 0.0 && precision != V2V_PRECISION_F32) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     }
+    struct v2v_model_spec spec = describe_model(&network, session, precision);
+    V2V_TRY(lay_out(&grid, session, &spec, v2v_recording_info(recording)));
     if (!grid.idle) {
-        rc = load_model(&model, given->weights, &network, session, &psf, &grid, precision);
+        rc = load_model(&model, given->weights, &spec, &psf, &grid);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));

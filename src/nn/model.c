@@ -251,6 +251,25 @@ struct v2v_part v2v_model_rows(const struct v2v_model *model)
     return (struct v2v_part){slab->first, slab->rows};
 }
 
+/* Per pixel: features, views as recorded and padded, volumes (of both branches as computed and as
+ * written, and their mean), one view in the encoder (64 channels), the half-size layers of one
+ * branch (4n channels at a time). Whatever the rows: strips, and weights with their transforms (16
+ * layers, 4 times the values; the first one's are merged). Within a fifth of what was measured. */
+void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_spec *spec,
+                             int64_t height, int64_t width)
+{
+    enum { VOLUMES = 5, ENCODER = 64, WEIGHTS_OF_N2 = 9 * 120, TRANSFORMED = 4 };
+    int64_t n = spec->width, grid = V2V_MODEL_GRID;
+    int64_t pixels = (height + grid - 1) / grid * grid * ((width + grid - 1) / grid * grid);
+    int64_t floats = spec->views * (spec->features + 2) + VOLUMES * spec->slices + ENCODER + n;
+    int64_t fixed = V2V_STRIPS_FLOATS + BRANCHES * TRANSFORMED * WEIGHTS_OF_N2 * n * n;
+    *work = (struct v2v_grid_work){.height = height,
+                                   .unit = grid,
+                                   .margin = V2V_SLAB_MARGIN,
+                                   .fixed_bytes = fixed * (int64_t)sizeof(float),
+                                   .bytes = (fixed + floats * pixels) * (int64_t)sizeof(float)};
+}
+
 /* ---- plan ---- */
 
 /* One slab, or one a rank, or all on one rank; between them whole images are gathered: E1, what UP3
@@ -335,6 +354,7 @@ static enum v2v_status plan_unets(struct v2v_model *model, int64_t local, int64_
                                  .width = model->width,
                                  .slab = *v2v_slabs_at(model->slabs, local),
                                  .has_middle = local == 0,
+                                 .counts_middle = v2v_slabs_index(model->slabs, local) == 0,
                                  .strip_floats = strip_floats,
                                  .training = model->training};
     int64_t need[BRANCHES] = {0};

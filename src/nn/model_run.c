@@ -259,10 +259,9 @@ void v2v_model_watch_gradients(struct v2v_model *model,
                                void (*ready)(void *context, int64_t first, int64_t count),
                                void *context)
 {
-    int is_cut = v2v_model_slabs(model) > 1;
     model->ready = ready;
     model->ready_context = context;
-    model->slab[0].parameters.ready = is_cut ? NULL : ready;
+    model->slab[0].parameters.ready = model->held > 1 ? NULL : ready;
     model->slab[0].parameters.context = context;
 }
 
@@ -292,8 +291,7 @@ static void run_branch_back(struct v2v_model *model, int b, const float *dvolume
                       &images);
     }
     if (middle != NULL) {
-        int is_counted = v2v_slabs_index(model->slabs, 0) == 0;
-        de1 = v2v_unet_middle_backward(middle, is_counted ? &model->slab[0].parameters : NULL);
+        de1 = v2v_unet_middle_backward(middle, &model->slab[0].parameters);
     }
     for (int64_t local = 0; is_cut && local < model->held; local++) {
         if (v2v_model_is_used(model, local)) {
@@ -309,17 +307,14 @@ static void run_branch_back(struct v2v_model *model, int b, const float *dvolume
     }
 }
 
-/* Gradients [first, first + count) of all slabs, added up in their order, into the model's. */
-static void sum_slabs(struct v2v_model *model, int64_t first, int64_t count)
+/* Gradients [first, first + count) of this rank's slabs, added up in their order, into the model's.
+ */
+static void sum_held(struct v2v_model *model, int64_t first, int64_t count)
 {
     float *sum = model->gradients + first;
-    if (v2v_comm_size(model->spec.shard) > 1) {
-        v2v_par_sum_ordered_f32(model->spec.shard, sum, count, model->scratch);
-        return;
-    }
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        float total = 0.0f; /* as the sum over ranks begins */
+        float total = 0.0f; /* as sums over ranks begin */
         for (int64_t local = 0; local < model->held; local++) {
             total += model->slab[local].parameters.gradients[first + i];
         }
@@ -334,11 +329,15 @@ static void clear_slabs(struct v2v_model *model, int64_t first, int64_t count)
     }
 }
 
-/* The encoder's gradient: that of a branch is summed over the slabs, then over the branches, as
+/* The encoder's gradient: that of a branch is summed over all slabs, then over the branches, as
  * ranks that hold one branch each do. */
 static void add_encoder_gradient(struct v2v_model *model)
 {
-    sum_slabs(model, 0, model->encoder_floats);
+    if (model->held > 1) {
+        sum_held(model, 0, model->encoder_floats);
+    }
+    v2v_par_sum_ordered_f32(model->spec.shard, model->gradients, model->encoder_floats,
+                            model->scratch);
     for (int64_t i = 0; i < model->encoder_floats; i++) {
         model->encoder_sum[i] += model->gradients[i];
     }
@@ -376,7 +375,12 @@ void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const fl
     }
     if (is_cut) {
         memcpy(model->gradients, model->encoder_sum, (size_t)model->encoder_floats * sizeof(float));
-        sum_slabs(model, model->encoder_floats, model->fields.total - model->encoder_floats);
+    }
+    if (model->held > 1) {
+        sum_held(model, model->encoder_floats, model->fields.total - model->encoder_floats);
+        tell(model, model->encoder_floats, model->fields.total - model->encoder_floats);
+    }
+    if (model->held == 1 && !v2v_model_is_used(model, 0)) { /* zeros, which no layer announced */
         tell(model, model->encoder_floats, model->fields.total - model->encoder_floats);
     }
     tell(model, 0, model->encoder_floats);

@@ -31,6 +31,7 @@ struct v2v_unet_size {
     int64_t height, width; /* of the frame */
     struct v2v_slab slab;  /* the rows of its full- and half-size layers */
     int has_middle;        /* 1: the layers of a quarter of the frame's sides and less, too */
+    int counts_middle;     /* 1: their gradients are this U-Net's, not another rank's */
     int64_t strip_floats;  /* that strips of rows may take */
     int training;
 };
@@ -66,7 +67,7 @@ const float *v2v_unet_leave(struct v2v_unet *unet, const struct v2v_unet *middle
  * leave: from `doutput` [z,rows computed,x], the gradient after the last activation, to that of
  * E1 and of the deeper layer joined [3n,rows,x], which the next call of the U-Net overwrites; the
  * middle takes the sum of all slabs' (v2v_unet_joined_images) in v2v_unet_gradient.
- * middle: to the gradient of E1; parameters NULL: another rank counts theirs.
+ * middle: to the gradient of E1.
  * enter: from the slab's own rows of that (v2v_unet_cut_gradient, unless the slab is the frame). */
 const float *v2v_unet_leave_backward(struct v2v_unet *unet, const struct v2v_parameters *parameters,
                                      const float *doutput);

@@ -153,17 +153,16 @@ static void swap_gradients(struct v2v_unet *unet)
     unet->gradient[1] = swap;
 }
 
-/* gradient[0]: of layer i's output before its activation on entry, of its input on return;
- * parameters NULL: theirs are not wanted. */
+/* gradient[0]: of layer i's output before its activation on entry, of its input on return. */
 static void run_back(struct v2v_unet *unet, int i, const struct v2v_parameters *parameters,
                      const float *in)
 {
-    if (parameters != NULL) {
+    if (unet->size.counts_middle || !is_of_middle(i)) {
         v2v_layer_backward(&unet->layer[i], parameters, unet->gradient[1], in, unet->gradient[0]);
-        v2v_parameters_ready(parameters, unet->layer[i].weight, unet->layer[i].bias);
     } else {
         v2v_conv_backward_data(unet->layer[i].conv, unet->gradient[1], unet->gradient[0]);
     }
+    v2v_parameters_ready(parameters, unet->layer[i].weight, unet->layer[i].bias);
     swap_gradients(unet);
 }
 

@@ -1,5 +1,7 @@
 #include "v2v3d/recon/network.h"
 
+#include "recon/slices.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -21,13 +23,16 @@ struct job {
     int64_t *todo;                       /* [frames] those that are not done yet, in order */
     int64_t height, width;               /* of a frame */
     int64_t padded_height, padded_width; /* multiples of V2V_MODEL_GRID */
+    struct v2v_part rows;                /* of the padded frame that this rank computes .. */
+    int64_t own_rows;                    /* .. and what of them is not padding */
     float *recorded;                     /* [v,y,x] as recorded */
     float *padded;                       /* [v,y,x] what the network takes */
-    float *output[2];                    /* [z,y,x] padded; NULL for a branch not held */
-    float *branch[2];                    /* [z,y,x] in units of the recording; NULL likewise */
-    float *mean;                         /* [z,y,x] */
-    double parts[2];                     /* computed of the frames so far, and how many */
-    int64_t rounds;                      /* done: every attempt gets one further (RELIABILITY 5) */
+    float *output[2];                    /* [z,rows,x] padded; NULL for a branch not held */
+    float *branch[2];         /* [z,own rows,x] in units of the recording; NULL likewise */
+    float *mean;              /* [z,own rows,x] */
+    struct v2v_slices *whole; /* makes whole slices of all ranks' rows */
+    double parts[2];          /* computed of the frames so far, and how many */
+    int64_t rounds;           /* done: every attempt gets one further (RELIABILITY 5) */
 };
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
@@ -61,20 +66,24 @@ static enum v2v_status job_plan(struct job *job)
     job->width = info->width;
     job->padded_height = v2v_pad_size(info->height, V2V_MODEL_GRID);
     job->padded_width = v2v_pad_size(info->width, V2V_MODEL_GRID);
-    int64_t volume = v2v_mem_product(job->slices, job->height, job->width);
+    V2V_TRY(v2v_model_plan(job->model, job->padded_height, job->padded_width, 0));
+    job->rows = v2v_model_rows(job->model);
+    job->own_rows = v2v_within(job->height - job->rows.first, 0, job->rows.count);
     V2V_TRY(V2V_ALLOC(job->recorded, "recon.views",
                       v2v_mem_product(job->views, job->height, job->width)));
     V2V_TRY(V2V_ALLOC(job->padded, "recon.views",
                       v2v_mem_product(job->views, job->padded_height, job->padded_width)));
+    int64_t volume = v2v_mem_product(job->slices, job->own_rows, job->width);
     V2V_TRY(V2V_ALLOC(job->mean, "recon.volumes", volume));
     for (int b = 0; b < 2; b++) {
         if (holds(job->grid, b)) {
             V2V_TRY(V2V_ALLOC(job->output[b], "recon.volumes",
-                              v2v_mem_product(job->slices, job->padded_height, job->padded_width)));
+                              v2v_mem_product(job->slices, job->rows.count, job->padded_width)));
             V2V_TRY(V2V_ALLOC(job->branch[b], "recon.volumes", volume));
         }
     }
-    V2V_TRY(v2v_model_plan(job->model, job->padded_height, job->padded_width, 0));
+    V2V_TRY(v2v_slices_create(&job->whole, job->slices, job->height, job->width,
+                              (struct v2v_part){job->rows.first, job->own_rows}, job->grid->shard));
 done:
     return rc;
 }
@@ -85,6 +94,7 @@ static void job_fini(struct job *job)
         v2v_mem_free(job->branch[b]);
         v2v_mem_free(job->output[b]);
     }
+    v2v_slices_destroy(&job->whole);
     v2v_mem_free(job->mean);
     v2v_mem_free(job->padded);
     v2v_mem_free(job->recorded);
@@ -96,27 +106,28 @@ static enum v2v_status cut(struct job *job, int b, int64_t t)
 {
     double units = 1 / job->scaling->gain;
     for (int64_t z = 0; z < job->slices; z++) {
-        for (int64_t y = 0; y < job->height; y++) {
-            const float *in = job->output[b] + (z * job->padded_height + y) * job->padded_width;
-            float *out = job->branch[b] + (z * job->height + y) * job->width;
+        for (int64_t y = 0; y < job->own_rows; y++) {
+            const float *in = job->output[b] + (z * job->rows.count + y) * job->padded_width;
+            float *out = job->branch[b] + (z * job->own_rows + y) * job->width;
             for (int64_t x = 0; x < job->width; x++) {
                 out[x] = (float)(in[x] * units);
             }
         }
     }
-    int64_t pixels = job->height * job->width;
+    int64_t pixels = job->own_rows * job->width;
     int64_t bad = v2v_first_not_finite(job->branch[b], job->slices * pixels);
     if (bad >= 0) {
+        int64_t row = job->rows.first + bad / job->width % job->own_rows;
         return V2V_FAIL(V2V_E_NUMERIC,
                         "frame %lld, branch %d: NaN or Inf at slice %lld, row %lld, column %lld",
-                        (long long)t, b + 1, (long long)(bad / pixels),
-                        (long long)(bad / job->width % job->height), (long long)(bad % job->width));
+                        (long long)t, b + 1, (long long)(bad / pixels), (long long)row,
+                        (long long)(bad % job->width));
     }
     return V2V_OK;
 }
 
-/** Local: the volumes of the branches that this rank holds; nothing for t = -1. */
-static enum v2v_status compute(struct job *job, int64_t t)
+/** Local: the views of frame t, as the network takes them; nothing for t = -1. */
+static enum v2v_status load(struct job *job, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
@@ -128,12 +139,24 @@ static enum v2v_status compute(struct job *job, int64_t t)
         v2v_scaling_apply(job->scaling, job->recorded, job->views * job->height * job->width);
         v2v_pad_reflect(job->padded, job->recorded, job->views, job->height, job->width,
                         job->padded_height, job->padded_width);
-        v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
-        job->parts[0] += v2v_model_computed_part(job->model);
-        job->parts[1] += 1.0;
     }
+done:
+    return rc;
+}
+
+/** Collective(shard): the volumes of the branches that this rank holds; nothing for t = -1. The
+ *  status is this rank's. */
+static enum v2v_status compute(struct job *job, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    if (t < 0) {
+        return V2V_OK;
+    }
+    v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
+    job->parts[0] += v2v_model_computed_part(job->model);
+    job->parts[1] += 1.0;
     for (int b = 0; b < 2; b++) {
-        if (t >= 0 && holds(job->grid, b)) {
+        if (holds(job->grid, b)) {
             V2V_TRY(cut(job, b, t));
         }
     }
@@ -145,7 +168,7 @@ done:
  *  that nothing overflows, and x + y = y + x: one rank and two give the same bits. */
 static void average(struct job *job)
 {
-    int64_t count = job->slices * job->height * job->width;
+    int64_t count = job->slices * job->own_rows * job->width;
     for (int64_t i = 0; i < count; i++) {
         job->mean[i] = 0;
     }
@@ -159,26 +182,32 @@ static void average(struct job *job)
     }
 }
 
-/** Collective(world): the ranks of a pair write half of the mean each, and each its own branch;
- *  a rank without a frame takes part with nothing. */
+/** Collective(world): every rank of a shard gets some slices as a whole. It writes those of its
+ *  branch, and a pair's ranks half of the mean each; a rank without a frame takes part with
+ * nothing.
+ */
 static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_grid *grid = job->grid;
-    struct v2v_part part = {0, 0};
-    const float *mine = NULL;
-    if (t >= 0) {
-        part = v2v_par_part(job->slices, grid->branch_size, grid->branch_rank);
-        mine = job->mean + part.first * job->height * job->width;
-    }
+    struct v2v_part own = {0, 0}, half = {0, 0};
+    const float *slices = NULL;
     int64_t frame = t >= 0 ? t : 0;
-    V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_MEAN, mine, frame, part.first, part.count));
-    for (int b = 0; branches && b < 2; b++) {
-        int64_t count = t >= 0 && holds(grid, b) ? job->slices : 0;
-        V2V_TRY(
-            v2v_volume_write(job->writer, V2V_VOLUME_BRANCH1 + b, job->branch[b], frame, 0, count));
+    if (t >= 0) {
+        own = v2v_slices_own(job->whole);
+        half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
+        slices = v2v_slices_make(job->whole, job->mean) + half.first * job->height * job->width;
     }
-    V2V_TRY(v2v_volume_mark_done(job->writer, t >= 0 && grid->branch_rank == 0 ? t : -1));
+    V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
+                             half.count));
+    for (int b = 0; branches && b < 2; b++) {
+        int is_held = t >= 0 && holds(grid, b);
+        slices = is_held ? v2v_slices_make(job->whole, job->branch[b]) : NULL;
+        V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_BRANCH1 + b, slices, frame, own.first,
+                                 is_held ? own.count : 0));
+    }
+    int marks = t >= 0 && grid->branch_rank == 0 && grid->shard_rank == 0;
+    V2V_TRY(v2v_volume_mark_done(job->writer, marks ? t : -1));
 done:
     return rc;
 }
@@ -206,8 +235,9 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
         const int64_t i = round * grid->data_size + grid->data_rank;
         const int64_t t = grid->idle || i >= job.frames ? -1 : job.todo[i];
         v2v_watchdog_arm(frame_watchdog_s, "reconstructing a frame");
+        V2V_TRY(v2v_par_agree(grid->world, load(&job, t)));
         V2V_TRY(v2v_par_agree(grid->world, compute(&job, t)));
-        if (t >= 0) { /* the same for both ranks of a pair */
+        if (t >= 0) { /* the same for all ranks of a frame */
             average(&job);
         }
         V2V_TRY(write_frame(&job, t, branches));

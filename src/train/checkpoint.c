@@ -72,7 +72,7 @@ done:
     return rc;
 }
 
-/* Collective over the pair of ranks 0 and 1. */
+/* Collective over the pair of rank 0. */
 static void gather_branches(struct whole *whole, struct v2v_trainer *trainer)
 {
     float *own[ARENAS] = {v2v_model_weights(trainer->model), trainer->m, trainer->v};
@@ -147,7 +147,7 @@ enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *fo
         mine = take_whole(&whole, trainer);
     }
     V2V_TRY(v2v_par_agree(grid->world, mine));
-    if (split && grid->data_rank == 0 && !grid->idle) {
+    if (split && grid->data_rank == 0 && grid->shard_rank == 0 && !grid->idle) {
         gather_branches(&whole, trainer);
     } else if (writes) {
         whole.arena[0] = v2v_model_weights(trainer->model);

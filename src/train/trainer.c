@@ -55,7 +55,9 @@ static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2
                                   .winograd = job->config->model.winograd,
                                   .precision = precision,
                                   .every_slice = !job->config->model.merge,
-                                  .volume_scale = job->config->model.volume_scale};
+                                  .volume_scale = job->config->model.volume_scale,
+                                  .slabs = trainer->slabs,
+                                  .shard = trainer->grid.shard};
     V2V_TRY(v2v_shifts_from_psf(&shifts, job->psf));
     V2V_TRY(v2v_model_create(&trainer->model, &spec, &shifts));
     const struct v2v_fields *fields = v2v_model_fields(trainer->model);
@@ -77,24 +79,27 @@ static void gradients_ready(void *context, int64_t first, int64_t count)
     v2v_bucket_sum_ready(trainer->buckets, first, count);
 }
 
-/* The encoder's gradients come last, summed over both branches; a U-Net's over its own column. */
+/* The encoder's gradients come last, summed over slabs already, then over both branches; a U-Net's
+ * over slabs and its own column. */
 static enum v2v_status create_buckets(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
     const unsigned samples = 1u << V2V_LEVEL_DATA, branches = 1u << V2V_LEVEL_BRANCH;
+    const unsigned slabs = 1u << V2V_LEVEL_SHARD;
     struct v2v_bucket_run run[BRANCHES + 1] = {{0}};
     int64_t first = trainer->encoder_floats;
     for (int b = 0; b < BRANCHES; b++) {
-        run[b] = (struct v2v_bucket_run){first, trainer->unet_floats[b], samples};
+        run[b] = (struct v2v_bucket_run){first, trainer->unet_floats[b], slabs | samples};
         first += trainer->unet_floats[b];
     }
     run[BRANCHES] = (struct v2v_bucket_run){0, trainer->encoder_floats, branches | samples};
-    struct v2v_bucket_setup setup = {
-        .world = grid->world,
-        .level = {[V2V_LEVEL_BRANCH] = grid->pair, [V2V_LEVEL_DATA] = grid->column},
-        .run = run,
-        .runs = BRANCHES + 1,
-        .bucket = V2V_BUCKET_FLOATS};
+    struct v2v_bucket_setup setup = {.world = grid->world,
+                                     .level = {[V2V_LEVEL_SHARD] = grid->shard,
+                                               [V2V_LEVEL_BRANCH] = grid->pair,
+                                               [V2V_LEVEL_DATA] = grid->column},
+                                     .run = run,
+                                     .runs = BRANCHES + 1,
+                                     .bucket = V2V_BUCKET_FLOATS};
     return v2v_bucket_sum_create(&trainer->buckets, &setup);
 }
 
@@ -110,6 +115,7 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                    .height = height,
                                    .width = width,
                                    .window = v2v_sampler_window(trainer->sampler)};
+    trainer->height = height;
     trainer->voxels = job->psf->slices * height * width;
     trainer->view_floats = job->psf->views * height * width;
     V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
@@ -122,8 +128,58 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
     V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
                       V2V_TRAINER_PARTS * v2v_comm_size(trainer->grid.world)));
     V2V_TRY(v2v_model_plan(trainer->model, height, width, 1));
+    if (trainer->grid.shard_size > 1) {
+        int64_t rows = v2v_model_rows(trainer->model).count;
+        V2V_TRY(
+            V2V_ALLOC(trainer->rows, "train.volumes", BRANCHES * job->psf->slices * rows * width));
+    }
     V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
     v2v_model_watch_gradients(trainer->model, gradients_ready, trainer);
+done:
+    return rc;
+}
+
+/* Slabs of rows decide on the weights' bits: there are as many as the configuration says, on one
+ * rank or on as many. They are shared out when samples and branches leave ranks over. */
+static enum v2v_status count_slabs(struct v2v_trainer *trainer, struct v2v_grid_shape *wanted,
+                                   int ranks)
+{
+    const struct v2v_config *config = trainer->config;
+    int64_t slabs = config->parallel.slabs, shards = config->parallel.shards;
+    if (config->parallel.reproducible && slabs == 0 && shards > 1) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "parallel.reproducible with parallel.shards: %lld needs "
+                        "parallel.slabs, on which the bits depend",
+                        (long long)shards);
+    }
+    trainer->slabs = slabs > 0 ? slabs : shards > 1 ? shards : 1;
+    if (shards > 1 && shards != trainer->slabs) {
+        return V2V_FAIL(
+            V2V_E_CONFIG,
+            "parallel.shards: %lld ranks cannot share %lld slabs (parallel.slabs): it is "
+            "one each, or one rank with all",
+            (long long)shards, (long long)slabs);
+    }
+    int64_t others = config->train.batch * BRANCHES * trainer->slabs;
+    wanted->branches = (int)config->parallel.branches;
+    wanted->shards = shards > 0 ? (int)shards : ranks >= others ? (int)trainer->slabs : 1;
+    return V2V_OK;
+}
+
+/* Collective(comm). */
+static enum v2v_status lay_out(struct v2v_trainer *trainer, struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grid *grid = &trainer->grid;
+    struct v2v_grid_shape wanted, shape;
+    struct v2v_grid_work work = {.items = trainer->config->train.batch, .height = 1, .unit = 1};
+    int ranks = v2v_comm_size(comm);
+    V2V_TRY(count_slabs(trainer, &wanted, ranks));
+    V2V_TRY(v2v_grid_choose(&shape, &wanted, &work, ranks));
+    V2V_TRY(v2v_grid_create(grid, comm, &shape));
+    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
+            grid->branch_size, grid->shard_size,
+            ranks - grid->data_size * grid->branch_size * grid->shard_size);
 done:
     return rc;
 }
@@ -134,9 +190,7 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     enum v2v_status rc = V2V_OK;
     int precision = V2V_PRECISION_F32;
     *trainer = (struct v2v_trainer){.config = job->config};
-    V2V_TRY(v2v_grid_create(&trainer->grid, comm, (int)job->config->parallel.branches));
-    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch ranks", trainer->grid.data_size,
-            trainer->grid.branch_size);
+    V2V_TRY(lay_out(trainer, comm));
     trainer->rounds =
         (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
     V2V_TRY(v2v_sampler_create(&trainer->sampler, job, comm));
@@ -153,9 +207,9 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     v2v_loss_destroy(&trainer->loss);
     v2v_model_destroy(&trainer->model);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m,          trainer->v,         trainer->sum,
-                       trainer->views,      trainer->volume[0], trainer->volume[1],
-                       trainer->dvolume[0], trainer->dvolume[1]};
+    float *memory[] = {trainer->m,          trainer->v,          trainer->sum,
+                       trainer->views,      trainer->volume[0],  trainer->volume[1],
+                       trainer->dvolume[0], trainer->dvolume[1], trainer->rows};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
@@ -166,23 +220,57 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     *trainer = (struct v2v_trainer){0};
 }
 
-/* Forward, losses and backward of one sample: adds to the gradients. Collective(pair). */
-static void run_sample(struct v2v_trainer *trainer, int64_t sample)
+/* Both volumes of the sample, whole, on every rank that shares it. Collective(shard, pair). */
+static void make_volumes(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    double value[V2V_LOSS_TERMS];
-    unsigned branches = held_branches(grid);
-    v2v_model_forward(trainer->model, trainer->volume[0], trainer->volume[1], trainer->views);
+    float *part[BRANCHES] = {trainer->volume[0], trainer->volume[1]};
+    int64_t held = v2v_model_rows(trainer->model).count * trainer->voxels / trainer->height;
+    for (int b = 0; b < BRANCHES && grid->shard_size > 1; b++) {
+        part[b] = trainer->rows + b * held;
+    }
+    v2v_model_forward(trainer->model, part[0], part[1], trainer->views);
+    for (int b = 0; b < BRANCHES; b++) {
+        if (held_branches(grid) & 1u << b) {
+            v2v_model_gather(trainer->model, trainer->volume[b], part[b]);
+        }
+    }
     if (grid->branch_size == BRANCHES) {
         int own = grid->branch_rank;
         v2v_par_exchange_f32(grid->pair, trainer->volume[1 - own], trainer->volume[own],
                              trainer->voxels, 1 - own);
     }
+}
+
+/* A volume's rows of this rank's slab, in the same memory. */
+static void keep_rows(const struct v2v_trainer *trainer, float *volume)
+{
+    struct v2v_part rows = v2v_model_rows(trainer->model);
+    int64_t slices = v2v_model_spec(trainer->model)->slices;
+    int64_t slice = trainer->voxels / slices, width = slice / trainer->height;
+    for (int64_t z = 0; z < slices && trainer->grid.shard_size > 1; z++) {
+        memmove(volume + z * rows.count * width, volume + z * slice + rows.first * width,
+                (size_t)(rows.count * width) * sizeof *volume);
+    }
+}
+
+/* Forward, losses and backward of one sample: adds to the gradients. The ranks of a shard compute
+ * the same losses of whole volumes; one of them reports. Collective(shard, pair). */
+static void run_sample(struct v2v_trainer *trainer, int64_t sample)
+{
+    const struct v2v_grid *grid = &trainer->grid;
+    double value[V2V_LOSS_TERMS];
+    make_volumes(trainer);
     const float *const volume[BRANCHES] = {trainer->volume[0], trainer->volume[1]};
-    v2v_loss_evaluate(trainer->loss, value, branches, trainer->dvolume, volume, trainer->views);
+    v2v_loss_evaluate(trainer->loss, value, held_branches(grid), trainer->dvolume, volume,
+                      trainer->views);
+    keep_rows(trainer, trainer->dvolume[0]);
+    keep_rows(trainer, trainer->dvolume[1]);
     v2v_model_backward(trainer->model, trainer->dvolume[0], trainer->dvolume[1]);
-    memcpy(trainer->tail + FLAGS + (sample * BRANCHES + grid->branch_rank) * V2V_LOSS_TOTAL, value,
-           V2V_LOSS_TOTAL * sizeof *value);
+    if (grid->shard_rank == 0) {
+        memcpy(trainer->tail + FLAGS + (sample * BRANCHES + grid->branch_rank) * V2V_LOSS_TOTAL,
+               value, V2V_LOSS_TOTAL * sizeof *value);
+    }
 }
 
 /* Where the batch's gradient ends up. */
@@ -240,7 +328,7 @@ static double squared_norm(struct v2v_trainer *trainer)
     for (int i = 0; i < 1 + BRANCHES; i++) {
         squares += part[i];
     }
-    if (grid->data_size * grid->branch_size < v2v_comm_size(grid->world)) {
+    if (grid->data_size * grid->branch_size * grid->shard_size < v2v_comm_size(grid->world)) {
         v2v_par_broadcast(grid->world, &squares, sizeof squares, 0); /* idle ranks have none */
     }
     return squares;

@@ -30,6 +30,9 @@ struct v2v_trainer {
     int64_t view_floats;
     float *volume[2]; /* [z,y,x] of both branches */
     float *dvolume[2];
+    float *rows;    /* of both volumes, this rank's slab; NULL where there are no shards */
+    int64_t slabs;  /* that a sample is cut into */
+    int64_t height; /* of a sample */
     int64_t voxels;
 };
 

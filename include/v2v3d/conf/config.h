@@ -107,7 +107,10 @@ struct v2v_demo_settings {
 
 struct v2v_config {
     struct {
-        int64_t branches; /**< 0: chosen from the rank count */
+        int64_t branches; /**< ranks of a slab, with a branch each; 0: chosen */
+        int64_t shards;   /**< ranks of a frame or crop, with a slab of its rows each; 0: chosen */
+        int64_t slabs;    /**< of rows in training, on one rank or on `shards`: the results' bits
+                               depend on their number; 0: as shards, or one */
         int64_t threads;  /**< 0: cores / ranks on this host */
         double watchdog_s;
         double max_mem_gb; /**< of a rank; 0: no limit */

@@ -23,7 +23,7 @@
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/optics/shifts.h"
-#include "v2v3d/par/comm.h"
+#include "v2v3d/par/grid.h"
 #include "v2v3d/tensor/fields.h"
 #include <stdint.h>
 
@@ -77,6 +77,11 @@ const struct v2v_fields *v2v_model_fields(const struct v2v_model *model);
 float *v2v_model_weights(struct v2v_model *model);
 float *v2v_model_gradients(struct v2v_model *model);
 
+/** What the choice of a process grid has to know of frames of [height,width]: rows, cuts, and an
+ *  estimate of the memory that inference takes. @kind Local. */
+void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_spec *spec,
+                             int64_t height, int64_t width);
+
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
  *  minimal filtering computes full-size layers in strips of rows, smaller ones where memory is
@@ -109,13 +114,14 @@ void v2v_model_weights_changed(struct v2v_model *model);
 
 /** From now on backward tells `ready` (NULL: nobody) of gradients [first, first + count) of the
  * arena that it will not touch again, after every layer of a U-Net and after the encoder, with
- * several slabs after their sum; every float once a call of backward. @kind Local. */
+ * several slabs on one rank after their sum; every float once a call of backward. @kind Local. */
 void v2v_model_watch_gradients(struct v2v_model *model,
                                void (*ready)(void *context, int64_t first, int64_t count),
                                void *context);
 
-/** Add to the gradients what the last forward makes of dL/dvolume [z,rows,x]; with several slabs
- *  they are overwritten: by the sum over all slabs in their order, on every rank of the shard.
+/** Add to the gradients what the last forward makes of dL/dvolume [z,rows,x]. With several slabs
+ *  they are overwritten: the encoder's by the sum over all slabs, the U-Nets' by that over this
+ *  rank's; the sum over the shard, in the order of its ranks, is left to the caller.
  *  @kind Collective(shard) */
 void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2);
 

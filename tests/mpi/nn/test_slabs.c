@@ -14,6 +14,18 @@ enum { HIGH = 160, LOW = 64, MOST = SLICES * HIGH * WIDE };
 
 static float views[VIEWS * HIGH * WIDE];
 
+/* The rest of the sum over slabs, which the model leaves to its caller. */
+static void sum_unets(const struct v2v_model *model, float *gradients)
+{
+    const struct v2v_comm *shard = v2v_model_spec(model)->shard;
+    const struct v2v_fields *fields = v2v_model_fields(model);
+    float *scratch = v2v_mem_alloc("test", V2V_PAR_SCRATCH, sizeof *scratch);
+    int64_t encoder = v2v_fields_find(fields, "unet1.init_conv.0.weight")->offset;
+    assert_non_null(scratch);
+    v2v_par_sum_ordered_f32(shard, gradients + encoder, fields->total - encoder, scratch);
+    v2v_mem_free(scratch);
+}
+
 /* What a model makes of the views; gradients for dvolume = 1 + z/10 + noise. */
 struct outcome {
     float *volume[BRANCHES];
@@ -84,6 +96,7 @@ static struct outcome run(const struct v2v_model_spec *spec, int64_t height, int
         v2v_model_backward(model, dvolume[0], dvolume[1]);
         memcpy(outcome.gradients, v2v_model_gradients(model),
                (size_t)outcome.fields * sizeof(float));
+        sum_unets(model, outcome.gradients);
         v2v_mem_free(dvolume[0]);
         v2v_mem_free(dvolume[1]);
     }

@@ -13,78 +13,86 @@ static int64_t members(const struct v2v_comm *comm)
     return set;
 }
 
-static void check_grid(int branches, int expected_branches)
+/** World ranks of data x branch x shard, those of -1 running over all. */
+static int64_t ranks_of(const struct v2v_grid *grid, int data, int branch, int shard)
 {
-    struct v2v_grid grid;
-    const int size = v2v_comm_size(test_world()), rank = v2v_comm_rank(test_world());
-    const int data_size = size / expected_branches;
-    assert_ok(v2v_grid_create(&grid, test_world(), branches));
-    assert_int_equal(grid.branch_size, expected_branches);
-    assert_int_equal(grid.data_size, data_size);
-    assert_ptr_equal(grid.world, test_world());
-    int64_t pair = (int64_t)1 << rank, column = pair;
-    if (rank >= data_size * expected_branches) {
-        assert_int_equal(grid.idle, 1);
-        assert_int_equal(grid.data_rank, -1);
-        assert_int_equal(grid.branch_rank, -1);
-    } else {
-        assert_int_equal(grid.idle, 0);
-        assert_int_equal(grid.data_rank, rank / expected_branches);
-        assert_int_equal(grid.branch_rank, rank % expected_branches);
-        assert_int_equal(v2v_comm_rank(grid.pair), grid.branch_rank);
-        assert_int_equal(v2v_comm_rank(grid.column), grid.data_rank);
-        pair = column = 0;
-        for (int b = 0; b < expected_branches; b++) {
-            pair |= (int64_t)1 << (grid.data_rank * expected_branches + b);
-        }
-        for (int d = 0; d < data_size; d++) {
-            column |= (int64_t)1 << (d * expected_branches + grid.branch_rank);
+    int64_t set = 0;
+    for (int d = 0; d < grid->data_size; d++) {
+        for (int b = 0; b < grid->branch_size; b++) {
+            for (int s = 0; s < grid->shard_size; s++) {
+                int is_in = (data < 0 || d == data) && (branch < 0 || b == branch) &&
+                            (shard < 0 || s == shard);
+                int rank = (d * grid->branch_size + b) * grid->shard_size + s;
+                set |= is_in ? (int64_t)1 << rank : 0;
+            }
         }
     }
-    assert_int_equal(members(grid.pair), pair);
-    assert_int_equal(members(grid.column), column);
+    return set;
+}
+
+static void check_grid(int branches, int shards)
+{
+    struct v2v_grid grid;
+    const struct v2v_grid_shape shape = {branches, shards};
+    const int size = v2v_comm_size(test_world()), rank = v2v_comm_rank(test_world());
+    assert_ok(v2v_grid_create(&grid, test_world(), &shape));
+    assert_int_equal(grid.branch_size, branches);
+    assert_int_equal(grid.shard_size, shards);
+    assert_int_equal(grid.data_size, size / (branches * shards));
+    assert_ptr_equal(grid.world, test_world());
+    if (rank >= grid.data_size * branches * shards) {
+        const int64_t alone = (int64_t)1 << rank;
+        assert_int_equal(grid.idle, 1);
+        assert_true(grid.data_rank == -1 && grid.branch_rank == -1 && grid.shard_rank == -1);
+        assert_true(members(grid.shard) == alone && members(grid.pair) == alone &&
+                    members(grid.column) == alone);
+    } else {
+        int d = grid.data_rank, b = grid.branch_rank, s = grid.shard_rank;
+        assert_int_equal(grid.idle, 0);
+        assert_int_equal((d * branches + b) * shards + s, rank);
+        assert_int_equal(v2v_comm_rank(grid.column), d);
+        assert_int_equal(v2v_comm_rank(grid.pair), b);
+        assert_int_equal(v2v_comm_rank(grid.shard), s);
+        assert_int_equal(members(grid.column), ranks_of(&grid, -1, b, s));
+        assert_int_equal(members(grid.pair), ranks_of(&grid, d, -1, s));
+        assert_int_equal(members(grid.shard), ranks_of(&grid, d, b, -1));
+    }
     v2v_grid_destroy(&grid);
+    assert_null(grid.shard);
     assert_null(grid.pair);
     assert_null(grid.column);
 }
 
-static void one_branch_puts_every_rank_on_its_own_data(void **state)
+static void every_shape_that_fits_lays_out_data_branches_and_shards(void **state)
 {
     (void)state;
-    check_grid(1, 1);
-}
-
-static void zero_branches_chooses_two_for_even_rank_counts(void **state)
-{
-    (void)state;
-    check_grid(0, v2v_comm_size(test_world()) % 2 == 0 ? 2 : 1);
-}
-
-static void two_branches_pair_ranks_and_leave_an_odd_one_idle(void **state)
-{
-    (void)state;
-    if (v2v_comm_size(test_world()) == 1) {
-        struct v2v_grid grid;
-        assert_int_equal(v2v_grid_create(&grid, test_world(), 2), V2V_E_CONFIG);
-        assert_non_null(strstr(v2v_status_message(), "parallel.branches"));
-        return;
+    const int size = v2v_comm_size(test_world());
+    for (int branches = 1; branches <= 2; branches++) {
+        for (int shards = 1; branches * shards <= size; shards++) {
+            check_grid(branches, shards);
+        }
     }
-    check_grid(2, 2);
 }
 
-static void other_branch_counts_are_refused(void **state)
+static void shapes_of_more_ranks_than_there_are_are_refused(void **state)
 {
     (void)state;
     struct v2v_grid grid;
-    assert_int_equal(v2v_grid_create(&grid, test_world(), 3), V2V_E_CONFIG);
-    assert_int_equal(v2v_grid_create(&grid, test_world(), -1), V2V_E_CONFIG);
+    struct v2v_grid_shape shape = {1, v2v_comm_size(test_world()) + 1};
+    assert_int_equal(v2v_grid_create(&grid, test_world(), &shape), V2V_E_CONFIG);
+    assert_non_null(strstr(v2v_status_message(), "parallel.shards"));
+    shape = (struct v2v_grid_shape){2, v2v_comm_size(test_world())};
+    assert_int_equal(v2v_grid_create(&grid, test_world(), &shape), V2V_E_CONFIG);
+    shape = (struct v2v_grid_shape){3, 1};
+    assert_int_equal(v2v_grid_create(&grid, test_world(), &shape), V2V_E_CONFIG);
+    assert_non_null(strstr(v2v_status_message(), "outside [0, 2]"));
 }
 
 static void rank_alone_has_a_grid_of_one(void **state)
 {
     (void)state;
     struct v2v_grid grid;
-    assert_ok(v2v_grid_create(&grid, NULL, 0));
+    assert_ok(v2v_grid_create(&grid, NULL, &(struct v2v_grid_shape){1, 1}));
     assert_int_equal(grid.data_size, 1);
     assert_int_equal(grid.branch_size, 1);
     assert_int_equal(grid.idle, 0);
@@ -100,7 +108,7 @@ static void memory_that_is_short_on_one_rank_fails_on_all(void **state)
     if (v2v_comm_rank(test_world()) == last) {
         v2v_mem_set_limit(held + 1);
     }
-    enum v2v_status rc = v2v_grid_create(&grid, test_world(), 1);
+    enum v2v_status rc = v2v_grid_create(&grid, test_world(), &(struct v2v_grid_shape){1, 1});
     v2v_mem_set_limit(0);
     assert_int_equal(rc, V2V_E_MEMORY);
     assert_int_equal(v2v_mem_held(), held);
@@ -109,10 +117,8 @@ static void memory_that_is_short_on_one_rank_fails_on_all(void **state)
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(one_branch_puts_every_rank_on_its_own_data),
-        cmocka_unit_test(zero_branches_chooses_two_for_even_rank_counts),
-        cmocka_unit_test(two_branches_pair_ranks_and_leave_an_odd_one_idle),
-        cmocka_unit_test(other_branch_counts_are_refused),
+        cmocka_unit_test(every_shape_that_fits_lays_out_data_branches_and_shards),
+        cmocka_unit_test(shapes_of_more_ranks_than_there_are_are_refused),
         cmocka_unit_test(rank_alone_has_a_grid_of_one),
         cmocka_unit_test(memory_that_is_short_on_one_rank_fails_on_all),
     };

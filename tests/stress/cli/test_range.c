@@ -72,7 +72,7 @@ static enum v2v_status reconstruct(struct scene *scene, const char *weights, con
     struct v2v_model *model = load(scene, weights);
     const struct v2v_volume_info info = {
         .frames = FRAMES, .slices = SLICES, .height = SIDE, .width = SIDE};
-    V2V_TRY(v2v_grid_create(&grid, NULL, 1));
+    V2V_TRY(v2v_grid_create(&grid, NULL, &(struct v2v_grid_shape){1, 1}));
     V2V_TRY(v2v_scaling_decide(&scaling, scene->recording, &scene->config.input, NULL));
     V2V_TRY(v2v_volume_create(&writer, volume, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, NULL));
     V2V_TRY(v2v_reconstruct(model, scene->recording, &scaling, writer, 0, &grid, &part));

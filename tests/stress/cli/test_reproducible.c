@@ -3,15 +3,18 @@
 
 #include <string.h>
 
-static void run_on(struct scene *scene, int ranks, int branches, char text[TEXT])
+static void run_on(struct scene *scene, int ranks, int branches, int shards, char text[TEXT])
 {
     char command[256];
-    snprintf(command, sizeof command,
-             TRAIN "run --force --reproducible --steps 4 --set train.batch=3 "
-                   "--set train.init=he --set parallel.branches=%d",
-             branches);
+    snprintf(
+        command, sizeof command,
+        TRAIN
+        "run --force --reproducible --steps 4 --set train.batch=3 "
+        "--set train.init=he --set train.crop=64 --set parallel.slabs=2 --set parallel.branches=%d "
+        "--set parallel.shards=%d",
+        branches, shards);
     if (program_run(scene, ranks, command, text) != 0) {
-        fail_msg("%d ranks, branches %d: %s", ranks, branches, text);
+        fail_msg("%d ranks, branches %d, shards %d: %s", ranks, branches, shards, text);
     }
 }
 
@@ -19,27 +22,28 @@ static void run_on(struct scene *scene, int ranks, int branches, char text[TEXT]
 static void every_rank_count_and_grid_gives_the_bits_of_one_rank(void **state)
 {
     (void)state;
-    static const int counts[] = {1, 2, 3, 4, 5, 7, 8};
+    static const struct {
+        int ranks, branches, shards;
+    } grids[] = {{1, 1, 1}, {2, 1, 1}, {2, 2, 1}, {2, 1, 2}, {3, 1, 1}, {3, 2, 1}, {3, 1, 2},
+                 {4, 1, 1}, {4, 2, 1}, {4, 1, 2}, {4, 2, 2}, {5, 1, 1}, {5, 2, 1}, {5, 2, 2},
+                 {7, 1, 1}, {7, 2, 1}, {7, 1, 2}, {8, 1, 1}, {8, 2, 1}, {8, 1, 2}, {8, 2, 2}};
     static char text[TEXT];
     struct scene scene;
     float *alone = NULL, *arenas = NULL;
     int64_t count = 0;
     program_init(&scene);
-    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
-        for (int branches = 1; branches <= 2 && branches <= counts[i]; branches++) {
-            run_on(&scene, counts[i], branches, text);
-            assert_ok(
-                scene_arenas(&scene, program_file(&scene, "run/weights.h5"), &arenas, &count));
-            if (alone == NULL) {
-                alone = arenas;
-                continue;
-            }
-            if (memcmp(alone, arenas, (size_t)count * sizeof *alone) != 0) {
-                fail_msg("%d ranks, %d of them a sample's: not the bits of one rank", counts[i],
-                         branches);
-            }
-            v2v_mem_free(arenas);
+    for (size_t i = 0; i < sizeof grids / sizeof *grids; i++) {
+        run_on(&scene, grids[i].ranks, grids[i].branches, grids[i].shards, text);
+        assert_ok(scene_arenas(&scene, program_file(&scene, "run/weights.h5"), &arenas, &count));
+        if (alone == NULL) {
+            alone = arenas;
+            continue;
         }
+        if (memcmp(alone, arenas, (size_t)count * sizeof *alone) != 0) {
+            fail_msg("%d ranks, branches %d, shards %d: not the bits of one rank", grids[i].ranks,
+                     grids[i].branches, grids[i].shards);
+        }
+        v2v_mem_free(arenas);
     }
     v2v_mem_free(alone);
     scene_fini(&scene);

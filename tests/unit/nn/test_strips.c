@@ -60,7 +60,8 @@ static void declare(struct chain *c)
                                          .slope = 0.01f};
         assert_ok(v2v_layer_declare(&c->layer[i], &c->fields, "x", name));
     }
-    c->parameters = (struct v2v_parameters){&c->fields, draw(c->fields.total, 1), NULL};
+    c->parameters =
+        (struct v2v_parameters){.fields = &c->fields, .weights = draw(c->fields.total, 1)};
 }
 
 static void fill_features(struct chain *c)
