@@ -134,6 +134,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                 .max_time_s = given->max_time_s};
     v2v_step_announce(session);
     rc = v2v_train_run(&job, &report, session->world);
+    v2v_step_beat(session, "the end of training");
     if (rc != V2V_OK && is_new_folder) {
         discard_empty_run(given->folder);
     }

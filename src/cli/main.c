@@ -20,6 +20,9 @@ static const struct v2v_command *const commands[] = {
     &v2v_command_check,        &v2v_command_init,         &v2v_command_slurm};
 enum { COMMANDS = sizeof commands / sizeof commands[0], LONGEST_NAME = 32 };
 
+/* For MPI to start and the configuration to be read, which then decides: its own default. */
+#define START_SECONDS 600.0
+
 static void print_commands(const char *first_word)
 {
     size_t length = strlen(first_word);
@@ -161,9 +164,12 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         }
     } else {
         V2V_TRY(prepare(session, command, arguments));
-        v2v_watchdog_arm(session->config.parallel.watchdog_s, command->name);
+        v2v_watchdog_set_period(session->config.parallel.watchdog_s);
+        v2v_watchdog_disarm(); /* the start is over, and the period may be off */
+        v2v_watchdog_beat(command->name);
         rc = command->run(arguments, session);
-        v2v_watchdog_disarm();
+        /* agreement and MPI's end wait for the others, too */
+        v2v_watchdog_beat("the end of a command");
         V2V_TRY(rc);
         if (arguments->mem_report) {
             v2v_mem_report();
@@ -277,6 +283,7 @@ static enum v2v_status run_program(int argc, char *const *argv, struct v2v_comm 
 int v2v_cli_main(int argc, char **argv)
 {
     struct v2v_comm *world = NULL;
+    v2v_watchdog_arm(START_SECONDS, "the start");
     enum v2v_status rc = v2v_par_init(&world, &argc, &argv);
     int on_root = v2v_comm_rank(world) == 0;
     if (rc == V2V_OK) {
@@ -295,6 +302,7 @@ int v2v_cli_main(int argc, char **argv)
     if (world != NULL) { /* where it could not start, v2v_par_init has ended MPI */
         v2v_par_finalize(&world);
     }
+    v2v_watchdog_disarm();
     if (v2v_mem_held() != 0) {
         v2v_log(V2V_LOG_WARNING, "%zu bytes are still held at the end", v2v_mem_held());
     }

@@ -10,9 +10,6 @@
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 
-/* Longest wait for one frame, seconds: 512 x 512 at full width takes minutes on two cores. */
-static const double frame_watchdog_s = 1800;
-
 struct job {
     struct v2v_model *model;
     struct v2v_recording *recording;
@@ -234,7 +231,7 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
     for (int64_t round = 0; round * grid->data_size < job.frames; round++) {
         const int64_t i = round * grid->data_size + grid->data_rank;
         const int64_t t = grid->idle || i >= job.frames ? -1 : job.todo[i];
-        v2v_watchdog_arm(frame_watchdog_s, "reconstructing a frame");
+        v2v_watchdog_beat("reconstructing a frame");
         V2V_TRY(v2v_par_agree(grid->world, load(&job, t)));
         V2V_TRY(v2v_par_agree(grid->world, compute(&job, t)));
         if (t >= 0) { /* the same for all ranks of a frame */

@@ -21,9 +21,6 @@ static const double sensitivity_floor = 1e-4;
  * off, up to 1 / projection_floor; the adjoint takes it nowhere, but the transforms' round-off of a
  * number so large spreads over the whole volume (1e-3 of it, measured). */
 
-/* Longest wait for one iteration, seconds; 5 s are usual for 512 x 512 on two cores. */
-static const double iteration_watchdog_s = 600;
-
 struct v2v_rld {
     const struct v2v_comm *comm;
     struct v2v_projector *projector;
@@ -217,7 +214,7 @@ static enum v2v_status iterate(struct v2v_rld *rld, float *volume, const float *
                                int64_t iteration)
 {
     int64_t pixels = rld->height * rld->width;
-    v2v_watchdog_arm(iteration_watchdog_s, "an RLD iteration");
+    v2v_watchdog_beat("an RLD iteration");
     for (int32_t v = 0; v < rld->views; v++) {
         v2v_projector_forward(rld->projector, rld->ratio, volume, &v, 1);
         divide(rld->ratio, views + v * pixels, rld->blind + v * pixels, pixels, mean);

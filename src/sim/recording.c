@@ -4,9 +4,6 @@
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
 
-/* Longest wait for one frame, seconds: its file access and projection take seconds. */
-static const double frame_watchdog_s = 600;
-
 struct job {
     struct v2v_projector *projector;
     struct v2v_recording_writer *writer;
@@ -46,7 +43,7 @@ done:
 static enum v2v_status project_frame(struct job *job, struct v2v_volume *volume, int64_t t,
                                      const struct v2v_comm *comm)
 {
-    v2v_watchdog_arm(frame_watchdog_s, "projecting a frame");
+    v2v_watchdog_beat("projecting a frame");
     enum v2v_status rc =
         v2v_volume_read(volume, job->slab, t, job->slices.first, job->slices.count);
     V2V_TRY(v2v_par_agree(comm, rc));
@@ -60,7 +57,7 @@ static enum v2v_status write_frame(struct job *job, const struct v2v_noise *nois
                                    int64_t t)
 {
     int64_t first = job->mine.first * job->pixels;
-    v2v_watchdog_arm(frame_watchdog_s, "writing a frame");
+    v2v_watchdog_beat("writing a frame");
     v2v_noise_apply(job->noisy, job->clean + first, job->mine.count * job->pixels, noise, seed, t,
                     first);
     return v2v_recording_write(job->writer, job->noisy, t, job->mine.first, job->mine.count);

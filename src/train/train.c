@@ -197,10 +197,11 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
         report->communication = shares.mean;
     }
 done:
-    v2v_watchdog_disarm();
+    v2v_watchdog_arm(job->config->parallel.watchdog_s, "the end of training");
     report->steps = run.step;
     report->seconds = v2v_clock_now() - run.started;
     v2v_trainer_destroy(&run.trainer);
     v2v_run_folder_leave(&run.folder);
+    v2v_watchdog_disarm();
     return rc;
 }

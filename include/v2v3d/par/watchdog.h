@@ -6,12 +6,18 @@ extern "C" {
 #endif
 
 /** A clock beside the MPI path: when it is not re-armed within its time, the rank prints what it
- * was waiting in and ends the whole job with exit code 74. Needed because HDF5 and MPI can wait for
+ * was waiting in, and which ranks of its host no longer run, and ends the whole job with exit code
+ * 74. Needed because HDF5 and MPI can wait for
  *  ever once one rank has failed (RELIABILITY.md 4). All @kind Local. */
 
 /** (Re-)arm for `seconds` (<= 0: disarm); `what` is a string literal, printed when it fires. */
 void v2v_watchdog_arm(double seconds, const char *what);
 void v2v_watchdog_disarm(void);
+
+/** The program's time for one piece of work (<= 0: v2v_watchdog_beat does nothing, as before the
+ *  first call), and the end of a piece: re-arm for it. Libraries beat, programs decide the time. */
+void v2v_watchdog_set_period(double seconds);
+void v2v_watchdog_beat(const char *what);
 
 #ifdef __cplusplus
 }
