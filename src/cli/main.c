@@ -295,6 +295,11 @@ int v2v_cli_main(int argc, char **argv)
     if (rc != V2V_OK && on_root) {
         fprintf(stderr, "%s\n", v2v_status_message());
     }
+    if (rc == V2V_STOPPED) {
+        /* All ranks have agreed on it. srun and mpirun end the others when the first has left with
+         * 85: that shall not look like a crash. */
+        signal(SIGTERM, SIG_IGN);
+    }
     if (rc == V2V_E_IO && v2v_comm_size(world) > 1) {
         /* after a failed close HDF5 1.10 can crash or wait in MPI_Finalize */
         v2v_par_abort(v2v_status_exit_code(rc));

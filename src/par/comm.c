@@ -9,6 +9,7 @@
 #include "v2v3d/par/watchdog.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -69,6 +70,10 @@ enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
     enum v2v_status rc = V2V_OK;
     int provided = 0, size = 0, rank = 0;
     *world = NULL;
+    /* Nothing here uses MPI's shared file pointers. For them Open MPI would make a lock file beside
+     * every output of ranks on several hosts, which a killed run leaves behind; the component named
+     * here is for one host alone. */
+    setenv("OMPI_MCA_sharedfp", "sm", 0);
     MPI_Init_thread(argc, argv, MPI_THREAD_FUNNELED, &provided);
     MPI_Comm_size(MPI_COMM_WORLD, &size);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
