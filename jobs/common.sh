@@ -67,7 +67,7 @@ count_crash() # EXIT_CODE
 run_job() # COMMAND [--] [ARGUMENT...]
 {
     local command=$1 launcher=() pid='' forwarded rc crashes
-    local crash_list=v2v3d-${SLURM_JOB_ID:-0}.crashes
+    local crash_list=v2v3d-${SLURM_JOB_ID:-0}.crashes proof=v2v3d-${SLURM_JOB_ID:-0}.finished
     shift
     [[ ${1:-} != -- ]] || shift
     launcher_words
@@ -78,7 +78,8 @@ run_job() # COMMAND [--] [ARGUMENT...]
     # Slurm sends USR1 to this script alone; both launchers hand it on to the ranks, which write a
     # checkpoint and exit with 85.
     trap 'forwarded=1; [[ -z $pid ]] || kill -USR1 "$pid"' USR1
-    "${launcher[@]}" "$program" "$command" --resume "$@" &
+    rm -f "$proof"
+    "${launcher[@]}" "$program" "$command" --resume --proof "$proof" "$@" &
     pid=$!
     # a trapped USR1 ends wait with 128 + 10 while the launcher still runs
     while :; do
@@ -88,13 +89,20 @@ run_job() # COMMAND [--] [ARGUMENT...]
         ((forwarded && rc == 138)) || break
     done
     trap '' USR1
+    # srun 22.05 ends with 0 when it could not start its only task
+    if ((rc == 0)) && [[ ! -e $proof ]]; then
+        echo "job ${SLURM_JOB_ID:-?}: the launcher has ended, the program has not" >&2
+        rc=71
+    fi
+    rm -f "$proof"
 
     case $rc in
     85) # stopped after a checkpoint
         rm -f "$crash_list"
         requeue "stopped, resumable"
         ;;
-    75 | 137 | 138 | 143 | 205) # busy, KILL, USR1 before the program could catch it, TERM, a lost node
+    # not started, busy, KILL, USR1 before the program could catch it, TERM, a lost node
+    71 | 75 | 137 | 138 | 143 | 205)
         if ! count_crash "$rc"; then
             echo "cannot write $crash_list: not requeued" >&2
         elif ((crashes <= ${V2V3D_MAX_CRASHES:-5})); then

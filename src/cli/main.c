@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/op/gemm.h"
 #include "v2v3d/par/watchdog.h"
 #include <errno.h>
@@ -176,6 +177,9 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         }
     }
     V2V_TRY(flush_results());
+    if (arguments->proof != NULL && v2v_comm_rank(session->world) == 0) {
+        V2V_TRY(v2v_file_write_text(arguments->proof, ""));
+    }
 done:
     return rc;
 }

@@ -58,7 +58,7 @@ struct v2v_assignment {
 /** What every command takes; the first member of every command's arguments. */
 struct v2v_common {
     int help, force, quiet, verbose, mem_report;
-    const char *config;
+    const char *config, *proof;
     struct v2v_assignment *assignments;
     int64_t assignment_count;
 };

@@ -30,7 +30,7 @@ is_script '#!/bin/bash' '#SBATCH --nodes=2' '#SBATCH --ntasks-per-node=4' \
 # As Slurm would start it, with a launcher that only tells how it was called.
 mkdir bin
 # shellcheck disable=SC2016 # expanded when it runs
-printf '#!/bin/sh\nprintf "[%%s]" "$@"\n' >bin/srun
+printf '#!/bin/sh\ntouch v2v3d-7.finished\nprintf "[%%s]" "$@"\n' >bin/srun
 chmod +x bin/srun
 runs() { # EXPECTED
     local said
@@ -38,7 +38,7 @@ runs() { # EXPECTED
         SLURM_ARRAY_TASK_ID=2 bash stdout | tail -n 1)
     [ "$said" = "[--mpi=pmix][--kill-on-bad-exit=1][prog]$1" ] || fail "it runs $said, not $1"
 }
-runs "[train][--resume][-c][tiny.yaml][--psf][psf/][--input][it's a.h5][-o][run/][--max-mem][8]"
+runs "[train][--resume][--proof][v2v3d-7.finished][-c][tiny.yaml][--psf][psf/][--input][it's a.h5][-o][run/][--max-mem][8]"
 
 works slurm reconstruct --time 4m --mem 10 --launcher mpirun --home '/a b' \
     -- --psf p --weights w --input r.h5 -o v.h5
@@ -49,11 +49,11 @@ grep -qE 'partition|account|array' stdout && fail "asks for more than it was tol
 
 works slurm array --array 0-9%2 --each 100 -- --psf p --weights w --input r.h5 -o v_%a.h5
 is_script '#SBATCH --array=0-9%2'
-runs '[reconstruct][--resume][--psf][p][--weights][w][--input][r.h5][-o][v_2.h5][--frames][200:100]'
+runs '[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][p][--weights][w][--input][r.h5][-o][v_2.h5][--frames][200:100]'
 printf 'a.h5\nb.h5\nd/c.h5\n' >list.txt
 works slurm array --array 0-2 --list list.txt -- --psf p --weights w -o v/%n.h5
 is_script '#SBATCH --array=0-2'
-runs '[reconstruct][--resume][--psf][p][--weights][w][-o][v/c.h5][--input][d/c.h5]'
+runs '[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][p][--weights][w][-o][v/c.h5][--input][d/c.h5]'
 
 refuses 2 'train.reconstruct.array is missing' slurm
 refuses 2 '-- ARGUMENT... is missing' slurm train

@@ -74,6 +74,9 @@ refuses 78 'train.step' init --set train.step=1
 # The name of a program may hold spaces; a closed standard output is no failure.
 mkdir 'a folder'
 works init -o 'a folder/ünder a name.yaml'
+works init --proof ended
+[ -e ended ] || fail '--proof made no file'
+refuses 78 'train.step' init --proof out --set train.step=1
 [ -s 'a folder/ünder a name.yaml' ] || fail 'init -o wrote nothing'
 timeout 60 bash -c "v2v3d init 2>stderr | head -1; exit \${PIPESTATUS[0]}" >stdout ||
     fail "a closed pipe made init fail: $(cat stderr)"

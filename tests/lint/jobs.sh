@@ -12,6 +12,8 @@ trap 'exit 85' USR1
 printf '%s' "${0##*/}" >>calls
 printf ' [%s]' "$@" >>calls
 echo >>calls
+[[ $FAKE_EXIT != 0 ]] || touch v2v3d-7.finished
+[[ $FAKE_EXIT != nothing ]] || exit 0
 [[ $FAKE_EXIT == on-usr1 ]] || exit "$FAKE_EXIT"
 touch ready
 for ((tick = 0; tick < 300; tick++)); do command -p sleep 0.1; done
@@ -51,6 +53,7 @@ killed rank|137|1|137|1
 terminated|143|1|143|1
 lost node|205|1|205|1
 another run at work|75|1|75|1
+launcher that starts nothing|nothing|1|71|1
 killed again and again: five restarts|137|7|137|5
 '
 
@@ -67,7 +70,7 @@ for script in train reconstruct array; do
         done
         seen=$(grep -c '^scontrol requeue 7$' "$fake/job/calls") || true
         [[ $seen -eq $requeues ]] || fail "$seen requeues, expected $requeues"
-        words="srun [--mpi=pmix] [--kill-on-bad-exit=1] [prog] [$command] [--resume] [--psf] [a b.h5]$after"
+        words="srun [--mpi=pmix] [--kill-on-bad-exit=1] [prog] [$command] [--resume] [--proof] [v2v3d-7.finished] [--psf] [a b.h5]$after"
         grep -qxF "$words" "$fake/job/calls" ||
             fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
     done <<<"$cases"
@@ -75,7 +78,7 @@ for script in train reconstruct array; do
     case_name="mpirun"
     rm -rf "$fake/job" && mkdir "$fake/job"
     (cd "$fake/job" && start 0 mpirun -o out) || fail "exit code $?"
-    words="mpirun [--bind-to] [none] [prog] [$command] [--resume] [-o] [out]$after"
+    words="mpirun [--bind-to] [none] [prog] [$command] [--resume] [--proof] [v2v3d-7.finished] [-o] [out]$after"
     grep -qxF "$words" "$fake/job/calls" ||
         fail "called as: $(head -n 1 "$fake/job/calls"), expected: $words"
 
@@ -119,7 +122,7 @@ while IFS='|' read -r task arguments expected words; do
             >output 2>&1) || rc=$?
     [[ $rc -eq $expected ]] || fail "exit code $rc, expected $expected"
     if [[ $expected -eq 0 ]]; then
-        grep -qF "[reconstruct] [--resume] $words" "$fake/job/calls" ||
+        grep -qF "[reconstruct] [--resume] [--proof] [v2v3d-7.finished] $words" "$fake/job/calls" ||
             fail "called as: $(<"$fake/job/calls"), expected: $words"
     fi
 done <<'END'
