@@ -6,8 +6,8 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 . "$here/lib.sh"
 use_sandbox hosts
 
-train=(-c "$root/configs/tiny.yaml" --set model.width=16 --psf scene/psf.h5 --input recording.h5
-    --steps 20)
+train=(-c "$root/configs/tiny.yaml" --set model.width=16 --set train.batch=2 --psf scene/psf.h5
+    --input recording.h5 --steps 20)
 reconstruct=(--psf scene/psf.h5 --weights one/weights.h5 --input recording.h5)
 
 # on_hosts RATE NAME COMMAND...: run it on both hosts; its time, and the program's own word on what
@@ -34,8 +34,12 @@ mpirun --oversubscribe --bind-to none -n 2 "$program" reconstruct --quiet "${rec
 echo "reconstruction, one host: $(since "$start") s"
 for rate in full 1gbit 100mbit; do
     "$sandbox" rate "$folder/sandbox" "$rate" || give_up "the link can't be set to $rate"
-    on_hosts "$rate" training train "${train[@]}" -o "run_$rate"
-    same one/weights.h5 "run_$rate/weights.h5"
+    for branches in 2 1; do
+        # one branch a host, or one sample of the batch
+        on_hosts "$rate" "training, $branches branch ranks" train "${train[@]}" \
+            --set "parallel.branches=$branches" -o "run_${branches}_$rate"
+        same one/weights.h5 "run_${branches}_$rate/weights.h5" /weights
+    done
     on_hosts "$rate" reconstruction reconstruct "${reconstruct[@]}" -o "$rate.h5"
     same one.h5 "$rate.h5" /volume
 done
