@@ -1,0 +1,547 @@
+#include "v2v3d/fft/slabs.h"
+#include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+#include <fftw3.h>
+#include <limits.h>
+#include <omp.h>
+#include <string.h>
+
+/* Rows that change places with columns together: eight complex numbers are a cache line. */
+enum { ROWS = 8 };
+
+/* What a rank sends in one exchange, at most, bytes, unless a frame has more: enough that latency
+ * doesn't count, little enough that both sides of two exchanges stay in a second-level cache. */
+enum { EXCHANGE = 1 << 20 };
+
+/* Where everything lies; one place, so that v2v_fft_slabs_bytes can't drift. Numbers are complex.
+ */
+struct layout {
+    int64_t half;                    /* nx/2+1 */
+    int64_t row_floats;              /* a row of pixels */
+    int64_t row_stride;              /* from spectrum to spectrum of rows, numbers */
+    int64_t column_stride;           /* a column, numbers */
+    int64_t batch;                   /* frames of one exchange */
+    int64_t rows_side, columns_side; /* numbers of the fullest rank's buffers */
+};
+
+/* One exchange. Both buffers lie by the other rank r: on the rows' side [frame, kx of r, y of this
+ * rank], on the columns' side [frame, kx of this rank, y of r]. On one rank they are the same. */
+struct lane {
+    struct v2v_complex *rows_side, *columns_side;
+    int *counts; /* counts and offsets of both sides: 4 for each rank */
+    MPI_Request request;
+};
+enum { LANES = 2 };
+
+struct v2v_fft_slabs {
+    struct v2v_fft_shape shape;
+    struct layout layout;
+    const struct v2v_comm *comm;   /* borrowed */
+    struct v2v_part rows, columns; /* of this rank */
+    int threads;
+    struct lane lane[LANES];     /* on one rank: the first one's rows_side, a frame a thread */
+    float *pixels;               /* [thread,row_floats]: zeros behind `width` for ever */
+    float *restored;             /* [thread,row_floats] */
+    struct v2v_complex *numbers; /* [thread,ROWS,row_stride] */
+    struct v2v_complex *column;  /* [thread,column_stride]: zeros behind `height` for ever */
+    struct v2v_complex *changed; /* [thread,column_stride] */
+    fftwf_plan row_forward, row_inverse, column_forward, column_inverse;
+};
+
+static int64_t aligned(int64_t n)
+{
+    return (n + 15) / 16 * 16; /* whole cache lines of floats, and of complex numbers */
+}
+
+/* 0 when the numbers of a frame leave the int that MPI counts in. */
+static int layout_plan(struct layout *layout, const struct v2v_fft_shape *shape, int ranks)
+{
+    const int64_t half = shape->nx / 2 + 1, frame = v2v_mem_product(shape->ny, half, 1);
+    if (frame < 0 || frame > INT_MAX) {
+        return 0;
+    }
+    const struct v2v_part rows = v2v_par_part(shape->height, ranks, 0);
+    const struct v2v_part columns = v2v_par_part(half, ranks, 0);
+    const int64_t sent = rows.count * half * (int64_t)sizeof(struct v2v_complex);
+    layout->half = half;
+    layout->row_floats = aligned(shape->nx);
+    layout->row_stride = aligned(half);
+    layout->column_stride = aligned(shape->ny);
+    layout->batch = v2v_within(EXCHANGE / sent, 1, v2v_smaller(shape->frames, INT_MAX / frame));
+    if (ranks == 1) {
+        layout->batch = 1;
+    }
+    layout->rows_side = layout->batch * rows.count * half;
+    layout->columns_side = layout->batch * columns.count * shape->height;
+    return 1;
+}
+
+int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks)
+{
+    struct layout layout;
+    if (!layout_plan(&layout, shape, ranks)) {
+        return -1;
+    }
+    const int64_t threads = omp_get_max_threads();
+    const int64_t buffers =
+        ranks == 1 ? threads * layout.rows_side : LANES * (layout.rows_side + layout.columns_side);
+    return (buffers + threads * (ROWS * layout.row_stride + 2 * layout.column_stride)) *
+               (int64_t)sizeof(struct v2v_complex) +
+           threads * 2 * layout.row_floats * (int64_t)sizeof(float) +
+           (int64_t)sizeof(struct v2v_fft_slabs);
+}
+
+static enum v2v_status plan(struct v2v_fft_slabs *fft)
+{
+    const int ny = (int)fft->shape.ny, nx = (int)fft->shape.nx;
+    fftwf_complex *row = (fftwf_complex *)(void *)fft->numbers;
+    fftwf_complex *column = (fftwf_complex *)(void *)fft->column;
+    fftwf_complex *changed = (fftwf_complex *)(void *)fft->changed;
+    const unsigned kept = FFTW_ESTIMATE | FFTW_PRESERVE_INPUT;
+    fft->row_forward = fftwf_plan_dft_r2c_1d(nx, fft->pixels, row, kept);
+    fft->row_inverse = fftwf_plan_dft_c2r_1d(nx, row, fft->restored, FFTW_ESTIMATE);
+    fft->column_forward = fftwf_plan_dft_1d(ny, column, changed, FFTW_FORWARD, kept);
+    fft->column_inverse = fftwf_plan_dft_1d(ny, column, changed, FFTW_BACKWARD, kept);
+    if (fft->row_forward == NULL || fft->row_inverse == NULL || fft->column_forward == NULL ||
+        fft->column_inverse == NULL) {
+        return V2V_FAIL(V2V_E_MEMORY, "no room to plan transforms of %d x %d pixels", ny, nx);
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status take_lanes(struct v2v_fft_slabs *fft, int size)
+{
+    enum v2v_status rc = V2V_OK;
+    for (int i = 0; i < LANES && size > 1; i++) {
+        struct lane *lane = &fft->lane[i];
+        lane->request = MPI_REQUEST_NULL;
+        V2V_TRY(V2V_ALLOC(lane->rows_side, "fft.exchange", fft->layout.rows_side));
+        V2V_TRY(V2V_ALLOC(lane->columns_side, "fft.exchange", fft->layout.columns_side));
+        V2V_TRY(V2V_ALLOC(lane->counts, "fft.exchange", 4 * (int64_t)size));
+    }
+    if (size == 1) {
+        V2V_TRY(V2V_ALLOC(fft->lane[0].rows_side, "fft.exchange",
+                          v2v_mem_product(fft->threads, fft->layout.rows_side, 1)));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status create_local(struct v2v_fft_slabs *fft, const struct v2v_fft_shape *shape,
+                                    int size)
+{
+    enum v2v_status rc = V2V_OK;
+    struct layout *layout = &fft->layout;
+    const int64_t threads = fft->threads = omp_get_max_threads();
+    if (!layout_plan(layout, shape, size)) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "transforms of %lld x %lld pixels are too large",
+                         (long long)shape->ny, (long long)shape->nx));
+    }
+    V2V_TRY(take_lanes(fft, size));
+    V2V_TRY(V2V_ALLOC(fft->pixels, "fft.row", threads * layout->row_floats));
+    V2V_TRY(V2V_ALLOC(fft->restored, "fft.row", threads * layout->row_floats));
+    V2V_TRY(V2V_ALLOC(fft->numbers, "fft.row", threads * ROWS * layout->row_stride));
+    V2V_TRY(V2V_ALLOC(fft->column, "fft.column", threads * layout->column_stride));
+    V2V_TRY(V2V_ALLOC(fft->changed, "fft.column", threads * layout->column_stride));
+    V2V_TRY(plan(fft));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_fft_slabs_create(struct v2v_fft_slabs **fft, const struct v2v_fft_shape *shape,
+                                     const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const int size = v2v_comm_size(comm), rank = v2v_comm_rank(comm);
+
+    V2V_ASSERT(shape->height >= 1 && shape->width >= 1 && shape->height <= shape->ny &&
+               shape->width <= shape->nx && shape->frames >= 1 && shape->ny % 2 == 0 &&
+               shape->nx % 2 == 0);
+    rc = V2V_ALLOC(*fft, "fft.slabs", 1);
+    if (rc == V2V_OK) {
+        (*fft)->shape = *shape;
+        (*fft)->comm = comm;
+        (*fft)->rows = v2v_par_part(shape->height, size, rank);
+        (*fft)->columns = v2v_par_part(shape->nx / 2 + 1, size, rank);
+        rc = create_local(*fft, shape, size);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+done:
+    if (rc != V2V_OK) {
+        v2v_fft_slabs_destroy(fft);
+    }
+    return rc;
+}
+
+void v2v_fft_slabs_destroy(struct v2v_fft_slabs **fft)
+{
+    struct v2v_fft_slabs *old = *fft;
+    if (old == NULL) {
+        return;
+    }
+    fftwf_plan plans[] = {old->row_forward, old->row_inverse, old->column_forward,
+                          old->column_inverse};
+    for (size_t i = 0; i < sizeof plans / sizeof *plans; i++) {
+        if (plans[i] != NULL) {
+            fftwf_destroy_plan(plans[i]);
+        }
+    }
+    for (int i = 0; i < LANES; i++) {
+        v2v_mem_free(old->lane[i].rows_side);
+        v2v_mem_free(old->lane[i].columns_side);
+        v2v_mem_free(old->lane[i].counts);
+    }
+    v2v_mem_free(old->pixels);
+    v2v_mem_free(old->restored);
+    v2v_mem_free(old->numbers);
+    v2v_mem_free(old->column);
+    v2v_mem_free(old->changed);
+    v2v_mem_free(old);
+    *fft = NULL;
+}
+
+struct v2v_part v2v_fft_slabs_rows(const struct v2v_fft_slabs *fft)
+{
+    return fft->rows;
+}
+
+struct v2v_part v2v_fft_slabs_columns(const struct v2v_fft_slabs *fft)
+{
+    return fft->columns;
+}
+
+static float *thread_pixels(const struct v2v_fft_slabs *fft)
+{
+    return fft->pixels + omp_get_thread_num() * fft->layout.row_floats;
+}
+
+static float *thread_restored(const struct v2v_fft_slabs *fft)
+{
+    return fft->restored + omp_get_thread_num() * fft->layout.row_floats;
+}
+
+static struct v2v_complex *thread_column(const struct v2v_fft_slabs *fft)
+{
+    return fft->column + omp_get_thread_num() * fft->layout.column_stride;
+}
+
+static struct v2v_complex *thread_changed(const struct v2v_fft_slabs *fft)
+{
+    return fft->changed + omp_get_thread_num() * fft->layout.column_stride;
+}
+
+static struct v2v_complex *thread_numbers(const struct v2v_fft_slabs *fft)
+{
+    return fft->numbers + omp_get_thread_num() * ROWS * fft->layout.row_stride;
+}
+
+/* numbers[kx] = transform of a row of `length` pixels, which are copied to `pixels`. */
+static void transform_row(const struct v2v_fft_slabs *fft, struct v2v_complex *numbers,
+                          float *pixels, const float *row, int64_t length)
+{
+    memcpy(pixels, row, (size_t)length * sizeof *pixels);
+    fftwf_execute_dft_r2c(fft->row_forward, pixels, (fftwf_complex *)(void *)numbers);
+}
+
+/* to[i,j] = from[j,i]. Inlined with rows = ROWS, a line at a time. */
+static inline void turn(struct v2v_complex *restrict to, int64_t to_stride,
+                        const struct v2v_complex *restrict from, int64_t from_stride,
+                        int64_t columns, int64_t rows)
+{
+    for (int64_t i = 0; i < columns; i++) {
+        for (int64_t j = 0; j < rows; j++) {
+            to[i * to_stride + j] = from[j * from_stride + i];
+        }
+    }
+}
+
+static inline void turn_back(struct v2v_complex *restrict to, int64_t to_stride,
+                             const struct v2v_complex *restrict from, int64_t from_stride,
+                             int64_t columns, int64_t rows)
+{
+    for (int64_t i = 0; i < columns; i++) {
+        for (int64_t j = 0; j < rows; j++) {
+            to[j * to_stride + i] = from[i * from_stride + j];
+        }
+    }
+}
+
+/* Rows y .. y+ROWS-1 of frame i of n into the rows' side. */
+static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
+                      const float *frames, int64_t n, int64_t i, int64_t y)
+{
+    const int size = v2v_comm_size(fft->comm);
+    const int64_t mine = fft->rows.count, width = fft->shape.width;
+    const int64_t count = v2v_smaller(ROWS, mine - y), stride = fft->layout.row_stride;
+    struct v2v_complex *numbers = thread_numbers(fft);
+    for (int64_t j = 0; j < count; j++) {
+        transform_row(fft, numbers + j * stride, thread_pixels(fft),
+                      frames + (i * mine + y + j) * width, width);
+    }
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part part = v2v_par_part(fft->layout.half, size, r);
+        struct v2v_complex *to = side + mine * (n * part.first + i * part.count) + y;
+        if (count == ROWS) {
+            turn(to, mine, numbers + part.first, stride, part.count, ROWS);
+        } else {
+            turn(to, mine, numbers + part.first, stride, part.count, count);
+        }
+    }
+}
+
+/* Column k of frame i of n from the columns' side. */
+static void take_column(const struct v2v_fft_slabs *fft, struct v2v_complex *spectrum,
+                        const struct v2v_complex *side, int64_t n, int64_t i, int64_t k)
+{
+    const int size = v2v_comm_size(fft->comm);
+    struct v2v_complex *column = thread_column(fft);
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part part = v2v_par_part(fft->shape.height, size, r);
+        memcpy(column + part.first,
+               side + fft->columns.count * (n * part.first + i * part.count) + k * part.count,
+               (size_t)part.count * sizeof *column);
+    }
+    fftwf_execute_dft(fft->column_forward, (fftwf_complex *)(void *)column,
+                      (fftwf_complex *)(void *)(spectrum + k * fft->shape.ny));
+}
+
+/* Column k of frame i of n into the columns' side. */
+static void send_column(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
+                        const struct v2v_complex *spectrum, int64_t n, int64_t i, int64_t k)
+{
+    const int size = v2v_comm_size(fft->comm);
+    struct v2v_complex *changed = thread_changed(fft);
+    /* The plan keeps its input; FFTW's types don't say so. */
+    fftwf_complex *from = (fftwf_complex *)(uintptr_t)(spectrum + k * fft->shape.ny);
+    fftwf_execute_dft(fft->column_inverse, from, (fftwf_complex *)(void *)changed);
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part part = v2v_par_part(fft->shape.height, size, r);
+        memcpy(side + fft->columns.count * (n * part.first + i * part.count) + k * part.count,
+               changed + part.first, (size_t)part.count * sizeof *changed);
+    }
+}
+
+/* Rows y .. y+ROWS-1 of frame i of n from the rows' side. */
+static void take_rows(const struct v2v_fft_slabs *fft, float *frames, float factor,
+                      const struct v2v_complex *side, int64_t n, int64_t i, int64_t y)
+{
+    const int size = v2v_comm_size(fft->comm);
+    const int64_t mine = fft->rows.count, width = fft->shape.width;
+    const int64_t count = v2v_smaller(ROWS, mine - y), stride = fft->layout.row_stride;
+    struct v2v_complex *numbers = thread_numbers(fft);
+    float *restored = thread_restored(fft);
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part part = v2v_par_part(fft->layout.half, size, r);
+        const struct v2v_complex *from = side + mine * (n * part.first + i * part.count) + y;
+        if (count == ROWS) {
+            turn_back(numbers + part.first, stride, from, mine, part.count, ROWS);
+        } else {
+            turn_back(numbers + part.first, stride, from, mine, part.count, count);
+        }
+    }
+    for (int64_t j = 0; j < count; j++) {
+        float *row = frames + (i * mine + y + j) * width;
+        fftwf_execute_dft_c2r(fft->row_inverse, (fftwf_complex *)(void *)(numbers + j * stride),
+                              restored);
+        for (int64_t x = 0; x < width; x++) {
+            row[x] = factor * restored[x];
+        }
+    }
+}
+
+static void count_pieces(const struct v2v_fft_slabs *fft, int *counts, int64_t n)
+{
+    const int size = v2v_comm_size(fft->comm);
+    int *row_count = counts, *row_at = row_count + size;
+    int *column_count = row_at + size, *column_at = column_count + size;
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part columns = v2v_par_part(fft->layout.half, size, r);
+        const struct v2v_part rows = v2v_par_part(fft->shape.height, size, r);
+        row_count[r] = (int)(n * columns.count * fft->rows.count);
+        row_at[r] = (int)(n * columns.first * fft->rows.count);
+        column_count[r] = (int)(n * rows.count * fft->columns.count);
+        column_at[r] = (int)(n * rows.first * fft->columns.count);
+    }
+}
+
+static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n, int forward)
+{
+    const int size = v2v_comm_size(fft->comm);
+    int *rows = lane->counts, *columns = rows + 2 * size;
+    count_pieces(fft, lane->counts, n);
+    if (forward) {
+        MPI_Ialltoallv(lane->rows_side, rows, rows + size, MPI_C_FLOAT_COMPLEX, lane->columns_side,
+                       columns, columns + size, MPI_C_FLOAT_COMPLEX, v2v_comm_mpi(fft->comm),
+                       &lane->request);
+    } else {
+        MPI_Ialltoallv(lane->columns_side, columns, columns + size, MPI_C_FLOAT_COMPLEX,
+                       lane->rows_side, rows, rows + size, MPI_C_FLOAT_COMPLEX,
+                       v2v_comm_mpi(fft->comm), &lane->request);
+    }
+}
+
+/* Frames `first` .. of batch b, and how many. */
+static struct v2v_part batch_of(const struct v2v_fft_slabs *fft, int64_t b, int64_t n)
+{
+    const int64_t first = b * fft->layout.batch;
+    return (struct v2v_part){first, v2v_smaller(fft->layout.batch, n - first)};
+}
+
+/* The arrays of one call. */
+struct job {
+    const float *frames; /* forward: read */
+    float *restored;     /* inverse: written */
+    float factor;
+    struct v2v_complex *spectra;    /* forward: written */
+    const struct v2v_complex *kept; /* inverse: read */
+    int64_t stride;
+};
+
+static void rows_to_lane(const struct v2v_fft_slabs *fft, const struct job *job,
+                         const struct lane *lane, struct v2v_part batch)
+{
+    const float *frames = job->frames + batch.first * fft->rows.count * fft->shape.width;
+#pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
+    for (int64_t i = 0; i < batch.count; i++) {
+        for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
+            send_rows(fft, lane->rows_side, frames, batch.count, i, y);
+        }
+    }
+}
+
+static void columns_from_lane(const struct v2v_fft_slabs *fft, const struct job *job,
+                              const struct lane *lane, struct v2v_part batch)
+{
+#pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
+    for (int64_t i = 0; i < batch.count; i++) {
+        for (int64_t k = 0; k < fft->columns.count; k++) {
+            take_column(fft, job->spectra + (batch.first + i) * job->stride, lane->columns_side,
+                        batch.count, i, k);
+        }
+    }
+}
+
+static void columns_to_lane(const struct v2v_fft_slabs *fft, const struct job *job,
+                            const struct lane *lane, struct v2v_part batch)
+{
+#pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
+    for (int64_t i = 0; i < batch.count; i++) {
+        for (int64_t k = 0; k < fft->columns.count; k++) {
+            send_column(fft, lane->columns_side, job->kept + (batch.first + i) * job->stride,
+                        batch.count, i, k);
+        }
+    }
+}
+
+static void rows_from_lane(const struct v2v_fft_slabs *fft, const struct job *job,
+                           const struct lane *lane, struct v2v_part batch)
+{
+    float *frames = job->restored + batch.first * fft->rows.count * fft->shape.width;
+#pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
+    for (int64_t i = 0; i < batch.count; i++) {
+        for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
+            take_rows(fft, frames, job->factor, lane->rows_side, batch.count, i, y);
+        }
+    }
+}
+
+/* While a batch is exchanged, the one before it is finished and the one after it begun. */
+static void share(struct v2v_fft_slabs *fft, const struct job *job, int64_t n, int forward)
+{
+    const int64_t batches = (n + fft->layout.batch - 1) / fft->layout.batch;
+    for (int64_t b = 0; b <= batches; b++) {
+        struct lane *lane = &fft->lane[b % LANES], *before = &fft->lane[(b + 1) % LANES];
+        if (b < batches) {
+            const struct v2v_part batch = batch_of(fft, b, n);
+            (forward ? rows_to_lane : columns_to_lane)(fft, job, lane, batch);
+            start(fft, lane, batch.count, forward);
+        }
+        if (b > 0) {
+            MPI_Wait(&before->request, MPI_STATUS_IGNORE);
+            (forward ? columns_from_lane : rows_from_lane)(fft, job, before,
+                                                           batch_of(fft, b - 1, n));
+        }
+    }
+}
+
+static void forward_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
+                          struct v2v_complex *spectrum, const float *frame)
+{
+    for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
+        send_rows(fft, side, frame, 1, 0, y);
+    }
+    for (int64_t k = 0; k < fft->columns.count; k++) {
+        take_column(fft, spectrum, side, 1, 0, k);
+    }
+}
+
+static void inverse_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *side, float *frame,
+                          float factor, const struct v2v_complex *spectrum)
+{
+    for (int64_t k = 0; k < fft->columns.count; k++) {
+        send_column(fft, side, spectrum, 1, 0, k);
+    }
+    for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
+        take_rows(fft, frame, factor, side, 1, 0, y);
+    }
+}
+
+/* On one rank a thread's frame lies here between its rows and its columns. */
+static struct v2v_complex *thread_side(const struct v2v_fft_slabs *fft)
+{
+    return fft->lane[0].rows_side + omp_get_thread_num() * fft->layout.rows_side;
+}
+
+void v2v_fft_slabs_forward(struct v2v_fft_slabs *fft, struct v2v_complex *spectra, int64_t stride,
+                           const float *frames, int64_t n)
+{
+    const int64_t pixels = fft->rows.count * fft->shape.width;
+    const struct job job = {.frames = frames, .spectra = spectra, .stride = stride};
+    V2V_ASSERT(stride % 2 == 0);
+    if (v2v_comm_size(fft->comm) > 1) {
+        share(fft, &job, n, 1);
+        return;
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(fft->threads)
+    for (int64_t i = 0; i < n; i++) {
+        forward_alone(fft, thread_side(fft), spectra + i * stride, frames + i * pixels);
+    }
+}
+
+void v2v_fft_slabs_inverse(struct v2v_fft_slabs *fft, float *frames, float factor,
+                           const struct v2v_complex *spectra, int64_t stride, int64_t n)
+{
+    const int64_t pixels = fft->rows.count * fft->shape.width;
+    const struct job job = {
+        .restored = frames, .factor = factor, .kept = spectra, .stride = stride};
+    V2V_ASSERT(stride % 2 == 0);
+    if (v2v_comm_size(fft->comm) > 1) {
+        share(fft, &job, n, 0);
+        return;
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(fft->threads)
+    for (int64_t i = 0; i < n; i++) {
+        inverse_alone(fft, thread_side(fft), frames + i * pixels, factor, spectra + i * stride);
+    }
+}
+
+/* Row spectra go straight to their places in the columns, which are then transformed in turn. */
+void v2v_fft_slabs_local(const struct v2v_fft_slabs *fft, struct v2v_complex *spectrum,
+                         const float *rows, int64_t first, int64_t count)
+{
+    const int64_t ny = fft->shape.ny, nx = fft->shape.nx, columns = fft->columns.count;
+    struct v2v_complex *changed = thread_changed(fft), *numbers = thread_numbers(fft);
+    memset(spectrum, 0, (size_t)(columns * ny) * sizeof *spectrum);
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t y = ((first + i) % ny + ny) % ny;
+        /* Not through thread_pixels, whose end stays zero. */
+        transform_row(fft, numbers, thread_restored(fft), rows + i * nx, nx);
+        turn(spectrum + y, ny, numbers + fft->columns.first, 0, columns, 1);
+    }
+    for (int64_t k = 0; k < columns; k++) {
+        fftwf_execute_dft(fft->column_forward, (fftwf_complex *)(void *)(spectrum + k * ny),
+                          (fftwf_complex *)(void *)changed);
+        memcpy(spectrum + k * ny, changed, (size_t)ny * sizeof *changed);
+    }
+}
