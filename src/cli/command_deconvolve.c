@@ -1,3 +1,4 @@
+#include "cli/projection.h"
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"
@@ -87,6 +88,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_volume_writer *writer = NULL;
     struct v2v_rld *rld = NULL;
     struct v2v_scaling scaling;
+    enum v2v_split split;
     if (given->stop != STOP_FIXED) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--stop %s is not there yet, only fixed",
                          given->stop == STOP_HELDOUT ? "heldout" : "discrepancy"));
@@ -97,7 +99,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
     V2V_TRY(v2v_step_offset(session, &scaling, recording));
     struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), &psf);
-    V2V_TRY(v2v_rld_create(&rld, &psf, info.height, info.width, given->weight, session->world));
+    V2V_TRY(v2v_projection_split(&split, session, &psf, info.height, info.width, 1));
+    V2V_TRY(
+        v2v_rld_create(&rld, &psf, info.height, info.width, given->weight, split, session->world));
     V2V_TRY(v2v_provenance_init(&provenance, session, &psf, NULL, &scaling));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));

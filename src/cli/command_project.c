@@ -39,7 +39,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         v2v_step_beat(session, "project: a frame");
         rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
         V2V_TRY(v2v_par_agree(session->world, rc));
-        v2v_projector_forward(p.projector, p.views, p.slices, NULL, info.views);
+        v2v_projection_forward(&p, info.views);
         V2V_TRY(
             v2v_recording_write(writer, p.views + out.first * p.pixels, t, out.first, out.count));
         v2v_progress_step(&progress, t + 1, NULL);
@@ -74,7 +74,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         v2v_step_beat(session, "back-project: a frame");
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
-        v2v_projector_adjoint(p.projector, p.slices, p.views, NULL, psf->views);
+        v2v_projection_adjoint(&p, psf->views);
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
         v2v_progress_step(&progress, t + 1, NULL);
     }

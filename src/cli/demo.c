@@ -1,6 +1,7 @@
 #include "cli/demo.h"
 
 #include "cli/picture.h"
+#include "cli/projection.h"
 #include "cli/steps.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
@@ -90,10 +91,13 @@ enum v2v_status v2v_demo_rld_curve(struct v2v_demo *demo)
     const struct v2v_session *session = demo->session;
     struct frame frame;
     struct v2v_rld *rld = NULL;
+    enum v2v_split split;
     V2V_TRY(open_frame(&frame, demo));
     rc = V2V_ALLOC(demo->curve, "demo.curve", demo->iterations + 1);
     V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_rld_create(&rld, &frame.psf, frame.size.height, frame.size.width, weight,
+    V2V_TRY(
+        v2v_projection_split(&split, session, &frame.psf, frame.size.height, frame.size.width, 1));
+    V2V_TRY(v2v_rld_create(&rld, &frame.psf, frame.size.height, frame.size.width, weight, split,
                            session->world));
     demo->best = 1;
     for (int64_t i = 0; i <= demo->iterations; i++) {

@@ -128,7 +128,7 @@ static enum v2v_status residual(struct v2v_evaluation *evaluation,
         }
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_scaling_apply(&scaling, views, psf.views * p.pixels);
-        v2v_projector_forward(p.projector, p.views, p.slices, NULL, psf.views);
+        v2v_projection_forward(&p, psf.views);
         evaluation->value[V2V_FIGURE_RESIDUAL][t] =
             v2v_residual(views, p.views, psf.views * p.pixels, NULL);
     }

@@ -8,11 +8,18 @@
 /** A projector with the arrays that it works on. */
 struct v2v_projection {
     struct v2v_projector *projector;
-    struct v2v_part mine; /**< slices of this rank */
+    struct v2v_part mine; /**< slices of this rank, as files have them */
     int64_t pixels;       /**< of a frame */
     float *slices;        /**< [mine.count,y,x] */
     float *views;         /**< [v,y,x] */
+    float *volume, *rows; /**< what the projector holds of both */
 };
+
+/** How this run's ranks share projections of `count` views at a time: as parallel.split says.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_projection_split(enum v2v_split *split, const struct v2v_session *session,
+                                     const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                     int64_t count) V2V_MUST_CHECK;
 
 /** Plan for frames of [height,width], scaled as psf.reduce says.
  *  @kind Collective(world), agreed; v2v_projection_fini after both */
@@ -21,5 +28,9 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
                                     const struct v2v_psf_file *psf, int64_t height,
                                     int64_t width) V2V_MUST_CHECK;
 void v2v_projection_fini(struct v2v_projection *projection);
+
+/** `views`, on all ranks, from all ranks' `slices`; and the adjoint. @kind Collective(world) */
+void v2v_projection_forward(struct v2v_projection *projection, int64_t views);
+void v2v_projection_adjoint(struct v2v_projection *projection, int64_t views);
 
 #endif

@@ -108,7 +108,8 @@ enum v2v_status v2v_loss_create(struct v2v_loss **loss, const struct v2v_loss_se
     self->window = setup->window;
     self->energy = v2v_psf_energy_mean(psf) * (double)psf->slices * factor;
     V2V_TRY(take_memory(self));
-    V2V_TRY(v2v_projector_create(&self->projector, psf, setup->height, setup->width, NULL));
+    V2V_TRY(v2v_projector_create(&self->projector, psf, setup->height, setup->width,
+                                 V2V_SPLIT_SLICES, NULL));
     v2v_projector_set_scale(self->projector, (float)factor);
 done:
     if (rc != V2V_OK) {

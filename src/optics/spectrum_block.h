@@ -15,14 +15,21 @@
 #define V2V_BLOCK 256
 #define V2V_BLOCK_FLOATS (2 * V2V_BLOCK)
 
-/** split[n,2,V2V_BLOCK] = block of n spectra that lie `stride` apart. */
-void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t stride, int64_t n);
+/** split[n,2,V2V_BLOCK] = `width` frequencies of n spectra that lie `stride` apart; zeros behind.
+ */
+void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t stride, int64_t n,
+                     int64_t width);
 
 /** The way back. */
-void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t stride, int64_t n);
+void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t stride, int64_t n,
+                     int64_t width);
 
-/** sum[f] = sum_z otf[z,f] * slice[z,f], summed in the order of z. */
-void v2v_block_project(float *sum, const float *otf, const float *slice, int64_t slices);
+/** sum[2,V2V_BLOCK] = sum_z otf[z] * slice[z]. In double precision: sums of parts of the slices,
+ *  added and rounded, are then the sum of all of them, rounded, but for one in 10^7. */
+void v2v_block_project(double *sum, const float *otf, const float *slice, int64_t slices);
+
+/** The sum, rounded. @param spectrum [width] */
+void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t width);
 
 /** slice[z,f] += conj(otf[z,f]) * view[f]. */
 void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices);

@@ -25,62 +25,85 @@ struct v2v_rld {
     const struct v2v_comm *comm;
     struct v2v_projector *projector;
     struct v2v_sensitivity sensitivity;
-    struct v2v_part slices; /* of this rank */
+    struct v2v_projector_share share; /* of this rank */
     int64_t views, height, width;
     double weight;
     double constant_view; /* mean over views and pixels of the projection of a volume of ones */
-    float *ratio;         /* [y,x]: projection, then recorded / projected */
-    float *correction;    /* [slices,y,x]: A_v^T ratio */
+    float *volume;        /* [slices,rows,x] where that is not what the caller holds, else NULL */
+    float *ratio;         /* [view_rows,x]: projection, then recorded / projected */
+    float *correction;    /* [slices,rows,x]: A_v^T ratio */
     double *seen;         /* [slices,x]: a row of A_v^T 1 for each slice */
-    uint8_t *blind;       /* [v,y,x]: no voxel of the frame lights this pixel */
+    uint8_t *blind;       /* [v,view_rows,x]: no voxel of the frame lights this pixel */
 };
 
-/** Project a volume of ones: its mean, and the pixels that stay dark. Collective(comm).
- *  @param light [y,x] scratch */
-static void project_ones(struct v2v_rld *rld, double *light)
+/* Pixels of a view that this rank holds. */
+static int64_t pixels_here(const struct v2v_rld *rld)
+{
+    return rld->share.view_rows.count * rld->width;
+}
+
+/* What only the creation needs. */
+struct scratch {
+    double *light;  /* [view_rows,x] */
+    double *table;  /* [ky 0..K, kx 0..K] */
+    double *of_row; /* [v,y]: a row's light */
+};
+
+/** Project a volume of ones: its mean, and the pixels that stay dark. Collective(comm). The mean's
+ *  terms are added in one order for any number of ranks. */
+static void project_ones(struct v2v_rld *rld, const struct v2v_psf_file *psf,
+                         struct scratch *scratch)
 {
     double sum = 0;
-    int64_t pixels = rld->height * rld->width;
+    int64_t pixels = pixels_here(rld), all_rows = rld->views * rld->height;
     for (int64_t v = 0; v < rld->views; v++) {
-        memset(light, 0, (size_t)pixels * sizeof *light);
-        for (int64_t y = 0; y < rld->height; y++) {
-            v2v_sensitivity_pixels(&rld->sensitivity, light + y * rld->width, v, y);
-        }
-        v2v_par_sum_f64(rld->comm, light, pixels);
+        double *of_row = scratch->of_row + v * rld->height + rld->share.view_rows.first;
         double floor = sensitivity_floor * rld->sensitivity.total[v];
+        v2v_sensitivity_light(&rld->sensitivity, scratch->light, psf, v, rld->share.view_rows,
+                              scratch->table);
         for (int64_t i = 0; i < pixels; i++) {
-            sum += light[i];
-            rld->blind[v * pixels + i] = !(light[i] > floor);
+            of_row[i / rld->width] += scratch->light[i];
+            rld->blind[v * pixels + i] = !(scratch->light[i] > floor);
         }
     }
-    rld->constant_view = sum / (double)(rld->views * pixels);
+    v2v_par_sum_f64(rld->comm, scratch->of_row, all_rows);
+    for (int64_t i = 0; i < all_rows; i++) {
+        sum += scratch->of_row[i];
+    }
+    rld->constant_view = sum / (double)(all_rows * rld->width);
 }
 
 /** Local: what the run needs beside the projector, and what only its creation needs. */
-static enum v2v_status take_memory(struct v2v_rld *rld, double **light,
+static enum v2v_status take_memory(struct v2v_rld *rld, struct scratch *scratch,
                                    const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_sensitivity_init(&rld->sensitivity, psf, rld->slices, rld->height, rld->width));
-    V2V_TRY(V2V_ALLOC(rld->ratio, "rld.ratio", v2v_mem_product(rld->height, rld->width, 1)));
-    V2V_TRY(V2V_ALLOC(rld->correction, "rld.correction",
-                      v2v_mem_product(rld->slices.count, rld->height, rld->width)));
-    V2V_TRY(
-        V2V_ALLOC(rld->seen, "rld.seen",
-                  v2v_mem_product(rld->slices.count > 0 ? rld->slices.count : 1, rld->width, 1)));
-    V2V_TRY(
-        V2V_ALLOC(rld->blind, "rld.blind", v2v_mem_product(rld->views, rld->height, rld->width)));
-    V2V_TRY(V2V_ALLOC(*light, "rld.light", v2v_mem_product(rld->height, rld->width, 1)));
+    const struct v2v_projector_share *share = &rld->share;
+    int64_t voxels = v2v_mem_product(share->slices.count, share->rows.count, rld->width);
+    int64_t pixels = v2v_mem_product(share->view_rows.count, rld->width, 1);
+    V2V_TRY(v2v_sensitivity_init(&rld->sensitivity, psf, share->slices, rld->height, rld->width));
+    V2V_TRY(V2V_ALLOC(rld->ratio, "rld.ratio", pixels));
+    V2V_TRY(V2V_ALLOC(rld->correction, "rld.correction", voxels));
+    V2V_TRY(V2V_ALLOC(rld->seen, "rld.seen", share->slices.count * rld->width));
+    V2V_TRY(V2V_ALLOC(rld->blind, "rld.blind", v2v_mem_product(rld->views, pixels, 1)));
+    if (share->rows.count < rld->height) {
+        V2V_TRY(V2V_ALLOC(rld->volume, "rld.volume", voxels));
+    }
+    V2V_TRY(V2V_ALLOC(scratch->light, "rld.light", pixels));
+    V2V_TRY(V2V_ALLOC(scratch->table, "rld.light",
+                      v2v_mem_product(psf->height + 1, psf->width + 1, 1)));
+    V2V_TRY(V2V_ALLOC(scratch->of_row, "rld.light", v2v_mem_product(rld->views, rld->height, 1)));
 done:
     return rc;
 }
 
 enum v2v_status v2v_rld_create(struct v2v_rld **rld, const struct v2v_psf_file *psf, int64_t height,
-                               int64_t width, double weight, const struct v2v_comm *comm)
+                               int64_t width, double weight, enum v2v_split split,
+                               const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_rld *made = NULL;
-    double *light = NULL;
+    struct scratch scratch = {0};
     *rld = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(made, "rld", 1)));
     made->comm = comm;
@@ -88,14 +111,16 @@ enum v2v_status v2v_rld_create(struct v2v_rld **rld, const struct v2v_psf_file *
     made->height = height;
     made->width = width;
     made->weight = weight;
-    V2V_TRY(v2v_projector_create(&made->projector, psf, height, width, comm));
-    made->slices = v2v_projector_slices(made->projector);
-    V2V_TRY(v2v_par_agree(comm, take_memory(made, &light, psf)));
-    project_ones(made, light);
+    V2V_TRY(v2v_projector_create(&made->projector, psf, height, width, split, comm));
+    made->share = v2v_projector_share(made->projector);
+    V2V_TRY(v2v_par_agree(comm, take_memory(made, &scratch, psf)));
+    project_ones(made, psf, &scratch);
     *rld = made;
     made = NULL;
 done:
-    v2v_mem_free(light);
+    v2v_mem_free(scratch.of_row);
+    v2v_mem_free(scratch.table);
+    v2v_mem_free(scratch.light);
     v2v_rld_destroy(&made);
     return rc;
 }
@@ -107,6 +132,7 @@ void v2v_rld_destroy(struct v2v_rld **rld)
     if (old != NULL) {
         v2v_projector_destroy(&old->projector);
         v2v_sensitivity_fini(&old->sensitivity);
+        v2v_mem_free(old->volume);
         v2v_mem_free(old->ratio);
         v2v_mem_free(old->correction);
         v2v_mem_free(old->seen);
@@ -117,7 +143,7 @@ void v2v_rld_destroy(struct v2v_rld **rld)
 
 struct v2v_part v2v_rld_slices(const struct v2v_rld *rld)
 {
-    return rld->slices;
+    return v2v_projector_slices(rld->projector);
 }
 
 /** Local: the mean of the views where they are positive, 0 elsewhere. */
@@ -143,16 +169,16 @@ static void start(const struct v2v_rld *rld, float *volume)
 {
     float value = rld->constant_view > 0 ? (float)(1 / rld->constant_view) : 0;
 #pragma omp parallel for schedule(static)
-    for (int64_t z = 0; z < rld->slices.count; z++) {
+    for (int64_t z = 0; z < rld->share.slices.count; z++) {
         double *seen = rld->seen + z * rld->width;
-        for (int64_t y = 0; y < rld->height; y++) {
-            float *row = volume + (z * rld->height + y) * rld->width;
+        for (int64_t y = 0; y < rld->share.rows.count; y++) {
+            float *row = volume + (z * rld->share.rows.count + y) * rld->width;
             for (int64_t x = 0; x < rld->width; x++) {
                 row[x] = 0;
             }
             for (int64_t v = 0; v < rld->views; v++) {
                 double floor = sensitivity_floor * rld->sensitivity.total[v];
-                v2v_sensitivity_row(&rld->sensitivity, seen, v, z, y);
+                v2v_sensitivity_row(&rld->sensitivity, seen, v, z, rld->share.rows.first + y);
                 for (int64_t x = 0; x < rld->width; x++) {
                     row[x] = seen[x] > floor ? value : row[x];
                 }
@@ -178,11 +204,11 @@ static void multiply(const struct v2v_rld *rld, float *volume, int64_t v)
 {
     double floor = sensitivity_floor * rld->sensitivity.total[v], w = rld->weight;
 #pragma omp parallel for schedule(static)
-    for (int64_t z = 0; z < rld->slices.count; z++) {
+    for (int64_t z = 0; z < rld->share.slices.count; z++) {
         double *seen = rld->seen + z * rld->width;
-        for (int64_t y = 0; y < rld->height; y++) {
-            int64_t row = (z * rld->height + y) * rld->width;
-            v2v_sensitivity_row(&rld->sensitivity, seen, v, z, y);
+        for (int64_t y = 0; y < rld->share.rows.count; y++) {
+            int64_t row = (z * rld->share.rows.count + y) * rld->width;
+            v2v_sensitivity_row(&rld->sensitivity, seen, v, z, rld->share.rows.first + y);
             for (int64_t x = 0; x < rld->width; x++) {
                 double factor =
                     seen[x] > floor ? (1 - w) + w * (double)rld->correction[row + x] / seen[x] : 1;
@@ -196,13 +222,13 @@ static void multiply(const struct v2v_rld *rld, float *volume, int64_t v)
 static enum v2v_status look(const struct v2v_rld *rld, const float *volume, int64_t iteration)
 {
     enum v2v_status rc = V2V_FAULT_POINT("rld.iteration");
-    int64_t pixels = rld->height * rld->width;
-    int64_t bad = v2v_first_not_finite(volume, rld->slices.count * pixels);
+    int64_t rows = rld->share.rows.count, width = rld->width;
+    int64_t bad = v2v_first_not_finite(volume, rld->share.slices.count * rows * width);
     if (bad >= 0) {
-        rc = V2V_FAIL(V2V_E_NUMERIC,
-                      "RLD iteration %lld: NaN or Inf at slice %lld, row %lld, column %lld",
-                      (long long)iteration + 1, (long long)(rld->slices.first + bad / pixels),
-                      (long long)(bad / rld->width % rld->height), (long long)(bad % rld->width));
+        rc = V2V_FAIL(
+            V2V_E_NUMERIC, "RLD iteration %lld: NaN or Inf at slice %lld, row %lld, column %lld",
+            (long long)iteration + 1, (long long)(rld->share.slices.first + bad / (rows * width)),
+            (long long)(rld->share.rows.first + bad / width % rows), (long long)(bad % width));
     } else if (rc == V2V_OK && v2v_stop_requested()) {
         rc = V2V_FAIL(V2V_STOPPED, "stopped on request in RLD iteration %lld",
                       (long long)iteration + 1);
@@ -213,11 +239,12 @@ static enum v2v_status look(const struct v2v_rld *rld, const float *volume, int6
 static enum v2v_status iterate(struct v2v_rld *rld, float *volume, const float *views, double mean,
                                int64_t iteration)
 {
-    int64_t pixels = rld->height * rld->width;
+    int64_t pixels = rld->height * rld->width, here = pixels_here(rld);
+    const float *rows = views + rld->share.view_rows.first * rld->width;
     v2v_watchdog_beat("an RLD iteration");
     for (int32_t v = 0; v < rld->views; v++) {
         v2v_projector_forward(rld->projector, rld->ratio, volume, &v, 1);
-        divide(rld->ratio, views + v * pixels, rld->blind + v * pixels, pixels, mean);
+        divide(rld->ratio, rows + v * pixels, rld->blind + v * here, here, mean);
         v2v_projector_adjoint(rld->projector, rld->correction, rld->ratio, &v, 1);
         multiply(rld, volume, v);
     }
@@ -228,20 +255,22 @@ enum v2v_status v2v_rld_run(struct v2v_rld *rld, float *volume, const float *vie
                             int64_t iterations)
 {
     enum v2v_status rc = V2V_OK;
+    float *own = rld->volume != NULL ? rld->volume : volume;
     double mean = 0;
     V2V_TRY(v2v_par_agree(rld->comm, mean_of_views(&mean, rld, views)));
     v2v_par_max_f64(rld->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
-    start(rld, volume);
+    start(rld, own);
     /* A dark frame is a dark volume; and below FLT_MIN 1/mean would overflow. */
     int64_t needed = mean > 1e-37 ? iterations : 0;
     for (int64_t i = 0; i < needed; i++) {
-        V2V_TRY(iterate(rld, volume, views, mean, i));
+        V2V_TRY(iterate(rld, own, views, mean, i));
     }
-    int64_t count = rld->slices.count * rld->height * rld->width;
+    int64_t count = rld->share.slices.count * rld->share.rows.count * rld->width;
     for (int64_t i = 0; i < count; i++) {
-        volume[i] = (float)(volume[i] * mean);
+        own[i] = (float)(own[i] * mean);
     }
-    V2V_TRY(v2v_par_agree(rld->comm, look(rld, volume, iterations - 1)));
+    V2V_TRY(v2v_par_agree(rld->comm, look(rld, own, iterations - 1)));
+    v2v_projector_to_slices(rld->projector, volume, own);
 done:
     return rc;
 }

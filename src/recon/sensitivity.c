@@ -2,6 +2,8 @@
 
 #include "v2v3d/base/memory.h"
 
+#include <string.h>
+
 /** Kernel taps [first, end) that meet the frame of n pixels from voxel i: projection pixel
  *  i + k - c lies in [0, n), c = ceil(K/2)-1 (REFERENCE.md 2). */
 struct taps {
@@ -80,39 +82,37 @@ void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity)
     *sensitivity = (struct v2v_sensitivity){0};
 }
 
-/** Tables of view v's slice z: taps below row ky.end and below ky.first. */
-static void table_rows(const struct v2v_sensitivity *sensitivity, const double **low,
-                       const double **high, int64_t v, int64_t z, struct taps ky)
+void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
+                         int64_t z, int64_t y)
 {
     int64_t stride = sensitivity->kernel_width + 1;
     int64_t cells = (sensitivity->kernel_height + 1) * stride;
     const double *table = sensitivity->table + (v * sensitivity->slices.count + z) * cells;
-    *low = table + ky.first * stride;
-    *high = table + ky.end * stride;
-}
-
-void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
-                         int64_t z, int64_t y)
-{
-    const double *low, *high;
-    table_rows(sensitivity, &low, &high, v, z,
-               taps_inside(y, sensitivity->height, sensitivity->kernel_height));
+    struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
+    const double *low = table + ky.first * stride, *high = table + ky.end * stride;
     for (int64_t x = 0; x < sensitivity->width; x++) {
         struct taps kx = taps_inside(x, sensitivity->width, sensitivity->kernel_width);
         row[x] = (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
     }
 }
 
-void v2v_sensitivity_pixels(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
-                            int64_t y)
+void v2v_sensitivity_light(const struct v2v_sensitivity *sensitivity, double *light,
+                           const struct v2v_psf_file *psf, int64_t v, struct v2v_part rows,
+                           double *table)
 {
-    const double *low, *high;
-    for (int64_t z = 0; z < sensitivity->slices.count; z++) {
-        table_rows(sensitivity, &low, &high, v, z,
-                   taps_of_pixel(y, sensitivity->height, sensitivity->kernel_height));
-        for (int64_t x = 0; x < sensitivity->width; x++) {
-            struct taps kx = taps_of_pixel(x, sensitivity->width, sensitivity->kernel_width);
-            row[x] += (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+    int64_t width = sensitivity->width, stride = psf->width + 1, pixels = psf->height * psf->width;
+    memset(light, 0, (size_t)(rows.count * width) * sizeof *light);
+    for (int64_t z = 0; z < psf->slices; z++) {
+        tabulate(table, psf->data + (v * psf->slices + z) * pixels, psf->height, psf->width);
+#pragma omp parallel for schedule(static)
+        for (int64_t y = 0; y < rows.count; y++) {
+            struct taps ky = taps_of_pixel(rows.first + y, sensitivity->height, psf->height);
+            const double *low = table + ky.first * stride, *high = table + ky.end * stride;
+            for (int64_t x = 0; x < width; x++) {
+                struct taps kx = taps_of_pixel(x, width, psf->width);
+                light[y * width + x] +=
+                    (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+            }
         }
     }
 }

@@ -28,9 +28,11 @@ void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity);
 void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
                          int64_t z, int64_t y);
 
-/** row[x] += (A_v 1)[y, x] of the slices tabulated: what a volume of ones gives to row y of view v.
- *  @kind Local, thread-safe. @param row [x]; round-off as above */
-void v2v_sensitivity_pixels(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
-                            int64_t y);
+/** light[y,x] = (A_v 1)[first + y, x] for `rows` rows of view v: what a volume of ones gives to its
+ *  pixels, over all slices of the set. @kind Local.
+ *  @param table [ky 0..K, kx 0..K] scratch @param light [rows,x] out; round-off as above */
+void v2v_sensitivity_light(const struct v2v_sensitivity *sensitivity, double *light,
+                           const struct v2v_psf_file *psf, int64_t v, struct v2v_part rows,
+                           double *table);
 
 #endif

@@ -8,9 +8,11 @@ struct job {
     struct v2v_projector *projector;
     struct v2v_recording_writer *writer;
     struct v2v_part slices; /* of this rank, to project */
+    int64_t row_pixels;     /* of a view, of this rank */
     struct v2v_part mine;   /* views of this rank, to write */
     int64_t views, pixels;  /* pixels of one view */
     float *slab;            /* [slices of this rank,y,x] */
+    float *rows;            /* [v, rows of this rank, x] */
     float *clean;           /* [v,y,x] */
     float *noisy;           /* [views of this rank,y,x] */
 };
@@ -33,6 +35,7 @@ static enum v2v_status job_take(struct job *job)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_ALLOC(job->slab, "sim.slices", job->slices.count * job->pixels));
+    V2V_TRY(V2V_ALLOC(job->rows, "sim.views", job->views * job->row_pixels));
     V2V_TRY(V2V_ALLOC(job->clean, "sim.views", job->views * job->pixels));
     V2V_TRY(V2V_ALLOC(job->noisy, "sim.noisy", job->mine.count * job->pixels));
 done:
@@ -47,7 +50,8 @@ static enum v2v_status project_frame(struct job *job, struct v2v_volume *volume,
     enum v2v_status rc =
         v2v_volume_read(volume, job->slab, t, job->slices.first, job->slices.count);
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_projector_forward(job->projector, job->clean, job->slab, NULL, job->views);
+    v2v_projector_forward(job->projector, job->rows, job->slab, NULL, job->views);
+    v2v_projector_gather_views(job->projector, job->clean, job->rows, job->views);
 done:
     return rc;
 }
@@ -71,10 +75,13 @@ enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *vo
     struct job job = {0};
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     V2V_TRY(check(info, psf, frames)); /* the same arguments, so the same verdict, on all ranks */
-    V2V_TRY(v2v_projector_create(&job.projector, psf, info->height, info->width, comm));
+    V2V_TRY(v2v_projector_create(&job.projector, psf, info->height, info->width, V2V_SPLIT_SLICES,
+                                 comm));
     job.views = psf->views;
     job.pixels = info->height * info->width;
-    job.slices = v2v_projector_slices(job.projector);
+    const struct v2v_projector_share share = v2v_projector_share(job.projector);
+    job.slices = share.slices;
+    job.row_pixels = share.view_rows.count * info->width;
     job.mine = v2v_par_part(psf->views, v2v_comm_size(comm), v2v_comm_rank(comm));
     V2V_TRY(v2v_par_agree(comm, job_take(&job)));
 
@@ -100,6 +107,7 @@ done:
     v2v_recording_abandon(&job.writer);
     v2v_mem_free(job.noisy);
     v2v_mem_free(job.clean);
+    v2v_mem_free(job.rows);
     v2v_mem_free(job.slab);
     v2v_projector_destroy(&job.projector);
     return rc;

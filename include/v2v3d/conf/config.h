@@ -34,6 +34,9 @@ struct v2v_number {
 };
 
 enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
+/** How ranks share a projection: see optics/projector.h. AUTO: what the cost model predicts faster.
+ */
+enum v2v_split { V2V_SPLIT_AUTO, V2V_SPLIT_SLICES, V2V_SPLIT_SLABS };
 enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
@@ -112,6 +115,7 @@ struct v2v_config {
         int64_t slabs;    /**< of rows in training, on one rank or on `shards`: the results' bits
                                depend on their number; 0: as shards, or one */
         int64_t threads;  /**< 0: cores / ranks on this host */
+        int split;        /**< enum v2v_split */
         double watchdog_s;
         double max_mem_gb; /**< of a rank; 0: no limit */
         int reproducible;  /**< bool: the same bits at any rank count and grid, or a refusal */

@@ -8,7 +8,7 @@
  *  Example (compiled by tests/unit/recon):
  *
  *      struct v2v_rld *rld = NULL;
- *      V2V_TRY(v2v_rld_create(&rld, &psf, height, width, 0.5, comm));
+ *      V2V_TRY(v2v_rld_create(&rld, &psf, height, width, 0.5, V2V_SPLIT_SLICES, comm));
  *      V2V_TRY(v2v_rld_run(rld, volume, views, 10));
  *  done:
  *      v2v_rld_destroy(&rld);
@@ -17,6 +17,7 @@
 #define V2V3D_RECON_RLD_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
@@ -29,14 +30,14 @@ extern "C" {
  *  x <- x * ((1-w) + w * A_v^T(lfi_v / A_v x) / A_v^T 1), clipped at 0. */
 struct v2v_rld;
 
-/** @kind Collective(comm): depth slices are split over ranks. @param weight w, 0.5 in the reference
- *  @return V2V_OK | V2V_E_MEMORY; agreed */
+/** @kind Collective(comm). @param weight w, 0.5 in the reference @param split how the projector
+ *  shares the volume over ranks @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_rld_create(struct v2v_rld **rld, const struct v2v_psf_file *psf, int64_t height,
-                               int64_t width, double weight,
+                               int64_t width, double weight, enum v2v_split split,
                                const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_rld_destroy(struct v2v_rld **rld);
 
-/** This rank's slices of the volume. @kind Local. */
+/** This rank's slices of the volume, whatever the split. @kind Local. */
 struct v2v_part v2v_rld_slices(const struct v2v_rld *rld);
 
 /** `iterations` from a constant start (whose projections have the mean of the views).

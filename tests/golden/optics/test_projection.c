@@ -41,7 +41,7 @@ static void setup(struct golden *g)
         g->volume[i] = (float)volume[i];
     }
     test_release(volume);
-    assert_ok(v2v_projector_create(&g->projector, &g->psf, SIDE, SIDE, NULL));
+    assert_ok(v2v_projector_create(&g->projector, &g->psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
 }
 
 static void teardown(struct golden *g)

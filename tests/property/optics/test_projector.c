@@ -71,7 +71,8 @@ static void setup(struct fixture *f, const struct shape *s)
         f->views[i] = (float)v2v_random_normal(3, 2, (uint64_t)i);
         f->views_exact[i] = f->views[i];
     }
-    assert_ok(v2v_projector_create(&f->projector, &f->psf, s->height, s->width, NULL));
+    assert_ok(
+        v2v_projector_create(&f->projector, &f->psf, s->height, s->width, V2V_SPLIT_SLICES, NULL));
 }
 
 static void teardown(struct fixture *f)

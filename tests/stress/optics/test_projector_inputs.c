@@ -42,7 +42,7 @@ static int setup(void **state)
         psf.data[i] = (float)v2v_random_uniform(71, 0, (uint64_t)i);
     }
     v2v_psf_normalize_views(&psf);
-    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, NULL));
+    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
     return 0;
 }
 

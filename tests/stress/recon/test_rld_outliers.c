@@ -111,7 +111,7 @@ static void check(const struct outlier *outlier, int64_t iterations)
     struct v2v_rld *rld = NULL;
     double within = 0.0, beyond = 0.0, squares = 0.0, size = 0.0;
     int64_t reach = (2 * iterations * VIEWS - 1) * REACH, counted = 0;
-    assert_ok(v2v_rld_create(&rld, &psf, SIDE, SIDE, 0.5, NULL));
+    assert_ok(v2v_rld_create(&rld, &psf, SIDE, SIDE, 0.5, V2V_SPLIT_SLICES, NULL));
     record(views, outlier, there);
     assert_ok(v2v_rld_run(rld, other, views, iterations));
     record(views, outlier, here);

@@ -51,7 +51,7 @@ static void normalised_sets_project_ones_to_ones(void **state)
     (void)state;
     make_psf(&psf);
     v2v_psf_normalize_views(&psf);
-    assert_ok(v2v_projector_create(&projector, &psf, FRAME, FRAME, NULL));
+    assert_ok(v2v_projector_create(&projector, &psf, FRAME, FRAME, V2V_SPLIT_SLICES, NULL));
     assert_ok(V2V_ALLOC(volume, "test", SLICES * FRAME * FRAME));
     assert_ok(V2V_ALLOC(views, "test", VIEWS * FRAME * FRAME));
     for (int64_t i = 0; i < SLICES * FRAME * FRAME; i++) {
@@ -88,11 +88,13 @@ static void projector_holds_the_bytes_it_foretells(void **state)
     (void)state;
     make_psf(&psf);
     const size_t before = v2v_mem_held();
-    assert_ok(v2v_projector_create(&projector, &psf, 50, 41, NULL));
+    assert_ok(v2v_projector_create(&projector, &psf, 50, 41, V2V_SPLIT_SLICES, NULL));
     const double held = (double)(v2v_mem_held() - before);
     /* The allocator counts what it adds for alignment, the plan object its few numbers. */
-    assert_true(fabs(held - (double)v2v_projector_bytes(&psf, 50, 41, 1)) <= 1024);
-    assert_true(v2v_projector_bytes(&psf, 50, 41, 3) < v2v_projector_bytes(&psf, 50, 41, 1));
+    assert_true(fabs(held - (double)v2v_projector_bytes(&psf, 50, 41, V2V_SPLIT_SLICES, 1)) <=
+                1024);
+    assert_true(v2v_projector_bytes(&psf, 50, 41, V2V_SPLIT_SLABS, 3) <
+                v2v_projector_bytes(&psf, 50, 41, V2V_SPLIT_SLICES, 1));
     v2v_projector_destroy(&projector);
     assert_int_equal(v2v_mem_held(), before);
     v2v_mem_free(psf.data);
@@ -105,8 +107,9 @@ static void frame_beyond_all_memory_is_refused(void **state)
     (void)state;
     make_psf(&psf);
     const size_t before = v2v_mem_held();
-    assert_int_equal(v2v_projector_create(&projector, &psf, INT32_MAX, INT32_MAX, NULL),
-                     V2V_E_MEMORY);
+    assert_int_equal(
+        v2v_projector_create(&projector, &psf, INT32_MAX, INT32_MAX, V2V_SPLIT_SLICES, NULL),
+        V2V_E_MEMORY);
     assert_null(projector);
     assert_int_equal(v2v_mem_held(), before);
     v2v_mem_free(psf.data);
@@ -127,7 +130,7 @@ static enum v2v_status project(float *views, const float *volume, const char *pa
     struct v2v_psf_file psf = {0};
     struct v2v_projector *projector = NULL;
     V2V_TRY(v2v_psf_read(&psf, path, V2V_NORMALIZE_VIEW, comm));
-    V2V_TRY(v2v_projector_create(&projector, &psf, side, side, comm));
+    V2V_TRY(v2v_projector_create(&projector, &psf, side, side, V2V_SPLIT_SLICES, comm));
     v2v_projector_forward(projector, views, volume, NULL, psf.views);
 done:
     v2v_projector_destroy(&projector);

@@ -10,7 +10,7 @@ static enum v2v_status deconvolve(float *volume, const float *views, const struc
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_rld *rld = NULL;
-    V2V_TRY(v2v_rld_create(&rld, psf, SIDE, SIDE, 0.5, comm));
+    V2V_TRY(v2v_rld_create(&rld, psf, SIDE, SIDE, 0.5, V2V_SPLIT_SLICES, comm));
     V2V_TRY(v2v_rld_run(rld, volume, views, 10));
 done:
     v2v_rld_destroy(&rld);

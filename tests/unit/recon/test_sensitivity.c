@@ -27,7 +27,7 @@ static void compare(int64_t height, int64_t width, int64_t kernel_height, int64_
     struct v2v_sensitivity sensitivity;
     float *ones = NULL, *adjoint = NULL;
     double *row = NULL;
-    assert_ok(v2v_projector_create(&projector, &psf, height, width, NULL));
+    assert_ok(v2v_projector_create(&projector, &psf, height, width, V2V_SPLIT_SLICES, NULL));
     struct v2v_part slices = v2v_projector_slices(projector);
     assert_ok(v2v_sensitivity_init(&sensitivity, &psf, slices, height, width));
     assert_ok(V2V_ALLOC(ones, "test", height * width));
@@ -63,26 +63,34 @@ static void compare_pixels(int64_t height, int64_t width, int64_t kernel_height,
     struct v2v_projector *projector = NULL;
     struct v2v_sensitivity sensitivity;
     float *ones = NULL, *projection = NULL;
-    double *row = NULL;
-    assert_ok(v2v_projector_create(&projector, &psf, height, width, NULL));
+    double *light = NULL, *table = NULL;
+    assert_ok(v2v_projector_create(&projector, &psf, height, width, V2V_SPLIT_SLICES, NULL));
     struct v2v_part slices = v2v_projector_slices(projector);
     assert_ok(v2v_sensitivity_init(&sensitivity, &psf, slices, height, width));
     assert_ok(V2V_ALLOC(ones, "test", slices.count * height * width));
     assert_ok(V2V_ALLOC(projection, "test", psf.views * height * width));
-    assert_ok(V2V_ALLOC(row, "test", width));
+    assert_ok(V2V_ALLOC(light, "test", height * width));
+    assert_ok(V2V_ALLOC(table, "test", (kernel_height + 1) * (kernel_width + 1)));
     for (int64_t i = 0; i < slices.count * height * width; i++) {
         ones[i] = 1;
     }
     v2v_projector_forward(projector, projection, ones, NULL, psf.views);
-    for (int64_t i = 0; i < psf.views * height; i++) {
-        memset(row, 0, (size_t)width * sizeof *row);
-        v2v_sensitivity_pixels(&sensitivity, row, i / height, i % height);
-        for (int64_t x = 0; x < width; x++) { /* as above, of three slices */
+    for (int64_t v = 0; v < psf.views; v++) {
+        struct v2v_part lower = v2v_par_part(height, 2, 1); /* a rank's rows */
+        const float *rows = projection + (v * height + lower.first) * width;
+        v2v_sensitivity_light(&sensitivity, light, &psf, v, lower, table);
+        for (int64_t i = 0; i < lower.count * width; i++) { /* as above, of three slices */
             double bound = 24 * 6e-8 * (double)(3 * kernel_height * kernel_width);
-            assert_true(fabs(row[x] - (double)projection[i * width + x]) < bound);
+            assert_true(fabs(light[i] - (double)rows[i]) < bound);
+        }
+        v2v_sensitivity_light(&sensitivity, light, &psf, v, (struct v2v_part){0, height}, table);
+        for (int64_t i = 0; i < height * width; i++) {
+            double bound = 24 * 6e-8 * (double)(3 * kernel_height * kernel_width);
+            assert_true(fabs(light[i] - (double)projection[v * height * width + i]) < bound);
         }
     }
-    v2v_mem_free(row);
+    v2v_mem_free(table);
+    v2v_mem_free(light);
     v2v_mem_free(projection);
     v2v_mem_free(ones);
     v2v_sensitivity_fini(&sensitivity);
