@@ -1,4 +1,5 @@
 #include "cli/processor.h"
+#include "cli/projection.h"
 #include "cli/steps.h"
 #include "cli/threads.h"
 #include "cli/versions.h"
@@ -147,6 +148,44 @@ static const struct {
               {"convolution, OpenBLAS", convolve_openblas, 9 * CHANNELS *FLT_EPSILON}};
 enum { CHECKS = sizeof checks / sizeof checks[0] };
 
+/* What the choice between slices and slabs rests on, and how it falls for the paper's recordings.
+ */
+static enum v2v_status predict(const struct v2v_session *session)
+{
+    enum { SIDE_OF_FRAME = 512, TRANSFORM = 576 };
+    static const struct v2v_psf_file paper = {
+        .views = 13, .slices = 39, .height = 128, .width = 128};
+    enum v2v_status rc = V2V_OK;
+    struct v2v_projector_cost cost;
+    const struct v2v_network_cost *network = &cost.network;
+    double seconds[2];
+    int ranks = v2v_comm_size(session->world);
+    V2V_TRY(v2v_projector_cost_measure(&cost, session->world));
+    const double n = TRANSFORM * TRANSFORM;
+    if (!v2v_step_on_root(session)) {
+        goto done;
+    }
+    printf("costs: transform of %d x %d %.3g ms, OTFs %.3g GB/s", TRANSFORM, TRANSFORM,
+           1e3 * cost.transform_s * n * log2(n), 8e-9 / cost.product_s);
+    if (ranks > 1) {
+        printf("; message %.3g us, waiting %.3g us, exchange %.3g GB/s a rank; all-reduce %.3g us "
+               "a step, %.3g GB/s",
+               1e6 * network->message_s, 1e6 * cost.wait_s, 1e-9 / network->byte_s,
+               1e6 * network->sum_step_s, 1e-9 / network->sum_byte_s);
+    }
+    printf("\nprojection of %d x %d, 39 slices, there and back, predicted over %d ranks:\n",
+           SIDE_OF_FRAME, SIDE_OF_FRAME, ranks);
+    for (int64_t count = paper.views; count >= 1; count -= paper.views - 1) {
+        enum v2v_split split = v2v_projection_faster(seconds, &cost, &paper, SIDE_OF_FRAME,
+                                                     SIDE_OF_FRAME, count, ranks);
+        printf("  %2lld views at a time: by slices %.3g ms, by slabs %.3g ms; taken: %s\n",
+               (long long)count, 1e3 * seconds[0], 1e3 * seconds[1],
+               split == V2V_SPLIT_SLABS ? "slabs" : "slices");
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
@@ -174,6 +213,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                    is_bad ? "FAILED" : "ok", error, checks[i].bound);
         }
     }
+    V2V_TRY(predict(session));
     if (failed > 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "%d of %d checks failed", failed, (int)CHECKS));
     }

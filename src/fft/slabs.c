@@ -92,6 +92,12 @@ int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks)
            (int64_t)sizeof(struct v2v_fft_slabs);
 }
 
+int64_t v2v_fft_slabs_batch(const struct v2v_fft_shape *shape, int ranks)
+{
+    struct layout layout;
+    return layout_plan(&layout, shape, ranks) ? layout.batch : 1;
+}
+
 static enum v2v_status plan(struct v2v_fft_slabs *fft)
 {
     const int ny = (int)fft->shape.ny, nx = (int)fft->shape.nx;

@@ -22,6 +22,17 @@ works project --psf one/psf.h5 --input lfi.h5 --adjoint -o adjoint.h5 --normaliz
 works info adjoint.h5
 says 'volume, 2 frames, 7 slices of 64 x 64'
 
+# Slabs over these ranks against one rank, which the split leaves alone.
+works project --psf one/psf.h5 --volume one/truth.h5 -o slabs.h5 --set parallel.split=slabs
+"$program" project --psf one/psf.h5 --volume one/truth.h5 -o alone.h5 2>stderr ||
+    fail "$(cat stderr)"
+same slabs.h5 alone.h5 /views
+works project --psf one/psf.h5 --input lfi.h5 --adjoint -o slabs_adjoint.h5 --normalize none \
+    --set parallel.split=slabs
+same slabs_adjoint.h5 adjoint.h5 /volume
+refuses 78 'parallel.split.*slices' project --psf one/psf.h5 --volume one/truth.h5 -o out.h5 \
+    --set parallel.split=rows
+
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --noise gaussian:0.2 --seed 5 \
     --frames 3
 works info rec.h5
@@ -30,6 +41,11 @@ works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise pois
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
 works deconvolve --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
+works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 \
+    --set parallel.split=slabs
+"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o rld_alone.h5 --iterations 2 2>stderr ||
+    fail "$(cat stderr)"
+same rld_slabs.h5 rld_alone.h5 /volume
 works evaluate --truth one/truth.h5 --volume rld.h5 --json
 for key in psnr ssim background_truth background_volume; do
     says "\"$key\": -?[0-9]"

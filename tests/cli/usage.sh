@@ -23,6 +23,7 @@ works init
 says '^  learning_rate: '
 works check
 says 'sum over ranks +ok'
+says '13 views at a time: by slices .* ms, by slabs .* ms; taken: (slices|slabs)'
 
 refuses 2 'a command is missing .see v2v3d --help'
 refuses 2 "unknown command 'projcet'; did you mean 'project'" projcet

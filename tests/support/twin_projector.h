@@ -19,4 +19,10 @@ void twin_project(double *view, const double *volume, const float *psf,
 void twin_project_adjoint(double *volume, const double *view, const float *psf,
                           const struct twin_shape *shape);
 
+/** One pixel of a view, and one voxel of its back-projection, of arrays in single precision. */
+double twin_pixel(const float *volume, const float *psf, const struct twin_shape *shape, int64_t y,
+                  int64_t x);
+double twin_voxel(const float *view, const float *psf, const struct twin_shape *shape, int64_t z,
+                  int64_t y2, int64_t x2);
+
 #endif

@@ -36,6 +36,9 @@ void v2v_fft_slabs_destroy(struct v2v_fft_slabs **fft);
  *  large to count in an int, as MPI does. @kind Local. */
 int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks);
 
+/** Frames of one exchange over `ranks` ranks. @kind Local. */
+int64_t v2v_fft_slabs_batch(const struct v2v_fft_shape *shape, int ranks);
+
 /** Rows of the frames and columns kx = 0 .. nx/2 of the spectra that this rank holds. Local. */
 struct v2v_part v2v_fft_slabs_rows(const struct v2v_fft_slabs *fft);
 struct v2v_part v2v_fft_slabs_columns(const struct v2v_fft_slabs *fft);

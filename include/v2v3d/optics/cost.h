@@ -1,0 +1,45 @@
+#ifndef V2V3D_OPTICS_COST_H
+#define V2V3D_OPTICS_COST_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/par/cost.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What the choice between slices and slabs (optics/projector.h) rests on: how fast this machine
+ *  transforms and multiplies while all ranks do, and what moving data costs. */
+struct v2v_projector_cost {
+    int threads;        /**< of a rank */
+    double transform_s; /**< of a frame by all threads, for each of its n log2(n), n = ny * nx */
+    double product_s;   /**< of one number of an OTF, by all threads */
+    double wait_s; /**< that ranks wait for one another in an exchange between pieces of work */
+    struct v2v_network_cost network;
+};
+
+/** Seconds that one projection and one back-projection take. */
+struct v2v_projector_times {
+    double forward_s, adjoint_s;
+};
+
+/** Measure: some 30 MB, a second in all, or one turn of each figure where that takes longer. All
+ *  ranks get the same figures. @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
+                                           const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Predicted times of `count` views of the set's at a time, frames [height,width], over `ranks`
+ *  ranks. Only the set's sizes are looked at. @kind Local. */
+struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost *cost,
+                                                 const struct v2v_psf_file *psf, int64_t height,
+                                                 int64_t width, int64_t count, enum v2v_split split,
+                                                 int ranks);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

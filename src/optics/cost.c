@@ -1,0 +1,210 @@
+#include "v2v3d/optics/cost.h"
+#include "optics/projector_plan.h"
+#include "optics/spectrum_block.h"
+#include "v2v3d/base/memory.h"
+#include <math.h>
+#include <omp.h>
+
+/* What is measured: the frames and the set that the program is made for, but of the OTFs only as
+ * many blocks as no second-level cache holds. */
+enum { SIDE = 512, SIZE = 576, VIEWS = 13, SLICES = 39, BLOCKS = 16 };
+
+/* One turn takes some 10 ms on an idle core: longer than a process is let run where there are more
+ * of them than cores, so that it tells how fast they are together. */
+enum { FRAMES = 4, REPEATS = 8 };
+
+struct trial {
+    struct v2v_fft_slabs *alone, *together;
+    int64_t frames; /* FRAMES for each thread */
+    int64_t shared; /* as many for each rank */
+    float *frame;
+    struct v2v_complex *spectrum;
+    float *otf;     /* [block,v,z] */
+    float *scratch; /* [thread]: a sum and a block of slices */
+    int threads;
+};
+
+static const int64_t stride = SIZE * (SIZE / 2 + 1);
+static const float factor = 1.0f / (SIZE * SIZE);
+static const int64_t scratch_floats = (SLICES + 2) * V2V_BLOCK_FLOATS;
+
+static const struct v2v_fft_shape measured = {SIDE, SIDE, SIZE, SIZE, FRAMES};
+
+static enum v2v_status take(struct trial *trial)
+{
+    enum v2v_status rc = V2V_OK;
+    trial->threads = omp_get_max_threads();
+    trial->frames = FRAMES * (int64_t)trial->threads;
+    V2V_TRY(v2v_fft_slabs_create(&trial->alone, &measured, NULL));
+    V2V_TRY(V2V_ALLOC(trial->frame, "optics.cost", trial->frames * SIDE * SIDE));
+    V2V_TRY(V2V_ALLOC(trial->spectrum, "optics.cost", trial->frames * stride));
+    V2V_TRY(
+        V2V_ALLOC(trial->otf, "optics.cost", (int64_t)BLOCKS * VIEWS * SLICES * V2V_BLOCK_FLOATS));
+    V2V_TRY(V2V_ALLOC(trial->scratch, "optics.cost", trial->threads * scratch_floats));
+done:
+    return rc;
+}
+
+static void give_back(struct trial *trial)
+{
+    v2v_mem_free(trial->scratch);
+    v2v_mem_free(trial->otf);
+    v2v_mem_free(trial->spectrum);
+    v2v_mem_free(trial->frame);
+    v2v_fft_slabs_destroy(&trial->alone);
+    v2v_fft_slabs_destroy(&trial->together);
+}
+
+/* There and back, as a projection and its adjoint go. */
+static void transform(const void *context)
+{
+    const struct trial *trial = context;
+    v2v_fft_slabs_forward(trial->alone, trial->spectrum, stride, trial->frame, trial->frames);
+    v2v_fft_slabs_inverse(trial->alone, trial->frame, factor, trial->spectrum, stride,
+                          trial->frames);
+}
+
+/* The same share of more frames, of which all ranks have a part: one frame after the other in the
+ * same place. */
+static void transform_together(const void *context)
+{
+    const struct trial *trial = context;
+    for (int64_t i = 0; i < trial->shared; i++) {
+        v2v_fft_slabs_forward(trial->together, trial->spectrum, stride, trial->frame, 1);
+        v2v_fft_slabs_inverse(trial->together, trial->frame, factor, trial->spectrum, stride, 1);
+    }
+}
+
+static void multiply(const void *context)
+{
+    const struct trial *trial = context;
+#pragma omp parallel for schedule(static) num_threads(trial->threads)
+    for (int64_t i = 0; i < (int64_t)REPEATS * BLOCKS; i++) {
+        const int64_t b = i % BLOCKS;
+        float *scratch = trial->scratch + omp_get_thread_num() * scratch_floats;
+        for (int64_t v = 0; v < VIEWS; v++) {
+            v2v_block_project((double *)(void *)scratch,
+                              trial->otf + (b * VIEWS + v) * SLICES * V2V_BLOCK_FLOATS,
+                              scratch + 2 * V2V_BLOCK_FLOATS, SLICES);
+        }
+    }
+}
+
+static double operations(int64_t ny, int64_t nx)
+{
+    const double n = (double)ny * (double)nx;
+    return n * log2(n);
+}
+
+/* One case of a prediction. */
+struct work {
+    const struct v2v_projector_cost *cost;
+    struct v2v_projector_layout layout; /* of the first rank, which has most */
+    int ranks;
+    double frame_s; /* of one frame, on one rank */
+    double largest; /* share of the rows and columns that the first rank has */
+};
+
+/* Frames that each rank transforms by itself, a thread a frame. */
+static double alone_s(const struct work *work, int64_t frames)
+{
+    const int64_t threads = work->cost->threads;
+    return (double)((frames + threads - 1) / threads * threads) * work->frame_s;
+}
+
+/* Exchanges between pieces of work, in which a rank sends `bytes` in all. */
+static double turns_s(const struct work *work, double bytes, double turns)
+{
+    return turns * work->cost->wait_s +
+           v2v_network_exchange_s(&work->cost->network, work->ranks, bytes, turns);
+}
+
+/* Frames that all ranks transform together. */
+static double together_s(const struct work *work, int64_t frames)
+{
+    const struct v2v_fft_shape *shape = &work->layout.shape;
+    const double bytes = work->largest * (double)(frames * shape->height * work->layout.half) *
+                         sizeof(struct v2v_complex) * (work->ranks - 1) / work->ranks;
+    const double batches = ceil((double)frames / (double)v2v_fft_slabs_batch(shape, work->ranks));
+    return (double)frames * work->largest * work->frame_s + turns_s(work, bytes, batches);
+}
+
+/* Numbers of `size` bytes of all frequencies of `count` views from or to the ranks that own them.
+ */
+static double owners_s(const struct work *work, int64_t count, size_t size)
+{
+    const double numbers = (double)(count * work->layout.slice_numbers);
+    const double fit = count > 0 ? floor((double)work->layout.views / (double)count) : 1;
+    return turns_s(work, numbers * (double)size * (work->ranks - 1) / work->ranks,
+                   ceil((double)work->layout.rounds / fit));
+}
+
+/* What waiting for one another costs: the ranks' frames transformed together, less the same without
+ * the waiting. */
+static double waiting(const struct v2v_projector_cost *cost, const struct trial *trial,
+                      const struct v2v_comm *comm)
+{
+    const int ranks = v2v_comm_size(comm);
+    struct work work = {.cost = cost, .ranks = ranks, .largest = 1.0 / ranks};
+    work.layout.shape = measured;
+    work.layout.half = SIZE / 2 + 1;
+    work.frame_s = cost->transform_s * operations(SIZE, SIZE);
+    const double taken = v2v_cost_median(transform_together, trial, comm);
+    return fmax(taken / (2.0 * (double)trial->shared) - together_s(&work, 1), 0.0);
+}
+
+enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
+                                           const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct trial trial = {0};
+    int64_t threads = omp_get_max_threads();
+    *cost = (struct v2v_projector_cost){0};
+    V2V_TRY(v2v_par_agree(comm, take(&trial)));
+    v2v_par_max_i64(comm, &threads, 1);
+    cost->threads = (int)threads;
+    trial.shared = FRAMES * threads * v2v_comm_size(comm);
+    V2V_TRY(v2v_fft_slabs_create(&trial.together, &measured, comm));
+    cost->transform_s = v2v_cost_median(transform, &trial, comm) /
+                        (2.0 * (double)trial.frames * operations(SIZE, SIZE));
+    cost->product_s = v2v_cost_median(multiply, &trial, comm) /
+                      ((double)REPEATS * BLOCKS * VIEWS * SLICES * V2V_BLOCK);
+    V2V_TRY(v2v_network_cost_measure(&cost->network, comm));
+    if (v2v_comm_size(comm) > 1) {
+        cost->wait_s = waiting(cost, &trial, comm);
+    }
+done:
+    give_back(&trial);
+    return rc;
+}
+
+struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost *cost,
+                                                 const struct v2v_psf_file *psf, int64_t height,
+                                                 int64_t width, int64_t count, enum v2v_split split,
+                                                 int ranks)
+{
+    struct work work = {.cost = cost, .ranks = ranks};
+    struct v2v_projector_layout *layout = &work.layout;
+    if (!v2v_projector_plan(layout, psf, height, width, split, ranks, 0)) {
+        return (struct v2v_projector_times){INFINITY, INFINITY};
+    }
+    const struct v2v_fft_shape *shape = &layout->shape;
+    work.frame_s = cost->transform_s * operations(shape->ny, shape->nx);
+    work.largest =
+        0.5 * ((double)v2v_par_part(height, ranks, 0).count / (double)height +
+               (double)v2v_par_part(layout->half, ranks, 0).count / (double)layout->half);
+    const double products =
+        cost->product_s * (double)(layout->slices * count) * (double)layout->slice_numbers;
+    struct v2v_projector_times times = {products, products};
+    if (split == V2V_SPLIT_SLABS || ranks == 1) {
+        times.forward_s += together_s(&work, layout->slices + count);
+        times.adjoint_s += together_s(&work, layout->slices + count);
+    } else {
+        /* Summing up reads as many numbers as the products of one slice. */
+        const double summing = cost->product_s * (double)(count * layout->slice_numbers);
+        const double frames = alone_s(&work, layout->slices) + together_s(&work, count);
+        times.forward_s += frames + summing + owners_s(&work, count, sizeof(struct v2v_partial));
+        times.adjoint_s += frames + owners_s(&work, count, sizeof(struct v2v_complex));
+    }
+    return times;
+}

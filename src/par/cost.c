@@ -1,0 +1,132 @@
+#include "v2v3d/par/cost.h"
+
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/par/exchange.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Bytes that a rank sends in the large measurement. */
+enum { LARGE = 1 << 20 };
+
+/* Of one figure: repeated for these seconds. */
+static const double seconds = 0.08;
+enum { MOST_TURNS = 201 };
+
+struct trial {
+    const struct v2v_comm *comm;
+    float *sent, *received; /* LARGE bytes each */
+    struct v2v_part *to, *from;
+    int64_t words; /* floats that a rank sends to others, or sums */
+};
+
+static void exchange(const void *context)
+{
+    const struct trial *trial = context;
+    v2v_par_alltoall(trial->comm, trial->received, trial->from, trial->sent, trial->to,
+                     sizeof *trial->sent);
+}
+
+static void sum(const void *context)
+{
+    const struct trial *trial = context;
+    v2v_par_sum_f32(trial->comm, trial->sent, trial->words);
+}
+
+/** Equal parts for all others, nothing for this rank itself. */
+static void cut(struct trial *trial, int64_t words)
+{
+    int rank = v2v_comm_rank(trial->comm), size = v2v_comm_size(trial->comm);
+    int64_t each = words / (size - 1);
+    for (int r = 0; r < size; r++) {
+        int64_t place = (r > rank ? r - 1 : r) * each;
+        trial->to[r] = trial->from[r] = (struct v2v_part){place, r == rank ? 0 : each};
+    }
+    trial->words = words;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+double v2v_cost_median(void (*run)(const void *context), const void *context,
+                       const struct v2v_comm *comm)
+{
+    double taken[MOST_TURNS];
+    int turns = 1;
+    for (int i = 0; i < turns; i++) {
+        v2v_par_barrier(comm);
+        double start = v2v_clock_now();
+        run(context);
+        taken[i] = v2v_clock_now() - start;
+        if (i == 0) {
+            v2v_par_max_f64(comm, taken, 1);
+            turns = (int)fmin(fmax(seconds / fmax(taken[0], 1e-9), 1.0), MOST_TURNS);
+        }
+    }
+    v2v_par_max_f64(comm, taken, turns);
+    qsort(taken, (size_t)turns, sizeof *taken, by_size);
+    return taken[turns / 2];
+}
+
+static enum v2v_status take_memory(struct trial *trial, int size)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_ALLOC(trial->sent, "par.cost", LARGE / (int64_t)sizeof(float)));
+    V2V_TRY(V2V_ALLOC(trial->received, "par.cost", LARGE / (int64_t)sizeof(float)));
+    V2V_TRY(V2V_ALLOC(trial->to, "par.cost", size));
+    V2V_TRY(V2V_ALLOC(trial->from, "par.cost", size));
+done:
+    return rc;
+}
+
+/** What is left of `whole` without `fixed`: never less than nothing on a noisy machine. */
+static double rest(double whole, double fixed)
+{
+    return fmax(whole - fixed, 0.01 * whole);
+}
+
+enum v2v_status v2v_network_cost_measure(struct v2v_network_cost *cost, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    int size = v2v_comm_size(comm);
+    struct trial trial = {.comm = comm};
+    *cost = (struct v2v_network_cost){.ranks = size};
+    V2V_TRY(v2v_par_agree(comm, take_memory(&trial, size)));
+    if (size > 1) {
+        const int64_t large = LARGE / (int64_t)sizeof(float), small = size - 1;
+        cut(&trial, small);
+        double empty = v2v_cost_median(exchange, &trial, comm);
+        cost->message_s = empty / (double)(size - 1);
+        cut(&trial, large);
+        cost->byte_s = rest(v2v_cost_median(exchange, &trial, comm), empty) / LARGE;
+        trial.words = 1;
+        double nothing = v2v_cost_median(sum, &trial, comm);
+        cost->sum_step_s = nothing / (2 * log2(size));
+        trial.words = large;
+        cost->sum_byte_s =
+            rest(v2v_cost_median(sum, &trial, comm), nothing) / (2.0 * LARGE * (size - 1) / size);
+    }
+done:
+    v2v_mem_free(trial.from);
+    v2v_mem_free(trial.to);
+    v2v_mem_free(trial.received);
+    v2v_mem_free(trial.sent);
+    return rc;
+}
+
+double v2v_network_exchange_s(const struct v2v_network_cost *cost, int ranks, double bytes,
+                              double times)
+{
+    return ranks == 1 ? 0.0 : times * (ranks - 1) * cost->message_s + bytes * cost->byte_s;
+}
+
+double v2v_network_allreduce_s(const struct v2v_network_cost *cost, int ranks, double bytes)
+{
+    return ranks == 1 ? 0.0
+                      : 2 * log2(ranks) * cost->sum_step_s +
+                            2.0 * (ranks - 1) / ranks * bytes * cost->sum_byte_s;
+}
