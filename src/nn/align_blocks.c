@@ -15,7 +15,8 @@ struct v2v_align_blocks {
     int32_t *views; /* [view_count], owned */
     struct v2v_blocks blocks;
     int64_t channels;
-    float *weight;   /* [out,channels,3,3]: of the blocks; their gradient too with winograd */
+    struct v2v_piece
+        weight;      /* [out,channels,3,3]: of the blocks; their gradient too with winograd */
     float *gradient; /* of the blocks with gather, which borrows the weights; training */
     struct v2v_winograd *winograd;
     struct v2v_align_gather *gather; /* in bf16, in winograd's place */
@@ -34,8 +35,6 @@ enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
     V2V_TRY(v2v_blocks_create(&self->blocks, shifts, self->views, spec->view_count,
                               !spec->every_slice));
     self->channels = self->blocks.count * spec->features;
-    V2V_TRY(V2V_ALLOC(self->weight, "align_blocks.weights",
-                      v2v_mem_product(spec->out, self->channels, PLACES)));
 done:
     if (rc != V2V_OK) {
         v2v_align_blocks_destroy(&self);
@@ -52,7 +51,7 @@ void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks)
     v2v_winograd_destroy(&(*blocks)->winograd);
     v2v_align_gather_destroy(&(*blocks)->gather);
     v2v_blocks_fini(&(*blocks)->blocks);
-    v2v_mem_free((*blocks)->weight);
+    v2v_pool_give(&(*blocks)->weight);
     v2v_mem_free((*blocks)->gradient);
     v2v_mem_free((*blocks)->views);
     v2v_mem_free(*blocks);
@@ -98,7 +97,8 @@ static enum v2v_status plan_winograd(struct v2v_align_blocks *self, const struct
                                        .pitch = v2v_padded_pitch(like),
                                        .slope = self->spec.slope,
                                        .training = training,
-                                       .workspace = self->spec.method.workspace};
+                                       .workspace = self->spec.method.workspace,
+                                       .pool = self->spec.method.pool};
     v2v_winograd_destroy(&self->winograd);
     return v2v_winograd_create(&self->winograd, &filter);
 }
@@ -137,6 +137,8 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struc
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_plane *plane = NULL;
+    V2V_TRY(v2v_pool_take(&self->weight, self->spec.method.pool, "align_blocks.weights",
+                          v2v_mem_product(self->spec.out, self->channels, PLACES)));
     V2V_TRY(V2V_ALLOC(plane, "align_blocks.planes", self->channels));
     for (int64_t i = 0; i < self->spec.view_count; i++) {
         for (int64_t c = 0; c < self->spec.features; c++) {
@@ -188,16 +190,16 @@ void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *we
 {
     int64_t row = self->channels * PLACES;
     int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
+    float *merged = v2v_piece_data(&self->weight);
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        memset(self->weight + o * row, 0, (size_t)row * sizeof *self->weight);
-        add_output(self, FULL_TO_BLOCKS, self->weight + o * row,
-                   (float *)(uintptr_t)(weight + o * full));
+        memset(merged + o * row, 0, (size_t)row * sizeof *merged);
+        add_output(self, FULL_TO_BLOCKS, merged + o * row, (float *)(uintptr_t)(weight + o * full));
     }
     if (gathers(self)) {
-        v2v_align_gather_set_weights(self->gather, self->weight, bias);
+        v2v_align_gather_set_weights(self->gather, merged, bias);
     } else {
-        v2v_winograd_set_weights(self->winograd, self->weight, bias);
+        v2v_winograd_set_weights(self->winograd, merged, bias);
     }
 }
 
@@ -221,7 +223,7 @@ void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
 {
     int64_t row = self->channels * PLACES;
     int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
-    float *gradient = gathers(self) ? self->gradient : self->weight;
+    float *gradient = gathers(self) ? self->gradient : v2v_piece_data(&self->weight);
     memset(gradient, 0, (size_t)(self->spec.out * row) * sizeof *gradient);
     if (gathers(self)) {
         v2v_align_gather_backward(self->gather, gradient, dfeatures->data, features->data, dout);

@@ -23,7 +23,7 @@ static const unsigned class_taps[CLASSES] = {V2V_TAPS_NOT_FIRST, V2V_TAPS_ALL, V
 struct region {
     int64_t y0, y1, x0, x1; /* half open */
     struct v2v_taps taps;
-    float *weight; /* [out, taps*features] merged */
+    struct v2v_piece weight; /* [out, taps*features] merged */
 };
 
 struct v2v_align_taps {
@@ -70,8 +70,6 @@ enum v2v_status v2v_align_taps_create(struct v2v_align_taps **conv, const struct
                                 !spec->every_slice));
         int64_t columns = region->taps.count * spec->features;
         self->columns = columns > self->columns ? columns : self->columns;
-        V2V_TRY(V2V_ALLOC(region->weight, "align_taps.weights",
-                          v2v_mem_product(spec->out, columns, 1)));
     }
 done:
     if (rc != V2V_OK) {
@@ -97,7 +95,7 @@ void v2v_align_taps_destroy(struct v2v_align_taps **conv)
     }
     for (int i = 0; i < REGIONS; i++) {
         v2v_taps_fini(&(*conv)->region[i].taps);
-        v2v_mem_free((*conv)->region[i].weight);
+        v2v_pool_give(&(*conv)->region[i].weight);
     }
     free_scratch(*conv);
     v2v_mem_free((*conv)->views);
@@ -147,6 +145,13 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height,
         region->y1 = y[i / CLASSES + 1];
         region->x0 = x[i % CLASSES];
         region->x1 = x[i % CLASSES + 1];
+    }
+    for (int i = 0; i < REGIONS; i++) {
+        struct region *region = &conv->region[i];
+        if (!skips(conv, i)) {
+            V2V_TRY(v2v_pool_take(&region->weight, conv->spec.method.pool, "align_taps.weights",
+                                  v2v_mem_product(out, region_columns(conv, region), 1)));
+        }
     }
     free_scratch(conv);
     int64_t pixels = width > STRIP_PIXELS ? width : STRIP_PIXELS;
@@ -256,7 +261,8 @@ void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight
         add_share(conv, FULL_TO_MERGED, share, (float *)(uintptr_t)(weight + o * row), rows);
         for (int i = 0; i < REGIONS; i++) {
             int64_t columns = region_columns(conv, &conv->region[i]);
-            one_by_one(conv->region[i].weight + o * columns, share, columns, rows, columns);
+            one_by_one(v2v_piece_data(&conv->region[i].weight) + o * columns, share, columns, rows,
+                       columns);
             share += columns * TOGETHER;
         }
     }
@@ -418,8 +424,8 @@ static void forward_rectangle(struct v2v_align_taps *conv, float *out,
         struct strip strip = strip_at(region, rectangle, y);
         gather(conv, &strip, features);
         v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
-                 region->weight, columns, conv->patch, strip.pixels, 0.0f, conv->strip,
-                 strip.pixels);
+                 v2v_piece_data(&region->weight), columns, conv->patch, strip.pixels, 0.0f,
+                 conv->strip, strip.pixels);
         finish_strip(conv, &strip, out, first);
         y = strip.y1;
     }
@@ -486,8 +492,8 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
             take_strip(conv, &strip, dout);
             v2v_gemm(backend, 0, 1, out, columns, pixels, 1.0f, conv->strip, pixels, conv->patch,
                      pixels, y > region->y0 ? 1.0f : 0.0f, gradient, columns);
-            v2v_gemm(backend, 1, 0, columns, pixels, out, 1.0f, region->weight, columns,
-                     conv->strip, pixels, 0.0f, conv->patch, pixels);
+            v2v_gemm(backend, 1, 0, columns, pixels, out, 1.0f, v2v_piece_data(&region->weight),
+                     columns, conv->strip, pixels, 0.0f, conv->patch, pixels);
             scatter(conv, &strip, dfeatures);
             y = strip.y1;
         }

@@ -47,7 +47,6 @@ struct v2v_encoder {
     int64_t features;
     int64_t batch, height, width;
     int training;
-    float *workspace; /* of all buffers below */
     struct v2v_layer entry, fuse, last;
     struct block block[BLOCKS];
     struct level level[LEVELS];
@@ -203,30 +202,34 @@ void v2v_encoder_destroy(struct v2v_encoder **encoder)
     for (int64_t i = 0; i < count; i++) {
         v2v_layer_fini(list[i].layer);
     }
-    v2v_mem_free((*encoder)->workspace);
     v2v_mem_free(*encoder);
     *encoder = NULL;
 }
 
-enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
-                                 int64_t width, const struct v2v_conv_method *method, int training)
+int64_t v2v_encoder_workspace(struct v2v_encoder *encoder, int64_t batch, int64_t height,
+                              int64_t width, int training)
 {
-    enum v2v_status rc = V2V_OK;
     struct v2v_slot slot[MAX_SLOTS];
-    struct planned list[MAX_LAYERS];
-    v2v_mem_free(encoder->workspace);
-    encoder->workspace = NULL;
     encoder->batch = batch;
     encoder->height = height;
     encoder->width = width;
     encoder->training = training;
-    int64_t slots = list_slots(slot, encoder), floats = v2v_slots_pack(slot, slots);
-    V2V_TRY(V2V_ALLOC(encoder->workspace, "encoder.workspace", floats));
-    v2v_slots_place(slot, slots, encoder->workspace);
+    return v2v_slots_pack(slot, list_slots(slot, encoder));
+}
+
+enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, float *workspace,
+                                 const struct v2v_conv_method *method)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_slot slot[MAX_SLOTS];
+    struct planned list[MAX_LAYERS];
+    int64_t slots = list_slots(slot, encoder);
+    (void)v2v_slots_pack(slot, slots);
+    v2v_slots_place(slot, slots, workspace);
     int64_t layers = list_layers(list, encoder);
     for (int64_t i = 0; i < layers; i++) {
-        V2V_TRY(v2v_layer_plan(list[i].layer, batch, height / list[i].factor,
-                               width / list[i].factor, method, training));
+        V2V_TRY(v2v_layer_plan(list[i].layer, encoder->batch, encoder->height / list[i].factor,
+                               encoder->width / list[i].factor, method, encoder->training));
     }
 done:
     return rc;

@@ -14,10 +14,13 @@ enum v2v_status v2v_encoder_twin(struct v2v_encoder **twin,
                                  const struct v2v_encoder *encoder) V2V_MUST_CHECK;
 void v2v_encoder_destroy(struct v2v_encoder **encoder);
 
-/* Workspace and primitives for `batch` views of [height,width] at once. */
-enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, int64_t batch, int64_t height,
-                                 int64_t width, const struct v2v_conv_method *method,
-                                 int training) V2V_MUST_CHECK;
+/* Floats of workspace for `batch` views of [height,width] at once; then primitives, with that much
+ * memory, borrowed. What the encoder leaves there, its features too, others may overwrite without
+ * training. */
+int64_t v2v_encoder_workspace(struct v2v_encoder *encoder, int64_t batch, int64_t height,
+                              int64_t width, int training);
+enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, float *workspace,
+                                 const struct v2v_conv_method *method) V2V_MUST_CHECK;
 void v2v_encoder_weights_changed(struct v2v_encoder *encoder,
                                  const struct v2v_parameters *parameters);
 

@@ -37,7 +37,16 @@ static struct v2v_conv_method method_of(struct v2v_model *model)
     return (struct v2v_conv_method){.backend = model->spec.backend,
                                     .winograd = model->spec.winograd && is_f32,
                                     .workspace = &model->shared,
+                                    .pool = &model->packed,
                                     .precision = model->spec.precision};
+}
+
+/* Its weights stay: both branches use them. */
+static struct v2v_conv_method encoder_method(struct v2v_model *model)
+{
+    struct v2v_conv_method method = method_of(model);
+    method.pool = NULL;
+    return method;
 }
 
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
@@ -160,7 +169,8 @@ done:
 static void free_slab(struct v2v_model_slab *slab)
 {
     for (int b = 0; b < BRANCHES; b++) {
-        float **memory[] = {&slab->workspace[b], &slab->batch[b], &slab->dbatch[b]};
+        float **memory[] = {&slab->workspace[b], &slab->encoding[b], &slab->batch[b],
+                            &slab->dbatch[b]};
         for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
             v2v_mem_free(*memory[i]);
             *memory[i] = NULL;
@@ -180,6 +190,7 @@ static void free_workspace(struct v2v_model *model)
     }
     v2v_slabs_destroy(&model->slabs);
     v2v_workspace_fini(&model->shared);
+    v2v_pool_fini(&model->packed);
 }
 
 /* Slab 0 has the model's own gradients. */
@@ -304,7 +315,7 @@ static enum v2v_status plan_training(struct v2v_model *model, int64_t local)
     struct v2v_model_slab *slab = &model->slab[local];
     int64_t pixels = model->height * model->width, features = model->spec.features;
     int64_t rows = v2v_slab_computed(v2v_slabs_at(model->slabs, local));
-    struct v2v_conv_method method = method_of(model);
+    struct v2v_conv_method method = encoder_method(model);
     V2V_TRY(v2v_padded_init(&model->dfeatures[local], model->spec.views, features, rows,
                             model->width, model->ring));
     for (int b = 0; b < BRANCHES; b++) {
@@ -312,8 +323,10 @@ static enum v2v_status plan_training(struct v2v_model *model, int64_t local)
         if (v2v_model_holds(model, b) && count > 0) {
             V2V_TRY(V2V_ALLOC(slab->batch[b], "model.batch", count * pixels));
             V2V_TRY(V2V_ALLOC(slab->dbatch[b], "model.batch", count * features * pixels));
-            V2V_TRY(
-                v2v_encoder_plan(slab->encoder[b], count, model->height, model->width, &method, 1));
+            V2V_TRY(V2V_ALLOC(
+                slab->encoding[b], "encoder.workspace",
+                v2v_encoder_workspace(slab->encoder[b], count, model->height, model->width, 1)));
+            V2V_TRY(v2v_encoder_plan(slab->encoder[b], slab->encoding[b], &method));
         }
     }
     V2V_TRY(V2V_ALLOC(slab->dvolume, "model.batch", model->spec.slices * rows * model->width));
@@ -344,8 +357,9 @@ done:
     return rc;
 }
 
-/* Without training the U-Nets of a slab share one workspace: a large frame then needs the memory of
- * one branch. */
+/* Without training the U-Nets of a slab share one workspace, which the encoder has used before: a
+ * large frame then needs the memory of one branch. A slab without rows encodes views all the same.
+ */
 static enum v2v_status plan_unets(struct v2v_model *model, int64_t local, int64_t strip_floats)
 {
     enum v2v_status rc = V2V_OK;
@@ -357,21 +371,23 @@ static enum v2v_status plan_unets(struct v2v_model *model, int64_t local, int64_
                                  .counts_middle = v2v_slabs_index(model->slabs, local) == 0,
                                  .strip_floats = strip_floats,
                                  .training = model->training};
-    int64_t need[BRANCHES] = {0};
+    int64_t need[BRANCHES] = {0}, slab_rows = size.slab.rows;
     for (int b = 0; b < BRANCHES; b++) {
-        if (slab->unet[b] != NULL) {
+        if (slab->unet[b] != NULL && slab_rows > 0) {
             need[b] = v2v_unet_workspace(slab->unet[b], &size);
         }
     }
     if (!model->training) {
-        need[0] = need[0] > need[1] ? need[0] : need[1];
+        int64_t more = need[0] > need[1] ? need[0] : need[1];
+        need[0] = more > model->encoding_floats ? more : model->encoding_floats;
         need[1] = 0;
     }
     for (int b = 0; b < BRANCHES; b++) {
         V2V_TRY(V2V_ALLOC(slab->workspace[b], "unet.workspace", need[b]));
     }
     for (int b = 0; b < BRANCHES; b++) {
-        if (slab->unet[b] != NULL) {
+        if (slab->unet[b] != NULL && slab_rows > 0) {
+            v2v_pool_restart(&model->packed);
             V2V_TRY(v2v_unet_plan(slab->unet[b], slab->workspace[model->training ? b : 0],
                                   &model->features[local]));
         }
@@ -395,11 +411,8 @@ static enum v2v_status plan_slab(struct v2v_model *model, int64_t local, int64_t
     }
     V2V_TRY(v2v_padded_init(&model->features[local], model->spec.views, model->spec.features,
                             v2v_slab_computed(slab), model->width, model->ring));
-    if (slab->rows == 0) {
-        return V2V_OK;
-    }
     V2V_TRY(plan_unets(model, local, strip_floats));
-    if (v2v_model_skips(model)) {
+    if (slab->rows > 0 && v2v_model_skips(model)) {
         V2V_TRY(v2v_scene_init(&model->slab[local].scene, &model->shifts, model->height,
                                model->width, slab));
     }
@@ -407,26 +420,42 @@ done:
     return rc;
 }
 
-/* Without training one view after the other goes through the encoder. */
-static enum v2v_status plan(struct v2v_model *model, int64_t strip_floats)
+/* Without training one view after the other goes through the encoder. `shares`: the U-Nets' packed
+ * weights share memory. */
+static enum v2v_status plan(struct v2v_model *model, int64_t strip_floats, int shares)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_conv_method method = method_of(model);
+    struct v2v_conv_method method = encoder_method(model);
     free_workspace(model);
+    model->packed.shares = shares;
     V2V_TRY(plan_slabs(model));
     V2V_TRY(plan_gradients(model));
-    if (!model->training) {
-        struct v2v_encoder *encoder = model->slab[0].encoder[v2v_model_first_branch(model)];
-        V2V_TRY(v2v_encoder_plan(encoder, 1, model->height, model->width, &method, 0));
-    }
+    struct v2v_encoder *encoder = model->slab[0].encoder[v2v_model_first_branch(model)];
+    model->encoding_floats =
+        model->training ? 0 : v2v_encoder_workspace(encoder, 1, model->height, model->width, 0);
     for (int64_t local = 0; local < model->held; local++) {
         V2V_TRY(plan_slab(model, local, strip_floats / v2v_model_slabs(model)));
     }
+    if (!model->training) {
+        V2V_TRY(v2v_encoder_plan(encoder, model->slab[0].workspace[0], &method));
+    }
+    V2V_TRY(v2v_pool_fill(&model->packed, "conv.weights"));
 done:
     return rc;
 }
 
-/* When memory is short, smaller strips may fit: they cost rows that are computed twice. */
+/* Two branches' packed weights take as much memory as a frame of 700 x 700 pixels at width 128;
+ * packing them for every frame takes as long as computing 60 x 60 of its pixels. */
+static const int64_t large_frame = 768 * 768;
+
+static int can_share(const struct v2v_model *model)
+{
+    return model->held == 1 && !model->training && model->spec.branches == V2V_BRANCH_BOTH &&
+           v2v_unet_knows_scenes(model->slab[0].unet[0]);
+}
+
+/* A frame that is cut for its size's sake keeps one branch's weights at a time. Whenever memory is
+ * short, that may fit, and then smaller strips: they cost rows that are computed twice. */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
 {
     int64_t strip_floats = V2V_STRIPS_FLOATS;
@@ -434,11 +463,17 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     model->height = height;
     model->width = width;
     model->training = training;
-    enum v2v_status rc = plan(model, strip_floats);
+    int shares = 0;
+    enum v2v_status rc = plan(model, strip_floats, shares);
+    int is_cut = rc == V2V_OK && v2v_model_slabs(model) > 1 && height * width >= large_frame;
+    if ((rc == V2V_E_MEMORY || is_cut) && can_share(model)) {
+        shares = 1;
+        rc = plan(model, strip_floats, shares);
+    }
     while (rc == V2V_E_MEMORY && strip_floats > V2V_STRIPS_LEAST_FLOATS &&
            v2v_unet_knows_scenes(model->slab[0].unet[v2v_model_first_branch(model)])) {
         strip_floats /= 2;
-        rc = plan(model, strip_floats);
+        rc = plan(model, strip_floats, shares);
     }
     if (rc == V2V_OK) {
         v2v_model_weights_changed(model);
@@ -454,7 +489,7 @@ void v2v_model_weights_changed(struct v2v_model *model)
             if (slab->encoder[b] != NULL) {
                 v2v_encoder_weights_changed(slab->encoder[b], &slab->parameters);
             }
-            if (slab->unet[b] != NULL) {
+            if (slab->unet[b] != NULL && !model->packed.shares) {
                 v2v_unet_weights_changed(slab->unet[b], &slab->parameters);
             }
         }

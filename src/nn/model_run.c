@@ -190,6 +190,9 @@ static void run_branch(struct v2v_model *model, int b, float *volume,
 {
     struct v2v_unet *middle = middle_of(model, b);
     const float *e1[MOST_SLABS] = {NULL};
+    if (model->packed.shares && middle != NULL) {
+        v2v_unet_weights_changed(middle, &model->slab[0].parameters);
+    }
     for (int64_t local = 0; local < model->held; local++) {
         if (v2v_model_is_used(model, local)) {
             e1[local] =

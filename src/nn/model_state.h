@@ -15,11 +15,12 @@ enum { V2V_BRANCHES = 2 };
 struct v2v_model_slab {
     struct v2v_encoder *encoder[V2V_BRANCHES];
     struct v2v_unet *unet[V2V_BRANCHES];
-    float *workspace[V2V_BRANCHES];   /* one for both without training */
-    struct v2v_scene scene;           /* where tiles may be skipped */
-    float *batch[V2V_BRANCHES];       /* [views of its part,y,x], training */
-    float *dbatch[V2V_BRANCHES];      /* [views of its part,feature,y,x] training */
-    float *dvolume;                   /* [z,rows computed,x] training */
+    float *workspace[V2V_BRANCHES]; /* one for both without training, and for the encoder before */
+    float *encoding[V2V_BRANCHES];  /* the encoders' workspace, training */
+    struct v2v_scene scene;         /* where tiles may be skipped */
+    float *batch[V2V_BRANCHES];     /* [views of its part,y,x], training */
+    float *dbatch[V2V_BRANCHES];    /* [views of its part,feature,y,x] training */
+    float *dvolume;                 /* [z,rows computed,x] training */
     struct v2v_parameters parameters; /* the model's weights; gradients of this slab alone, which
                                          tell who watches when there is one slab */
 };
@@ -28,8 +29,9 @@ struct v2v_model {
     struct v2v_model_spec spec;
     struct v2v_fields fields;
     float *weights, *gradients;
-    int64_t encoder_floats; /* of the arenas: the encoder's fields come first */
-    int64_t ring;           /* of zeros about the feature planes: the farthest tap */
+    int64_t encoding_floats; /* of workspace for one view, without training */
+    int64_t encoder_floats;  /* of the arenas: the encoder's fields come first */
+    int64_t ring;            /* of zeros about the feature planes: the farthest tap */
     int64_t height, width;
     int training;
     int64_t held; /* slabs of this rank */
@@ -45,6 +47,7 @@ struct v2v_model {
     int32_t *round[2];            /* [ranks] views under way */
     float *encoder_sum, *scratch; /* of gradients over slabs, training */
     struct v2v_workspace shared;  /* of all convolutions, one after the other */
+    struct v2v_pool packed; /* weights of the U-Nets; those of one branch at a time, if it shares */
 };
 
 static inline int64_t v2v_model_slabs(const struct v2v_model *model)

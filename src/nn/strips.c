@@ -89,7 +89,8 @@ static enum v2v_status create_layer(struct v2v_strips *self, int64_t i)
                                      .half = half,
                                      .stride2 = layer->stride == 2,
                                      .slope = layer->slope,
-                                     .workspace = self->spec.workspace};
+                                     .workspace = self->spec.workspace,
+                                     .pool = self->spec.pool};
     V2V_TRY(v2v_winograd_create(&self->filter[i], &spec));
 done:
     v2v_mem_free(plane);

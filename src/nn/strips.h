@@ -25,6 +25,7 @@ struct v2v_strips_spec {
     int64_t height, width; /* of the frame */
     int64_t most_floats;   /* of all strips */
     struct v2v_workspace *workspace;
+    struct v2v_pool *pool; /* of transformed weights; or NULL */
 };
 
 /* The layers' own operators are given up. `like` as in v2v_align_conv_plan. */

@@ -125,7 +125,8 @@ static struct v2v_strips_spec chain_spec(struct v2v_unet *unet, int chain)
                                    .height = v2v_slab_computed(&unet->size.slab),
                                    .width = unet->size.width,
                                    .most_floats = unet->size.strip_floats,
-                                   .workspace = unet->spec.method.workspace};
+                                   .workspace = unet->spec.method.workspace,
+                                   .pool = unet->spec.method.pool};
     for (int i = chain_table[chain].first; i <= chain_table[chain].last; i++) {
         spec.layer[spec.layers++] = &unet->layer[i];
     }

@@ -45,7 +45,8 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
                                        .stride2 = spec->stride == 2,
                                        .slope = spec->slope,
                                        .training = spec->training,
-                                       .workspace = spec->method.workspace};
+                                       .workspace = spec->method.workspace,
+                                       .pool = spec->method.pool};
     state->batch = spec->batch;
     state->in_floats = spec->in * in_pixels;
     state->out_floats = spec->out * pixels;

@@ -38,7 +38,7 @@ struct v2v_winograd {
     int64_t chunk_tiles, panels;      /**< of the largest chunk */
     int64_t line_floats, pack_floats; /**< of one thread */
     const float *bias;
-    float *weights; /**< [point][run of DEPTH inputs][out8/8][input of the run][8] */
+    struct v2v_piece weights; /**< [point][run of DEPTH inputs][out8/8][input of the run][8] */
 };
 
 static int64_t round_up(int64_t n, int64_t step)
@@ -117,8 +117,8 @@ enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
     self->threads = omp_get_max_threads();
     V2V_TRY(v2v_tiles_init(&self->tiles, spec->height, spec->width));
     plan(self);
-    V2V_TRY(V2V_ALLOC(self->weights, "conv.weights",
-                      v2v_mem_product(WINOGRAD_VALUES, weights_point(self), 1)));
+    V2V_TRY(v2v_pool_take(&self->weights, spec->pool, "conv.weights",
+                          v2v_mem_product(WINOGRAD_VALUES, weights_point(self), 1)));
     V2V_TRY(
         v2v_workspace_reserve(spec->workspace, lay_out(self, NULL, NULL, NULL, NULL, NULL, NULL)));
 done:
@@ -136,7 +136,7 @@ void v2v_winograd_destroy(struct v2v_winograd **winograd)
     }
     v2v_mem_free((*winograd)->plane);
     v2v_tiles_fini(&(*winograd)->tiles);
-    v2v_mem_free((*winograd)->weights);
+    v2v_pool_give(&(*winograd)->weights);
     v2v_mem_free(*winograd);
     *winograd = NULL;
 }
@@ -170,6 +170,7 @@ static void gather_taps(float *taps, const float *weight, int64_t in, int64_t in
 void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, const float *bias)
 {
     int64_t in = self->spec.in, out = self->spec.out;
+    float *weights = v2v_piece_data(&self->weights);
     self->bias = bias;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < out; o += FILTERS) {
@@ -177,8 +178,8 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
         for (int64_t i = 0; i < in; i += 2) {
             int64_t inputs = v2v_smaller(2, in - i);
             gather_taps(taps, weight + (o * in + i) * 9, in, inputs, v2v_smaller(FILTERS, out - o));
-            self->kernel->weights(self->weights + filters_at(self, o, i), weights_point(self), taps,
-                                  PAIR, inputs * FILTERS);
+            self->kernel->weights(weights + filters_at(self, o, i), weights_point(self), taps, PAIR,
+                                  inputs * FILTERS);
         }
     }
 }
@@ -289,7 +290,7 @@ static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
     int64_t in = self->spec.in, out8 = self->out8;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
-        const float *weights = self->weights + point * weights_point(self);
+        const float *weights = v2v_piece_data(&self->weights) + point * weights_point(self);
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, self->in8);
         float *output = chunk->output + point * v2v_rows_point(chunk->panels, out8);
         for (int64_t i = 0; i < in; i += DEPTH) {
@@ -330,7 +331,7 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
     int64_t out = self->spec.out, in8 = self->in8;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
-        const float *weights = self->weights + point * weights_point(self);
+        const float *weights = v2v_piece_data(&self->weights) + point * weights_point(self);
         const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
         float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
         float *pack = thread_pack(self, chunk);

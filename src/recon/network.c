@@ -24,6 +24,7 @@ struct job {
     int64_t own_rows;                    /* .. and what of them is not padding */
     float *recorded;                     /* [v,y,x] as recorded */
     float *padded;                       /* [v,y,x] what the network takes */
+    float *memory[2];                    /* of the outputs, then of slices on their way */
     float *output[2];                    /* [z,rows,x] padded; NULL for a branch not held */
     float *branch[2];         /* [z,own rows,x] in units of the recording; NULL likewise */
     float *mean;              /* [z,own rows,x] */
@@ -72,15 +73,20 @@ static enum v2v_status job_plan(struct job *job)
                       v2v_mem_product(job->views, job->padded_height, job->padded_width)));
     int64_t volume = v2v_mem_product(job->slices, job->own_rows, job->width);
     V2V_TRY(V2V_ALLOC(job->mean, "recon.volumes", volume));
+    int64_t output = v2v_mem_product(job->slices, job->rows.count, job->padded_width);
+    int64_t whole = v2v_slices_floats(job->slices, job->height, job->width, job->grid->shard);
     for (int b = 0; b < 2; b++) {
-        if (holds(job->grid, b)) {
-            V2V_TRY(V2V_ALLOC(job->output[b], "recon.volumes",
-                              v2v_mem_product(job->slices, job->rows.count, job->padded_width)));
+        int held = holds(job->grid, b);
+        int64_t floats = !held || whole > output ? whole : output;
+        V2V_TRY(V2V_ALLOC(job->memory[b], "recon.volumes", floats));
+        if (held) {
+            job->output[b] = job->memory[b];
             V2V_TRY(V2V_ALLOC(job->branch[b], "recon.volumes", volume));
         }
     }
     V2V_TRY(v2v_slices_create(&job->whole, job->slices, job->height, job->width,
-                              (struct v2v_part){job->rows.first, job->own_rows}, job->grid->shard));
+                              (struct v2v_part){job->rows.first, job->own_rows}, job->memory,
+                              job->grid->shard));
 done:
     return rc;
 }
@@ -89,7 +95,7 @@ static void job_fini(struct job *job)
 {
     for (int b = 0; b < 2; b++) {
         v2v_mem_free(job->branch[b]);
-        v2v_mem_free(job->output[b]);
+        v2v_mem_free(job->memory[b]);
     }
     v2v_slices_destroy(&job->whole);
     v2v_mem_free(job->mean);

@@ -19,8 +19,15 @@ struct v2v_part v2v_slices_own(const struct v2v_slices *self)
     return v2v_par_part(self->count, v2v_comm_size(self->comm), v2v_comm_rank(self->comm));
 }
 
+int64_t v2v_slices_floats(int64_t count, int64_t height, int64_t width, const struct v2v_comm *comm)
+{
+    int64_t own = v2v_par_part(count, v2v_comm_size(comm), v2v_comm_rank(comm)).count;
+    return v2v_comm_size(comm) > 1 ? v2v_mem_product(own, height, width) : 0;
+}
+
 enum v2v_status v2v_slices_create(struct v2v_slices **slices, int64_t count, int64_t height,
-                                  int64_t width, struct v2v_part rows, const struct v2v_comm *comm)
+                                  int64_t width, struct v2v_part rows, float *const scratch[2],
+                                  const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_slices *self = NULL;
@@ -32,10 +39,9 @@ enum v2v_status v2v_slices_create(struct v2v_slices **slices, int64_t count, int
     self->first[v2v_comm_rank(comm)] = rows.first;
     self->rows[v2v_comm_rank(comm)] = rows.count;
     if (ranks > 1) {
-        int64_t floats = v2v_mem_product(v2v_slices_own(self).count, height, width);
         V2V_TRY(v2v_transfers_create(&self->transfers, comm, 2 * ranks));
-        V2V_TRY(V2V_ALLOC(self->received, "recon.volumes", floats));
-        V2V_TRY(V2V_ALLOC(self->whole, "recon.volumes", floats));
+        self->received = scratch[0];
+        self->whole = scratch[1];
     }
 done:
     if (rc != V2V_OK) {
@@ -52,8 +58,6 @@ void v2v_slices_destroy(struct v2v_slices **slices)
         return;
     }
     v2v_transfers_destroy(&self->transfers);
-    v2v_mem_free(self->received);
-    v2v_mem_free(self->whole);
     v2v_mem_free(self->first);
     v2v_mem_free(self->rows);
     v2v_mem_free(self);

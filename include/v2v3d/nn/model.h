@@ -84,8 +84,9 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
 
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
- *  minimal filtering computes full-size layers in strips of rows, smaller ones where memory is
- *  limited.
+ *  minimal filtering computes full-size layers in strips of rows; where memory is limited, or a
+ *  large frame is cut into slabs, it packs the weights of one branch at a time, for every frame,
+ *  and where that is not enough the strips are smaller.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;

@@ -22,6 +22,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
 #include <stdint.h>
@@ -36,6 +37,7 @@ struct v2v_conv_method {
                        the backend, where that is faster */
     int winograd; /**< 1: minimal filtering for 3 x 3 kernels where it is faster */
     struct v2v_workspace *workspace; /**< of all operators; winograd and the alignment need it */
+    struct v2v_pool *pool; /**< of packed weights, which winograd and the alignment use; or NULL */
     int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round
                         images and weights to bf16 and add up in float32, through oneDNN whatever
                         the backend; needs v2v_op_bf16 */

@@ -2,6 +2,7 @@
 #define V2V3D_OP_WINOGRAD_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
 #include <stdint.h>
@@ -32,6 +33,7 @@ struct v2v_winograd_spec {
     int training;
     int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
     struct v2v_workspace *workspace; /**< shared with other operators */
+    struct v2v_pool *pool;           /**< of transformed weights; may be NULL */
 };
 
 struct v2v_winograd;
