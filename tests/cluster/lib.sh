@@ -21,7 +21,7 @@ clean_up() {
     cd / && rm -rf "$folder"
 }
 trap clean_up EXIT
-trap 'exit 143' TERM INT HUP
+trap 'exit 143' TERM INT HUP PIPE
 
 fail() {
     echo "FAILED: $*"

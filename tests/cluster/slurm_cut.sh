@@ -19,8 +19,7 @@ job=$(sbatch --parsable --nodes=1 --time=10 "$root/jobs/train.sbatch" "${train[@
     -o cut) || give_up "sbatch"
 progress "$job" 0 cut/metrics.jsonl 4
 node=$(field "$job" BatchHost)
-# It stands still and holds the lock, however fast it would be at the end.
-for pid in $(ranks_on "$node"); do kill -STOP "$pid"; done
+freeze "$node" # it holds the lock
 "$sandbox" cut "$folder/sandbox" "$node"
 echo "$node is cut off, $(since "$start") s"
 within 120 has_restarts "$job" 1 || broken "$job" "was not requeued"

@@ -30,12 +30,12 @@ broken() {
     finish
 }
 
-# A requeued job waits two minutes for what is left of its last attempt. Here it starts at once, but
-# not before those three seconds without which Slurm takes it for the attempt that has ended.
+# A requeued job waits two minutes for what is left of its last attempt. Here it starts earlier, but
+# not before Slurm has done with that: it would take, and kill, the one for the other.
 hurry() { # JOB
     case $(field "$1" JobState) in
     PENDING)
-        sleep 3
+        sleep 5
         scontrol update jobid="$1" starttime=now timelimit=30 2>/dev/null # it may run by now
         ;;
     FAILED | CANCELLED | TIMEOUT | NODE_FAIL)
@@ -77,6 +77,29 @@ kill_rank_on() { # NODE
     local pid
     pid=$(ranks_on "$1" | head -n 1)
     [ -n "$pid" ] && kill -9 "$pid"
+}
+
+# Ranks stand still, so that what comes next finds the job running however fast it is.
+freeze() { # NODE...
+    local node pid
+    for node in "$@"; do
+        for pid in $(ranks_on "$node"); do kill -STOP "$pid"; done
+    done
+}
+
+thaw() { # NODE...
+    local node pid
+    for node in "$@"; do
+        for pid in $(ranks_on "$node"); do kill -CONT "$pid"; done
+    done
+}
+
+# The warning as Slurm sends it before a time limit.
+warn() { # JOB
+    freeze n1 n2
+    scancel --batch --signal=USR1 "$1"
+    sleep 2
+    thaw n1 n2
 }
 
 # When each attempt of a job began, and its end.

@@ -18,6 +18,7 @@ done_frames() { # FILE
 some_frames() { # JOB FILE WHAT
     within 120 has_restarts "$1" "$restarts" || broken "$1" "was not requeued after $3"
     within 240 has_more_frames "$1" "$2" || broken "$1" "makes no progress"
+    freeze n1 n2
     before=$(done_frames "$2")
     restarts=$(field "$1" Restarts)
     echo "$V2V3D_LAUNCHER: $before frames are done after $3, $(since "$start") s"
@@ -37,7 +38,7 @@ scenario() { # LAUNCHER
     job=$(sbatch --parsable --nodes=2 --time=10 "$root/jobs/reconstruct.sbatch" \
         "${reconstruct[@]}" -o "$1.h5") || give_up "sbatch"
     some_frames "$job" "$1.h5" 'the start'
-    scancel --batch --signal=USR1 "$job"
+    warn "$job"
     some_frames "$job" "$1.h5" 'a signal'
     kill_rank_on n2 || broken "$job" "there is no rank on n2"
     some_frames "$job" "$1.h5" 'a killed rank'
