@@ -464,7 +464,9 @@ static void share(struct v2v_fft_slabs *fft, const struct job *job, int64_t n, i
             start(fft, lane, batch.count, forward);
         }
         if (b > 0) {
+            double began = v2v_clock_now();
             MPI_Wait(&before->request, MPI_STATUS_IGNORE);
+            v2v_par_spent(V2V_PAR_EXCHANGE, began);
             (forward ? columns_from_lane : rows_from_lane)(fft, job, before,
                                                            batch_of(fft, b - 1, n));
         }

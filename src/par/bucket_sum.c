@@ -1,7 +1,6 @@
 #include "v2v3d/par/bucket_sum.h"
 
 #include "par/comm_mpi.h"
-#include "par/spent.h"
 #include "v2v3d/base/memory.h"
 
 #include <limits.h>
@@ -26,7 +25,7 @@ struct bucket {
 
 struct v2v_bucket_sum {
     const struct v2v_comm *world;
-    int size[V2V_LEVELS];
+    int size[V2V_LEVELS], rank[V2V_LEVELS];
     /* Messages of one kind and level keep the order of the buckets, on a communicator of their own:
      * how far a bucket has come differs from rank to rank. */
     MPI_Comm reduce[V2V_LEVELS], spread[V2V_LEVELS];
@@ -35,8 +34,9 @@ struct v2v_bucket_sum {
     int64_t buckets;
     int64_t oldest; /* the first that is not through */
     int *counts;
-    float *slot;         /* [slots, slot_floats] */
-    int64_t slot_floats; /* a bucket, and a rounded-up part for each rank */
+    const float **source; /* [largest]: what is added up, by rank */
+    float *slot;          /* [slots, slot_floats] */
+    int64_t slot_floats;  /* a bucket, and a rounded-up part for each rank */
     int slots;
     unsigned taken; /* slots in use, as bits */
     struct v2v_bucket_round round;
@@ -60,13 +60,13 @@ static int largest_level(const struct v2v_bucket_sum *sum)
 
 /* What is left of the bucket on this rank after each level. */
 static void cut_bucket(const struct v2v_bucket_sum *sum, struct bucket *bucket,
-                       const struct v2v_bucket_setup *setup, const struct v2v_bucket_run *run)
+                       const struct v2v_bucket_run *run)
 {
     for (int level = 0; level < V2V_LEVELS; level++) {
         struct v2v_part whole = bucket->part[level], own = whole;
         if ((run->levels >> level & 1) != 0 && sum->size[level] > 1) {
             bucket->levels |= 1u << level;
-            own = v2v_par_part(whole.count, sum->size[level], v2v_comm_rank(setup->level[level]));
+            own = v2v_par_part(whole.count, sum->size[level], sum->rank[level]);
             own.first += whole.first;
         }
         bucket->part[level + 1] = own;
@@ -86,7 +86,7 @@ static void cut_run(struct v2v_bucket_sum *sum, const struct v2v_bucket_setup *s
                                   .slot = NO_SLOT,
                                   .entered = STAGES,
                                   .left = STAGES};
-        cut_bucket(sum, bucket, setup, run);
+        cut_bucket(sum, bucket, run);
     }
 }
 
@@ -101,6 +101,7 @@ static enum v2v_status take_memory(struct v2v_bucket_sum *sum, const struct v2v_
     V2V_TRY(V2V_ALLOC(sum->bucket, "par.buckets", buckets));
     V2V_TRY(V2V_ALLOC(sum->request, "par.buckets", buckets));
     V2V_TRY(V2V_ALLOC(sum->counts, "par.buckets", v2v_mem_product(4, buckets, largest)));
+    V2V_TRY(V2V_ALLOC(sum->source, "par.buckets", largest));
     for (int64_t i = 0; i < setup->runs; i++) {
         cut_run(sum, setup, &setup->run[i]);
     }
@@ -130,6 +131,7 @@ enum v2v_status v2v_bucket_sum_create(struct v2v_bucket_sum **sum,
         fresh->world = setup->world;
         for (int level = 0; level < V2V_LEVELS; level++) {
             fresh->size[level] = v2v_comm_size(setup->level[level]);
+            fresh->rank[level] = v2v_comm_rank(setup->level[level]);
             fresh->reduce[level] = fresh->spread[level] = MPI_COMM_NULL;
         }
         rc = take_memory(fresh, setup);
@@ -165,6 +167,7 @@ void v2v_bucket_sum_destroy(struct v2v_bucket_sum **sum)
     }
     v2v_mem_free(self->slot);
     v2v_mem_free(self->counts);
+    v2v_mem_free(self->source);
     v2v_mem_free(self->request);
     v2v_mem_free(self->bucket);
     v2v_mem_free(self);
@@ -173,11 +176,28 @@ void v2v_bucket_sum_destroy(struct v2v_bucket_sum **sum)
 
 /* ---- a bucket's way ---- */
 
-static void add(float *sum, const float *x, int64_t count)
+/* Floats that stay in the nearest cache while all ranks' are added. */
+enum { BLOCK = 2048 };
+
+/* out = start + x of rank 0 + x of rank 1 + ..; out may be any of them. */
+static void add_in_order(float *out, const float *start, const float *const *x, int ranks,
+                         int64_t count)
 {
-#pragma omp parallel for simd schedule(static)
-    for (int64_t i = 0; i < count; i++) {
-        sum[i] += x[i];
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < count; i += BLOCK) {
+        float sum[BLOCK];
+        int64_t block = shorter(count - i, BLOCK);
+        if (start != NULL) {
+            memcpy(sum, start + i, (size_t)block * sizeof *sum);
+        } else {
+            memset(sum, 0, (size_t)block * sizeof *sum);
+        }
+        for (int r = 0; r < ranks; r++) {
+            for (int64_t j = 0; j < block; j++) {
+                sum[j] += x[r][i + j];
+            }
+        }
+        memcpy(out + i, sum, (size_t)block * sizeof *sum);
     }
 }
 
@@ -223,6 +243,7 @@ static void list_parts(int *counts, int *offsets, struct v2v_part whole, int siz
     }
 }
 
+/* What a rank contributes to its own part stays where it is. */
 static void post_reduce(struct v2v_bucket_sum *sum, int64_t k, int level)
 {
     struct bucket *bucket = &sum->bucket[k];
@@ -234,6 +255,7 @@ static void post_reduce(struct v2v_bucket_sum *sum, int64_t k, int level)
         taken[r] = own;
         places[r] = r * own;
     }
+    counts[sum->rank[level]] = taken[sum->rank[level]] = 0;
     MPI_Ialltoallv(sum->round.x + bucket->part[level].first, counts, offsets, MPI_FLOAT,
                    slot_memory(sum, bucket->slot), taken, places, MPI_FLOAT, sum->reduce[level],
                    &sum->request[k]);
@@ -245,12 +267,12 @@ static void add_received(struct v2v_bucket_sum *sum, const struct bucket *bucket
     struct v2v_part own = bucket->part[level + 1];
     int is_last = level == V2V_LEVEL_DATA;
     float *place = (is_last ? sum->round.total : sum->round.x) + own.first;
-    if (!is_last || sum->round.first) {
-        memset(place, 0, (size_t)own.count * sizeof *place);
-    }
     for (int r = 0; r < sum->size[level]; r++) {
-        add(place, slot_memory(sum, bucket->slot) + r * own.count, own.count);
+        sum->source[r] = r == sum->rank[level] ? sum->round.x + own.first
+                                               : slot_memory(sum, bucket->slot) + r * own.count;
     }
+    add_in_order(place, is_last && !sum->round.first ? place : NULL, sum->source, sum->size[level],
+                 own.count);
 }
 
 static void settle(struct v2v_bucket_sum *sum, struct bucket *bucket)
@@ -259,10 +281,8 @@ static void settle(struct v2v_bucket_sum *sum, struct bucket *bucket)
     struct v2v_part own = bucket->part[V2V_LEVELS];
     float *place = round->total + own.first;
     if ((bucket->levels >> V2V_LEVEL_DATA & 1) == 0 && round->total != round->x) {
-        if (round->first) {
-            memset(place, 0, (size_t)own.count * sizeof *place);
-        }
-        add(place, round->x + own.first, own.count);
+        const float *x = round->x + own.first;
+        add_in_order(place, round->first ? NULL : place, &x, 1, own.count);
     }
     if (round->last && round->factor != 1.0f) {
         scale(place, own.count, round->factor);

@@ -2,7 +2,6 @@
 
 #include "par/comm_mpi.h"
 #include "par/mates.h"
-#include "par/spent.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"

@@ -2,7 +2,9 @@
 #ifndef V2V3D_PAR_COMM_MPI_PRIVATE_H
 #define V2V3D_PAR_COMM_MPI_PRIVATE_H
 
+#include "v2v3d/base/clock.h"
 #include "v2v3d/par/comm.h"
+#include "v2v3d/par/time.h"
 
 #include <mpi.h>
 
@@ -11,5 +13,9 @@ MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm);
 
 /** 4 * size numbers that belong to the communicator; NULL for NULL. @kind Local. */
 int *v2v_comm_scratch(const struct v2v_comm *comm);
+
+/** Book the time since `began`, a v2v_clock_now() before a call of MPI that may wait. @kind Local,
+ *  MPI's thread. */
+void v2v_par_spent(enum v2v_par_kind kind, double began);
 
 #endif

@@ -24,6 +24,7 @@ static void trade(const struct v2v_comm *comm, char *received, struct v2v_part f
                   const char *sent, struct v2v_part to_part, int to, size_t word)
 {
     enum { TAG = 2 };
+    double began = v2v_clock_now();
     for (int64_t done = 0; done < from_part.count || done < to_part.count; done += PIECE) {
         MPI_Request request[2] = {MPI_REQUEST_NULL, MPI_REQUEST_NULL};
         if (done < from_part.count) {
@@ -36,6 +37,7 @@ static void trade(const struct v2v_comm *comm, char *received, struct v2v_part f
         }
         MPI_Waitall(2, request, MPI_STATUSES_IGNORE);
     }
+    v2v_par_spent(V2V_PAR_EXCHANGE, began);
 }
 
 void v2v_par_alltoall(const struct v2v_comm *comm, void *received, const struct v2v_part *from_part,

@@ -1,5 +1,4 @@
 #include "par/comm_mpi.h"
-#include "par/spent.h"
 
 #include <string.h>
 

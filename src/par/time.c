@@ -1,6 +1,6 @@
 #include "v2v3d/par/time.h"
 
-#include "par/spent.h"
+#include "par/comm_mpi.h"
 #include "v2v3d/base/log.h"
 
 /* A process has one account, as it has one MPI: communicators come and go. */

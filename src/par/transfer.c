@@ -68,7 +68,9 @@ void v2v_transfers_receive(struct v2v_transfers *self, float *x, int64_t count, 
 void v2v_transfers_wait(struct v2v_transfers *self)
 {
     if (self->pending > 0) { /* without MPI there is nothing to wait for */
+        double began = v2v_clock_now();
         MPI_Waitall(self->pending, self->request, MPI_STATUSES_IGNORE);
+        v2v_par_spent(V2V_PAR_EXCHANGE, began);
     }
     self->pending = 0;
 }

@@ -11,7 +11,7 @@ enum v2v_par_kind {
     V2V_PAR_AGREE,    /**< v2v_par_agree, v2v_par_barrier: hardly a byte, waiting alone */
     V2V_PAR_SUM,      /**< sums and maxima */
     V2V_PAR_SPREAD,   /**< broadcasts and gathers */
-    V2V_PAR_EXCHANGE, /**< between two ranks */
+    V2V_PAR_EXCHANGE, /**< between two ranks, or of parts with each */
     V2V_PAR_KINDS
 };
 
