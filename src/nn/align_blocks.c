@@ -97,6 +97,7 @@ static enum v2v_status plan_winograd(struct v2v_align_blocks *self, const struct
                                        .pitch = v2v_padded_pitch(like),
                                        .slope = self->spec.slope,
                                        .training = training,
+                                       .keeps = training,
                                        .workspace = self->spec.method.workspace,
                                        .pool = self->spec.method.pool};
     v2v_winograd_destroy(&self->winograd);

@@ -42,6 +42,7 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                  .upsample = layer->upsample,
                                  .method = *method,
                                  .training = training};
+    spec.method.keeps = training;
     v2v_conv_destroy(&layer->conv);
     return v2v_conv_create(&layer->conv, &spec);
 }

@@ -45,6 +45,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
                                        .stride2 = spec->stride == 2,
                                        .slope = spec->slope,
                                        .training = spec->training,
+                                       .keeps = spec->method.keeps && spec->batch == 1,
                                        .workspace = spec->method.workspace,
                                        .pool = spec->method.pool};
     state->batch = spec->batch;

@@ -25,6 +25,9 @@ enum { DEPTH = 128 };
  *  from memory too often. */
 static const int64_t CHUNK_FLOATS = 16 << 20;
 
+/** In training: filters are turned, and the weights' gradient comes from memory, once a chunk. */
+static const int64_t TRAINING_CHUNK_FLOATS = 64 << 20;
+
 struct v2v_winograd {
     struct v2v_winograd_spec spec;
     struct v2v_plane *plane;
@@ -39,6 +42,8 @@ struct v2v_winograd {
     int64_t line_floats, pack_floats; /**< of one thread */
     const float *bias;
     struct v2v_piece weights; /**< [point][run of DEPTH inputs][out8/8][input of the run][8] */
+    float *kept; /**< [chunk] the input's values of the last forward pass; NULL: they are not */
+    int is_kept; /**< and that pass was not followed by a backward one */
 };
 
 static int64_t round_up(int64_t n, int64_t step)
@@ -58,7 +63,8 @@ static void plan(struct v2v_winograd *self)
     self->out8 = round_up(spec->out, PANEL_ROWS);
     self->out32 = round_up(spec->out, PANEL_COLUMNS);
     int64_t row = WINOGRAD_VALUES * (self->in8 + self->out8) * self->tiles.columns;
-    int64_t floats = spec->chunk_floats > 0 ? spec->chunk_floats : CHUNK_FLOATS;
+    int64_t floats = spec->training ? TRAINING_CHUNK_FLOATS : CHUNK_FLOATS;
+    floats = spec->chunk_floats > 0 ? spec->chunk_floats : floats;
     int64_t most = floats / row > 1 ? floats / row : 1;
     int64_t chunks = (self->tiles.rows + most - 1) / most;
     self->chunk_tiles = (self->tiles.rows + chunks - 1) / chunks * self->tiles.columns;
@@ -79,6 +85,17 @@ static int64_t gradient_point(const struct v2v_winograd *self)
     return self->out32 * self->in8 + 16;
 }
 
+/* Rows of tiles of a chunk, and the values of its input. */
+static int64_t chunk_rows(const struct v2v_winograd *self)
+{
+    return self->chunk_tiles / self->tiles.columns;
+}
+
+static int64_t input_floats(const struct v2v_winograd *self)
+{
+    return WINOGRAD_VALUES * v2v_rows_point(self->panels, self->in8);
+}
+
 /* One buffer after the other: lines and packed operands of every thread, values of both sides. */
 static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **lines, float **packs,
                        float **input, float **output, float **gradient)
@@ -90,7 +107,7 @@ static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **l
     } part[] = {
         {lines, self->threads * self->line_floats},
         {packs, self->threads * self->pack_floats},
-        {input, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->in8)},
+        {input, input_floats(self)},
         {output, WINOGRAD_VALUES * v2v_rows_point(self->panels, self->out8)},
         {gradient, self->spec.training ? WINOGRAD_VALUES * gradient_point(self) : 0},
     };
@@ -119,6 +136,10 @@ enum v2v_status v2v_winograd_create(struct v2v_winograd **winograd,
     plan(self);
     V2V_TRY(v2v_pool_take(&self->weights, spec->pool, "conv.weights",
                           v2v_mem_product(WINOGRAD_VALUES, weights_point(self), 1)));
+    if (spec->keeps) {
+        int64_t chunks = (self->tiles.rows + chunk_rows(self) - 1) / chunk_rows(self);
+        V2V_TRY(V2V_ALLOC(self->kept, "conv.kept", v2v_mem_product(chunks, input_floats(self), 1)));
+    }
     V2V_TRY(
         v2v_workspace_reserve(spec->workspace, lay_out(self, NULL, NULL, NULL, NULL, NULL, NULL)));
 done:
@@ -137,6 +158,7 @@ void v2v_winograd_destroy(struct v2v_winograd **winograd)
     v2v_mem_free((*winograd)->plane);
     v2v_tiles_fini(&(*winograd)->tiles);
     v2v_pool_give(&(*winograd)->weights);
+    v2v_mem_free((*winograd)->kept);
     v2v_mem_free(*winograd);
     *winograd = NULL;
 }
@@ -186,12 +208,13 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
 
 /* ---- stages ---- */
 
-/* A chunk of runs and the memory it uses. */
+/* A chunk of runs and the memory it uses. The input's gradient takes the place of the input's
+ * values unless these are kept. */
 struct chunk {
     struct rows rows;
     int64_t tiles, panels;
     float *packs;
-    float *input, *output, *gradient;
+    float *input, *dinput, *output, *gradient;
 };
 
 /* As many of these runs as a chunk holds. */
@@ -219,8 +242,12 @@ static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_t
                                .line_floats = self->line_floats};
     chunk.panels = (chunk.tiles + TILES - 1) / TILES;
     chunk.rows.panels = chunk.panels;
-    (void)lay_out(self, spec->workspace->data, &chunk.rows.lines, &chunk.packs, &chunk.input,
+    (void)lay_out(self, spec->workspace->data, &chunk.rows.lines, &chunk.packs, &chunk.dinput,
                   &chunk.output, &chunk.gradient);
+    chunk.input = chunk.dinput;
+    if (self->kept != NULL) {
+        chunk.input = self->kept + run->row / chunk_rows(self) * input_floats(self);
+    }
     return chunk;
 }
 
@@ -277,7 +304,7 @@ static void add_input_gradient(const struct v2v_winograd *self, const struct chu
             continue;
         }
         for (int64_t i = first; i < in && plane[i].owner == plane[first].owner; i++) {
-            v2v_rows_input_turned(&chunk->rows, base, &plane[i], chunk->input + i * TILES,
+            v2v_rows_input_turned(&chunk->rows, base, &plane[i], chunk->dinput + i * TILES,
                                   self->in8);
         }
     }
@@ -333,7 +360,7 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
         const float *weights = v2v_piece_data(&self->weights) + point * weights_point(self);
         const float *output = chunk->output + point * v2v_rows_point(chunk->panels, self->out8);
-        float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
+        float *input = chunk->dinput + point * v2v_rows_point(chunk->panels, in8);
         float *pack = thread_pack(self, chunk);
         for (int64_t o = 0; o < out; o += DEPTH) {
             int64_t depth = v2v_smaller(DEPTH, self->out8 - o);
@@ -421,6 +448,7 @@ void v2v_winograd_forward_part(struct v2v_winograd *self, float *out, const floa
                                const struct v2v_winograd_part *part)
 {
     int64_t runs;
+    self->is_kept = 0;
     for (int64_t done = 0; done < part->runs; done += runs) {
         struct chunk chunk = chunk_of(self, part->run + done, part->runs - done);
         runs = chunk.rows.runs;
@@ -436,6 +464,7 @@ void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *ba
 {
     struct v2v_winograd_part whole = {.run = self->tiles.run, .runs = self->tiles.rows};
     v2v_winograd_forward_part(self, out, base, &whole);
+    self->is_kept = self->kept != NULL;
 }
 
 static void add_weights_gradient(const struct v2v_winograd *self, float *dweight,
@@ -459,7 +488,7 @@ static void add_weights_gradient(const struct v2v_winograd *self, float *dweight
     }
 }
 
-/* The gradient of the input takes the place of the input's values: it comes last. */
+/* The gradient of the input comes last: it may take the place of the input's values. */
 void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweight,
                            const float *base, const float *dout)
 {
@@ -470,7 +499,9 @@ void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweig
         rows = chunk.rows.runs;
         transform_output_gradient(self, &chunk, dout);
         if (dweight != NULL) {
-            transform_input(self, &chunk, base);
+            if (!self->is_kept) {
+                transform_input(self, &chunk, base);
+            }
             clear_tail(self, &chunk, chunk.input, self->in8);
             clear_tail(self, &chunk, chunk.output, self->out8);
             multiply_weights(self, &chunk, first > 0);
@@ -484,4 +515,5 @@ void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweig
     if (dweight != NULL) {
         add_weights_gradient(self, dweight, gradient);
     }
+    self->is_kept = 0;
 }

@@ -41,6 +41,8 @@ struct v2v_conv_method {
     int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round
                         images and weights to bf16 and add up in float32, through oneDNN whatever
                         the backend; needs v2v_op_bf16 */
+    int keeps;     /**< 1: backward is always for the input of the forward pass before it; what that
+                        made of one may be kept, for more memory */
 };
 
 /** Convolution with bias, zero padding (kernel-1)/2. */

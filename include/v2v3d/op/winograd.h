@@ -31,6 +31,8 @@ struct v2v_winograd_spec {
     int stride2; /**< 1: the output has every second row and column */
     float slope; /**< negative slope of the fused activation, 1: none */
     int training;
+    int keeps; /**< 1: each backward pass is for what the forward pass before it was given, whose
+                    transformed planes are kept: 9/4 of their size. Whole images alone */
     int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
     struct v2v_workspace *workspace; /**< shared with other operators */
     struct v2v_pool *pool;           /**< of transformed weights; may be NULL */

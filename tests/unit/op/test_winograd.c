@@ -19,16 +19,26 @@ struct problem {
     int half;
     int64_t chunk_floats;
     int stride2;
+    int keeps;
 };
 
 /* Frames of less than a tile, of a tile and a bit, channels that fill no panel; the last ones in
  * several chunks. */
 static const struct problem problems[] = {
-    {1, 1, 1, 1, 0, 0, 0},     {3, 5, 4, 4, 0, 0, 0},       {8, 32, 5, 9, 0, 0, 0},
-    {40, 39, 50, 70, 0, 0, 0}, {129, 33, 12, 36, 0, 0, 0},  {7, 16, 12, 20, 1, 0, 0},
-    {16, 8, 2, 2, 1, 0, 0},    {24, 40, 36, 28, 0, 1, 0},   {9, 17, 40, 12, 1, 36 * 24 * 3 * 2, 0},
-    {1, 3, 3, 131, 0, 0, 0},   {130, 136, 17, 33, 0, 1, 0}, {8, 32, 5, 9, 0, 0, 1},
-    {24, 40, 36, 28, 0, 1, 1}, {33, 16, 11, 22, 0, 0, 1},
+    {1, 1, 1, 1, 0, 0, 0, 0},
+    {3, 5, 4, 4, 0, 0, 0, 0},
+    {8, 32, 5, 9, 0, 0, 0, 0},
+    {40, 39, 50, 70, 0, 0, 0, 0},
+    {129, 33, 12, 36, 0, 0, 0, 0},
+    {7, 16, 12, 20, 1, 0, 0, 0},
+    {16, 8, 2, 2, 1, 0, 0, 0},
+    {24, 40, 36, 28, 0, 1, 0, 0},
+    {9, 17, 40, 12, 1, 36 * 24 * 3 * 2, 0, 0},
+    {1, 3, 3, 131, 0, 0, 0, 0},
+    {130, 136, 17, 33, 0, 1, 0, 0},
+    {8, 32, 5, 9, 0, 0, 1, 0},
+    {24, 40, 36, 28, 0, 1, 1, 0},
+    {33, 16, 11, 22, 0, 0, 1, 0},
 };
 enum { PROBLEMS = sizeof problems / sizeof *problems };
 
@@ -112,13 +122,14 @@ static void fixture_init(struct fixture *f, const struct problem *p)
                                      .slope = 1.0f,
                                      .training = 1,
                                      .chunk_floats = p->chunk_floats,
+                                     .keeps = p->keeps,
                                      .workspace = &f->workspace};
     assert_ok(v2v_winograd_create(&f->winograd, &spec));
     v2v_winograd_set_weights(f->winograd, f->weight, f->bias);
     v2v_mem_free(plane);
 }
 
-static void fixture_fini(struct fixture *f)
+static void fixture_free(struct fixture *f)
 {
     void *memory[] = {f->small, f->in,  f->dout,    f->weight, f->bias,
                       f->out,   f->din, f->dweight, f->value,  f->moduli};
@@ -127,6 +138,11 @@ static void fixture_fini(struct fixture *f)
     }
     v2v_winograd_destroy(&f->winograd);
     v2v_workspace_fini(&f->workspace);
+}
+
+static void fixture_fini(struct fixture *f)
+{
+    fixture_free(f);
     assert_int_equal(v2v_mem_held(), 0);
 }
 
@@ -215,10 +231,35 @@ static void both_gradients_at_once_are_those_one_by_one(void **state)
     }
 }
 
+/* Behind the forward pass of the same input, once; else everything is transformed again. */
+static void kept_inputs_have_the_bits_of_transforming_again(void **state)
+{
+    (void)state;
+    for (int i = 0; i < PROBLEMS; i++) {
+        struct fixture f, keeping;
+        struct problem with = problems[i];
+        with.keeps = 1;
+        fixture_init(&f, &problems[i]);
+        fixture_init(&keeping, &with);
+        v2v_winograd_forward(f.winograd, f.out, f.small);
+        v2v_winograd_forward(keeping.winograd, keeping.out, keeping.small);
+        assert_memory_equal(f.out, keeping.out, (size_t)f.out_floats * sizeof *f.out);
+        for (int pass = 0; pass < 2; pass++) {
+            const float *in = pass == 0 ? NULL : keeping.small; /* kept: not read */
+            v2v_winograd_backward(f.winograd, f.din, f.dweight, f.small, f.dout);
+            v2v_winograd_backward(keeping.winograd, keeping.din, keeping.dweight, in, keeping.dout);
+            assert_memory_equal(f.din, keeping.din, (size_t)f.small_floats * sizeof *f.din);
+            assert_memory_equal(f.dweight, keeping.dweight, (size_t)f.weights * sizeof *f.dweight);
+        }
+        fixture_free(&f);
+        fixture_fini(&keeping);
+    }
+}
+
 static void relative_error_stays_small_with_many_channels(void **state)
 {
     (void)state;
-    static const struct problem deep = {1024, 16, 16, 16, 0, 0, 0};
+    static const struct problem deep = {1024, 16, 16, 16, 0, 0, 0, 0};
     struct fixture f;
     fixture_init(&f, &deep);
     double error = 0.0, size = 0.0;
@@ -396,6 +437,7 @@ int main(void)
         cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
         cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
+        cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
         cmocka_unit_test(whole_rows_behind_a_part_have_the_bits_of_the_whole),
