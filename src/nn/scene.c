@@ -22,7 +22,8 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
                                int64_t height, int64_t width, const struct v2v_slab *slab)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->above, &scene->below,
+                                 &scene->dark};
     *scene = (struct v2v_scene){0};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         V2V_TRY(v2v_tiles_init(lists[i], v2v_slab_computed(slab), width));
@@ -40,7 +41,8 @@ done:
 
 void v2v_scene_fini(struct v2v_scene *scene)
 {
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->above, &scene->below,
+                                 &scene->dark};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         v2v_tiles_fini(lists[i]);
     }
@@ -90,15 +92,13 @@ static float find_sample(struct v2v_scene *scene)
     return least;
 }
 
-/* Is a tile within one tile of a marked one? */
+/* Is a tile of the row marked, within one of `column`? */
 static int touches(const uint8_t *mask, const struct v2v_tiles *tiles, int64_t row, int64_t column)
 {
-    for (int64_t y = row - 1; y <= row + 1; y++) {
-        for (int64_t x = column - 1; x <= column + 1; x++) {
-            if (y >= 0 && y < tiles->rows && x >= 0 && x < tiles->columns &&
-                mask[y * tiles->columns + x]) {
-                return 1;
-            }
+    for (int64_t x = column - 1; x <= column + 1; x++) {
+        if (row >= 0 && row < tiles->rows && x >= 0 && x < tiles->columns &&
+            mask[row * tiles->columns + x]) {
+            return 1;
         }
     }
     return 0;
@@ -122,18 +122,23 @@ static void mark_sample(struct v2v_scene *scene)
     }
 }
 
-/* The tiles that touch marked ones, and are not. */
+/* The tiles that are not marked, but touch marked ones in the row `apart` from theirs. */
+static void list_touching(struct v2v_scene *scene, struct v2v_tiles *list, int64_t apart)
+{
+    int64_t rows = list->rows, columns = list->columns;
+    uint8_t *halo = scene->mask + rows * columns;
+    for (int64_t i = 0; i < rows * columns; i++) {
+        halo[i] = !scene->mask[i] &&
+                  touches(scene->mask, &scene->computed, i / columns + apart, i % columns);
+    }
+    v2v_tiles_set(list, halo);
+}
+
 static void list_halo(struct v2v_scene *scene)
 {
-    const struct v2v_tiles *tiles = &scene->computed;
-    uint8_t *halo = scene->mask + tiles->rows * tiles->columns;
-    for (int64_t row = 0; row < tiles->rows; row++) {
-        for (int64_t column = 0; column < tiles->columns; column++) {
-            int64_t i = row * tiles->columns + column;
-            halo[i] = !scene->mask[i] && touches(scene->mask, tiles, row, column);
-        }
-    }
-    v2v_tiles_set(&scene->halo, halo);
+    list_touching(scene, &scene->halo, 0);
+    list_touching(scene, &scene->above, 1);
+    list_touching(scene, &scene->below, -1);
 }
 
 int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance)

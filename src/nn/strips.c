@@ -230,6 +230,15 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     }
 }
 
+/* What computed tiles read beyond their sides, of a step that is not the last. */
+static void fill_halo(const struct v2v_scene *scene, const struct v2v_tiles_image *image,
+                      const float *level)
+{
+    v2v_tiles_fill(&scene->halo, image, 0, TILE, level, 1);
+    v2v_tiles_fill(&scene->above, image, TILE - 1, TILE, level, 1);
+    v2v_tiles_fill(&scene->below, image, 0, 1, level, 1);
+}
+
 /* `measure`: the strip holds the sample, whose level is not known yet. */
 static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
                           const struct v2v_scene *scene, int64_t y, int measure)
@@ -245,7 +254,7 @@ static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data 
             measure_level(self->level[i], &image, scene);
         }
         if (scene != NULL && i < self->steps - 1) {
-            v2v_tiles_fill(&scene->halo, &image, self->level[i], 1);
+            fill_halo(scene, &image, self->level[i]);
         }
         before = image;
     }
@@ -262,7 +271,7 @@ static void compute_scene(struct v2v_strips *self, const struct v2v_strips_data 
         }
     }
     struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
-    v2v_tiles_fill(&scene->dark, &out, self->level[last], 1);
+    v2v_tiles_fill(&scene->dark, &out, 0, out.size, self->level[last], 1);
 }
 
 void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,

@@ -51,8 +51,8 @@ void v2v_tiles_set(struct v2v_tiles *tiles, const uint8_t *mask)
     }
 }
 
-void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
-                    const float *value, int64_t step)
+void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image, int64_t y0,
+                    int64_t y1, const float *value, int64_t step)
 {
     int64_t size = image->size, width = image->width;
     const struct v2v_tile_run *end = tiles->run + tiles->first[image->last];
@@ -61,9 +61,9 @@ void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image 
         float *channel = image->data + c * image->rows_held * width, level = value[c * step];
         for (const struct v2v_tile_run *run = tiles->run + tiles->first[image->first]; run < end;
              run++) {
-            int64_t y0 = (run->row - image->begin) * size, x0 = run->first * size;
+            int64_t row = (run->row - image->begin) * size, x0 = run->first * size;
             int64_t x1 = v2v_smaller(x0 + run->count * size, width);
-            for (int64_t y = y0; y < v2v_smaller(y0 + size, image->rows_held); y++) {
+            for (int64_t y = row + y0; y < v2v_smaller(row + y1, image->rows_held); y++) {
                 for (int64_t x = x0; x < x1; x++) {
                     channel[y * width + x] = level;
                 }

@@ -42,10 +42,10 @@ struct v2v_tiles_image {
     int64_t size; /**< pixels of a tile's side in this image: V2V_TILE or half of it */
 };
 
-/** Pixels of the listed tiles become value[channel * step]; these may lie in the image, in other
- *  tiles. @kind Local. */
-void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
-                    const float *value, int64_t step);
+/** Lines [y0,y1) of the listed tiles become value[channel * step]; these may lie in the image, in
+ *  other tiles. @kind Local. */
+void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image, int64_t y0,
+                    int64_t y1, const float *value, int64_t step);
 
 #ifdef __cplusplus
 }
