@@ -165,7 +165,9 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         }
     } else {
         V2V_TRY(prepare(session, command, arguments));
-        v2v_watchdog_set_period(session->config.parallel.watchdog_s);
+        /* a rank alone waits for nobody, and may take as long as it wants for a large frame */
+        v2v_watchdog_set_period(
+            v2v_comm_size(session->world) > 1 ? session->config.parallel.watchdog_s : 0.0);
         v2v_watchdog_disarm(); /* the start is over, and the period may be off */
         v2v_watchdog_beat(command->name);
         rc = command->run(arguments, session);

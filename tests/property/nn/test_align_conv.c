@@ -76,14 +76,16 @@ static void random_fill(float *x, int64_t count, uint64_t stream)
 
 static void setup(struct layer_case *c, const struct way *how)
 {
-    struct v2v_align_conv_spec spec = {
-        .views = listed,
-        .view_count = LISTED,
-        .features = FEATURES,
-        .out = OUT,
-        .slope = 1.0f,
-        .every_slice = how->every_slice,
-        .method = {how->backend, how->winograd, &c->workspace, how->precision}};
+    struct v2v_align_conv_spec spec = {.views = listed,
+                                       .view_count = LISTED,
+                                       .features = FEATURES,
+                                       .out = OUT,
+                                       .slope = 1.0f,
+                                       .every_slice = how->every_slice,
+                                       .method = {.backend = how->backend,
+                                                  .winograd = how->winograd,
+                                                  .workspace = &c->workspace,
+                                                  .precision = how->precision}};
     *c = (struct layer_case){0};
     for (int i = 0; i < VIEWS * SLICES; i++) {
         c->dy[i] = (int32_t)v2v_random_below(5, 0, (uint64_t)i, 2 * REACH + 1) - REACH;
