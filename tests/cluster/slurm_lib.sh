@@ -36,6 +36,8 @@ hurry() { # JOB
     case $(field "$1" JobState) in
     PENDING)
         sleep 5
+        # a node that still holds the old attempt refuses the new one, which Slurm then holds
+        [[ $(field "$1" Reason) != *held* ]] || scontrol release "$1"
         scontrol update jobid="$1" starttime=now timelimit=30 2>/dev/null # it may run by now
         ;;
     FAILED | CANCELLED | TIMEOUT | NODE_FAIL)
