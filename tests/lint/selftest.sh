@@ -90,7 +90,7 @@ shell|unquoted_job|jobs/train.sbatch
 jobs|no_requeue|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
 jobs|no_cap|killed again and again: five restarts: 7 requeues
 jobs|no_forward|jobs/train.sbatch: USR1 reaches the program
-jobs|no_resume|[train] [--psf]
+jobs|no_resume|[train] [--proof]
 jobs|late_signal|jobs/reconstruct.sbatch: asks Slurm
 '
 calls='atoi atol atof strcpy strcat sprintf vsprintf gets rand srand strtok system popen exit printf
