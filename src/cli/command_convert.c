@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/tiff.h"
+#include "v2v3d/par/watchdog.h"
 
 struct arguments {
     struct v2v_common common;
@@ -50,7 +51,7 @@ static enum v2v_status convert_volume(const struct arguments *given,
     V2V_TRY(v2v_volume_create(&writer, given->output, info, 1u << V2V_VOLUME_MEAN, attributes, 2,
                               session->world));
     for (int64_t t = 0; t < info->frames; t++) {
-        v2v_step_beat(session, "convert: a frame");
+        v2v_watchdog_beat("convert: a frame");
         rc = v2v_volume_read(volume, slices, t, mine.first, mine.count);
         V2V_TRY(v2v_par_agree(session->world, rc));
         V2V_TRY(v2v_step_write_slices(session, writer, slices, t, mine));
@@ -107,7 +108,7 @@ static enum v2v_status recording_to_hdf5(const char *output, struct v2v_recordin
     for (int64_t first = 0; first < info->frames; first += ranks) {
         int64_t t = first + v2v_comm_rank(session->world);
         int is_mine = t < info->frames;
-        v2v_step_beat(session, "convert: a frame");
+        v2v_watchdog_beat("convert: a frame");
         if (is_mine) {
             rc = v2v_recording_read(recording, views, t);
         }

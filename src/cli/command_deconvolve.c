@@ -3,6 +3,7 @@
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/recon/rld.h"
 
 enum { STOP_FIXED, STOP_HELDOUT, STOP_DISCREPANCY };
@@ -63,7 +64,7 @@ static enum v2v_status frames(const struct arguments *given, const struct v2v_se
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_progress_begin(&progress, "deconvolve", 0, info->frames);
     for (int64_t t = 0; t < info->frames; t++) {
-        v2v_step_beat(session, "deconvolve: a frame");
+        v2v_watchdog_beat("deconvolve: a frame");
         rc = v2v_recording_read(recording, views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_scaling_apply(scaling, views, info->views * pixels);

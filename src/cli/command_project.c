@@ -2,6 +2,7 @@
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"
+#include "v2v3d/par/watchdog.h"
 
 struct arguments {
     struct v2v_common common;
@@ -36,7 +37,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     V2V_TRY(v2v_recording_create(&writer, given->output, &info, session->world));
     v2v_progress_begin(&progress, "project", 0, info.frames);
     for (int64_t t = 0; t < info.frames; t++) {
-        v2v_step_beat(session, "project: a frame");
+        v2v_watchdog_beat("project: a frame");
         rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_projection_forward(&p, info.views);
@@ -71,7 +72,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
                               provenance.count, session->world));
     v2v_progress_begin(&progress, "back-project", 0, info.frames);
     for (int64_t t = 0; t < info.frames; t++) {
-        v2v_step_beat(session, "back-project: a frame");
+        v2v_watchdog_beat("back-project: a frame");
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_projection_adjoint(&p, psf->views);

@@ -1,5 +1,6 @@
 #include "cli/steps.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
@@ -99,25 +100,17 @@ static struct v2v_model_spec describe_model(const struct v2v_weights_info *info,
 /* Ranks take frames; where there are too few of them, branches and slabs of rows. Collective. */
 static enum v2v_status lay_out(struct v2v_grid *grid, struct v2v_session *session,
                                const struct v2v_model_spec *spec,
-                               const struct v2v_recording_info *recording)
+                               const struct v2v_recording_info *recording,
+                               const struct v2v_part *frames)
 {
-    enum v2v_status rc = V2V_OK;
     struct v2v_grid_work work;
     struct v2v_grid_shape wanted = {(int)session->config.parallel.branches,
                                     (int)session->config.parallel.shards};
-    struct v2v_grid_shape shape;
-    int ranks = v2v_comm_size(session->world);
     v2v_model_describe_work(&work, spec, recording->height, recording->width);
-    work.items = recording->frames;
+    work.items = v2v_smaller(recording->frames - frames->first, frames->count);
     work.most_bytes = (int64_t)(session->config.parallel.max_mem_gb * 1e9);
-    work.most_shards = session->config.parallel.reproducible ? 1 : ranks;
-    V2V_TRY(v2v_grid_choose(&shape, &wanted, &work, ranks));
-    V2V_TRY(v2v_grid_create(grid, session->world, &shape));
-    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
-            grid->branch_size, grid->shard_size,
-            ranks - grid->data_size * grid->branch_size * grid->shard_size);
-done:
-    return rc;
+    work.most_shards = session->config.parallel.reproducible ? 1 : v2v_comm_size(session->world);
+    return v2v_grid_lay_out(grid, session->world, &wanted, &work);
 }
 
 /* Local: the network with its weights; this rank holds the branches that the grid gives it. */
@@ -206,7 +199,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     }
     struct v2v_model_spec spec = describe_model(&network, session, precision);
-    V2V_TRY(lay_out(&grid, session, &spec, v2v_recording_info(recording)));
+    V2V_TRY(lay_out(&grid, session, &spec, v2v_recording_info(recording), &frames));
     if (!grid.idle) {
         rc = load_model(&model, given->weights, &spec, &psf, &grid);
     }

@@ -3,6 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <sys/stat.h>
@@ -134,7 +135,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                 .max_time_s = given->max_time_s};
     v2v_step_announce(session);
     rc = v2v_train_run(&job, &report, session->world);
-    v2v_step_beat(session, "the end of training");
+    v2v_watchdog_beat("the end of training");
     if (rc != V2V_OK && is_new_folder) {
         discard_empty_run(given->folder);
     }

@@ -6,6 +6,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/io/json.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/recon/rld.h"
 #include "v2v3d/tensor/statistics.h"
 #include <errno.h>
@@ -102,7 +103,7 @@ enum v2v_status v2v_demo_rld_curve(struct v2v_demo *demo)
     demo->best = 1;
     for (int64_t i = 0; i <= demo->iterations; i++) {
         struct v2v_scores scores;
-        v2v_step_beat(session, "demo: deconvolution");
+        v2v_watchdog_beat("demo: deconvolution");
         V2V_TRY(iterate(&frame, rld, i, session));
         rc = v2v_scores_of(&scores, frame.truth, frame.volume, frame.size.slices, frame.size.height,
                            frame.size.width, 0);

@@ -4,6 +4,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
+#include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 
 const char *const v2v_figure_names[V2V_FIGURE_COUNT] = {
@@ -75,7 +76,7 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     V2V_TRY(v2v_par_agree(session->world, rc));
     int64_t ranks = v2v_comm_size(session->world);
     for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
-        v2v_step_beat(session, "evaluate: a frame");
+        v2v_watchdog_beat("evaluate: a frame");
         rc = score_frame(evaluation, truth, volume, a, b, t, job->fit_scale);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -121,7 +122,7 @@ static enum v2v_status residual(struct v2v_evaluation *evaluation,
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     for (int64_t t = 0; t < info->frames; t++) {
-        v2v_step_beat(session, "evaluate: a frame's residual");
+        v2v_watchdog_beat("evaluate: a frame's residual");
         rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
         if (rc == V2V_OK) {
             rc = v2v_recording_read(recording, views, t);

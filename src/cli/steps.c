@@ -6,7 +6,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/psf.h"
-#include "v2v3d/par/watchdog.h"
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
@@ -339,9 +338,4 @@ enum v2v_status v2v_step_write_slices(const struct v2v_session *session,
     V2V_TRY(v2v_volume_mark_done(writer, v2v_step_on_root(session) ? t : -1));
 done:
     return rc;
-}
-
-void v2v_step_beat(const struct v2v_session *session, const char *what)
-{
-    v2v_watchdog_arm(session->config.parallel.watchdog_s, what);
 }

@@ -102,7 +102,4 @@ enum v2v_status v2v_step_write_slices(const struct v2v_session *session,
                                       struct v2v_volume_writer *writer, const float *slices,
                                       int64_t t, struct v2v_part mine) V2V_MUST_CHECK;
 
-/** Arm the watchdog anew: something was finished. `what` is a string literal. @kind Local */
-void v2v_step_beat(const struct v2v_session *session, const char *what);
-
 #endif

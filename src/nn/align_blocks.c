@@ -1,6 +1,7 @@
 #include "nn/align_blocks.h"
 
 #include "nn/align_gather.h"
+#include "nn/layer.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/blocks.h"
@@ -96,8 +97,8 @@ static enum v2v_status plan_winograd(struct v2v_align_blocks *self, const struct
                                        .plane = plane,
                                        .pitch = v2v_padded_pitch(like),
                                        .slope = self->spec.slope,
-                                       .training = training,
-                                       .keeps = training,
+                                       .training = training != V2V_TRAINING_OFF,
+                                       .keeps = training == V2V_TRAINING_KEEPS,
                                        .workspace = self->spec.method.workspace,
                                        .pool = self->spec.method.pool};
     v2v_winograd_destroy(&self->winograd);
@@ -116,7 +117,7 @@ static enum v2v_status plan_gather(struct v2v_align_blocks *self, const struct v
                                  .kernel = 3,
                                  .stride = 1,
                                  .slope = self->spec.slope,
-                                 .training = training,
+                                 .training = training != V2V_TRAINING_OFF,
                                  .method = self->spec.method};
     v2v_align_gather_destroy(&self->gather);
     V2V_TRY(v2v_align_gather_create(&self->gather, &conv, plane, v2v_padded_pitch(like)));

@@ -41,8 +41,8 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                  .slope = layer->slope,
                                  .upsample = layer->upsample,
                                  .method = *method,
-                                 .training = training};
-    spec.method.keeps = training;
+                                 .training = training != V2V_TRAINING_OFF};
+    spec.method.keeps = training == V2V_TRAINING_KEEPS;
     v2v_conv_destroy(&layer->conv);
     return v2v_conv_create(&layer->conv, &spec);
 }

@@ -30,6 +30,10 @@ void v2v_parameters_ready(const struct v2v_parameters *parameters, int64_t first
 enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fields,
                                   const char *prefix, const char *name) V2V_MUST_CHECK;
 
+/* What a plan does for backward passes: nothing; what they need; or keeping what they would
+ * transform again, too. */
+enum v2v_training { V2V_TRAINING_OFF, V2V_TRAINING_LEAN, V2V_TRAINING_KEEPS };
+
 /* (Re-)create the primitive for inputs of [batch,in,height,width]. */
 enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
                                int64_t width, const struct v2v_conv_method *method,

@@ -49,6 +49,12 @@ static struct v2v_conv_method encoder_method(struct v2v_model *model)
     return method;
 }
 
+/* Do full-size layers compute strips of rows, and tiles alone? */
+static int streams(struct v2v_model *model)
+{
+    return method_of(model).winograd && !model->training;
+}
+
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
 static enum v2v_status declare(struct v2v_model *model, const struct v2v_shifts *shifts)
 {
@@ -253,19 +259,23 @@ float *v2v_model_gradients(struct v2v_model *model)
     return model->gradients;
 }
 
+struct v2v_part v2v_model_rows_of(const struct v2v_model *model, int rank)
+{
+    int64_t ranks = v2v_comm_size(model->spec.shard);
+    struct v2v_slab slab = v2v_slab_cut(model->height, V2V_MODEL_GRID, ranks, rank);
+    return (struct v2v_part){slab.first, slab.rows};
+}
+
 struct v2v_part v2v_model_rows(const struct v2v_model *model)
 {
-    const struct v2v_slab *slab = v2v_slabs_at(model->slabs, 0);
-    if (v2v_comm_size(model->spec.shard) == 1) {
-        return (struct v2v_part){0, model->height};
-    }
-    return (struct v2v_part){slab->first, slab->rows};
+    return v2v_model_rows_of(model, v2v_comm_rank(model->spec.shard));
 }
 
 /* Per pixel: features, views as recorded and padded, volumes (of both branches as computed and as
  * written, and their mean), one view in the encoder (64 channels), the half-size layers of one
  * branch (4n channels at a time). Whatever the rows: strips, and weights with their transforms (16
- * layers, 4 times the values; the first one's are merged). Within a fifth of what was measured. */
+ * layers, 4 times the values; the first one's are merged). Of frames of 256 x 320 to 1024 x 1024 at
+ * width 128 it is a tenth to a fifth less than `reconstruct` plans. */
 void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_spec *spec,
                              int64_t height, int64_t width)
 {
@@ -396,10 +406,9 @@ done:
     return rc;
 }
 
-int v2v_model_skips(const struct v2v_model *model)
+int v2v_model_skips(struct v2v_model *model)
 {
-    return model->spec.skip > 0.0 &&
-           v2v_unet_knows_scenes(model->slab[0].unet[v2v_model_first_branch(model)]);
+    return model->spec.skip > 0.0 && streams(model);
 }
 
 static enum v2v_status plan_slab(struct v2v_model *model, int64_t local, int64_t strip_floats)
@@ -420,21 +429,26 @@ done:
     return rc;
 }
 
-/* Without training one view after the other goes through the encoder. `shares`: the U-Nets' packed
- * weights share memory. */
-static enum v2v_status plan(struct v2v_model *model, int64_t strip_floats, int shares)
+/* What a plan is made with. */
+struct economy {
+    int64_t strip_floats; /* of all slabs */
+    int shares;           /* the U-Nets' packed weights share memory */
+};
+
+/* Without training one view after the other goes through the encoder. */
+static enum v2v_status plan(struct v2v_model *model, const struct economy *economy)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_conv_method method = encoder_method(model);
     free_workspace(model);
-    model->packed.shares = shares;
+    model->packed.shares = economy->shares;
     V2V_TRY(plan_slabs(model));
     V2V_TRY(plan_gradients(model));
     struct v2v_encoder *encoder = model->slab[0].encoder[v2v_model_first_branch(model)];
     model->encoding_floats =
         model->training ? 0 : v2v_encoder_workspace(encoder, 1, model->height, model->width, 0);
     for (int64_t local = 0; local < model->held; local++) {
-        V2V_TRY(plan_slab(model, local, strip_floats / v2v_model_slabs(model)));
+        V2V_TRY(plan_slab(model, local, economy->strip_floats / v2v_model_slabs(model)));
     }
     if (!model->training) {
         V2V_TRY(v2v_encoder_plan(encoder, model->slab[0].workspace[0], &method));
@@ -444,36 +458,46 @@ done:
     return rc;
 }
 
-/* Two branches' packed weights take as much memory as a frame of 700 x 700 pixels at width 128;
- * packing them for every frame takes as long as computing 60 x 60 of its pixels. */
+/* At width 128 two branches' packed weights take as much memory as a frame of 880 x 880 pixels
+ * takes beside them; packing them for every frame takes as long as computing 47 x 47 of its pixels.
+ */
 static const int64_t large_frame = 768 * 768;
 
-static int can_share(const struct v2v_model *model)
+/* Packed weights of one branch at a time, for every frame. */
+static int can_share(struct v2v_model *model)
 {
-    return model->held == 1 && !model->training && model->spec.branches == V2V_BRANCH_BOTH &&
-           v2v_unet_knows_scenes(model->slab[0].unet[0]);
+    return streams(model) && model->held == 1 && model->spec.branches == V2V_BRANCH_BOTH;
 }
 
-/* A frame that is cut for its size's sake keeps one branch's weights at a time. Whenever memory is
- * short, that may fit, and then smaller strips: they cost rows that are computed twice. */
+/* One thing more to save memory by, at the price of time; 0: there is none. Smaller strips come
+ * last: they cost rows that are computed twice. */
+static int save_more(struct v2v_model *model, struct economy *economy)
+{
+    if (model->training == V2V_TRAINING_KEEPS) {
+        model->training = V2V_TRAINING_LEAN;
+    } else if (!economy->shares && can_share(model)) {
+        economy->shares = 1;
+    } else if (streams(model) && economy->strip_floats > V2V_STRIPS_LEAST_FLOATS) {
+        economy->strip_floats /= 2;
+    } else {
+        return 0;
+    }
+    return 1;
+}
+
+/* A frame that is cut for its size's sake keeps one branch's weights at a time from the start. */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width, int training)
 {
-    int64_t strip_floats = V2V_STRIPS_FLOATS;
     V2V_ASSERT(height % V2V_MODEL_GRID == 0 && width % V2V_MODEL_GRID == 0);
     model->height = height;
     model->width = width;
-    model->training = training;
-    int shares = 0;
-    enum v2v_status rc = plan(model, strip_floats, shares);
-    int is_cut = rc == V2V_OK && v2v_model_slabs(model) > 1 && height * width >= large_frame;
-    if ((rc == V2V_E_MEMORY || is_cut) && can_share(model)) {
-        shares = 1;
-        rc = plan(model, strip_floats, shares);
-    }
-    while (rc == V2V_E_MEMORY && strip_floats > V2V_STRIPS_LEAST_FLOATS &&
-           v2v_unet_knows_scenes(model->slab[0].unet[v2v_model_first_branch(model)])) {
-        strip_floats /= 2;
-        rc = plan(model, strip_floats, shares);
+    model->training = training ? V2V_TRAINING_KEEPS : V2V_TRAINING_OFF;
+    int is_cut = v2v_model_slabs(model) > 1 && height * width >= large_frame;
+    struct economy economy = {.strip_floats = V2V_STRIPS_FLOATS,
+                              .shares = is_cut && can_share(model)};
+    enum v2v_status rc = plan(model, &economy);
+    while (rc == V2V_E_MEMORY && save_more(model, &economy)) {
+        rc = plan(model, &economy);
     }
     if (rc == V2V_OK) {
         v2v_model_weights_changed(model);

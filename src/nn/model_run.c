@@ -144,20 +144,31 @@ static const struct v2v_scene *look(struct v2v_model *model, int64_t local, cons
     return scene;
 }
 
-/* volume [z,rows held,x] <- a slab's own rows of the network's output [z,rows computed,x]. */
+/* Where a slab's own rows of slice z begin: in what it computes [z,rows computed,x], and in the
+ * volumes of this rank [z,rows held,x]. */
+struct place {
+    int64_t computed, held;
+};
+
+static struct place place_of(const struct v2v_model *model, int64_t local, int64_t z)
+{
+    const struct v2v_slab *slab = v2v_slabs_at(model->slabs, local);
+    return (struct place){.computed = (z * v2v_slab_computed(slab) + slab->above) * model->width,
+                          .held =
+                              (z * held_rows(model) + rows_before(model, local)) * model->width};
+}
+
+/* A volume's rows from those that the network computed. */
 static void take_output(const struct v2v_model *model, float *volume, const float *output,
                         int64_t local)
 {
-    const struct v2v_slab *slab = v2v_slabs_at(model->slabs, local);
-    int64_t width = model->width, rows = v2v_slab_computed(slab), count = slab->rows * width;
-    int64_t held = held_rows(model), before = rows_before(model, local);
+    int64_t count = v2v_slabs_at(model->slabs, local)->rows * model->width;
     float factor = (float)model->spec.volume_scale;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < model->spec.slices; z++) {
-        const float *from = output + (z * rows + slab->above) * width;
-        float *to = volume + (z * held + before) * width;
+        struct place place = place_of(model, local, z);
         for (int64_t i = 0; i < count; i++) {
-            to[i] = from[i] * factor;
+            volume[place.held + i] = output[place.computed + i] * factor;
         }
     }
 }
@@ -167,18 +178,17 @@ static void take_gradient(const struct v2v_model *model, float *doutput, const f
                           int64_t local)
 {
     const struct v2v_slab *slab = v2v_slabs_at(model->slabs, local);
-    int64_t width = model->width, rows = v2v_slab_computed(slab), count = slab->rows * width;
-    int64_t held = held_rows(model), before = rows_before(model, local);
+    int64_t above = slab->above * model->width, below = slab->below * model->width;
+    int64_t count = slab->rows * model->width;
     float factor = (float)model->spec.volume_scale;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < model->spec.slices; z++) {
-        const float *from = dvolume + (z * held + before) * width;
-        float *to = doutput + z * rows * width;
-        memset(to, 0, (size_t)(slab->above * width) * sizeof *to);
-        memset(to + slab->above * width + count, 0, (size_t)(slab->below * width) * sizeof *to);
-        to += slab->above * width;
+        struct place place = place_of(model, local, z);
+        float *to = doutput + place.computed;
+        memset(to - above, 0, (size_t)above * sizeof *to);
+        memset(to + count, 0, (size_t)below * sizeof *to);
         for (int64_t i = 0; i < count; i++) {
-            to[i] = from[i] * factor;
+            to[i] = dvolume[place.held + i] * factor;
         }
     }
 }

@@ -33,7 +33,7 @@ struct v2v_model {
     int64_t encoder_floats;  /* of the arenas: the encoder's fields come first */
     int64_t ring;            /* of zeros about the feature planes: the farthest tap */
     int64_t height, width;
-    int training;
+    int training; /* enum v2v_training */
     int64_t held; /* slabs of this rank */
     struct v2v_model_slab *slab;
     struct v2v_padded *features, *dfeatures; /* [held] */
@@ -73,7 +73,7 @@ static inline struct v2v_part v2v_model_view_part(const struct v2v_model *model,
 }
 
 /* Is anything skipped? */
-int v2v_model_skips(const struct v2v_model *model);
+int v2v_model_skips(struct v2v_model *model);
 
 /* The slab has rows: its U-Nets are planned. */
 static inline int v2v_model_is_used(const struct v2v_model *model, int64_t local)

@@ -33,7 +33,7 @@ struct v2v_unet_size {
     int has_middle;        /* 1: the layers of a quarter of the frame's sides and less, too */
     int counts_middle;     /* 1: their gradients are this U-Net's, not another rank's */
     int64_t strip_floats;  /* that strips of rows may take */
-    int training;
+    int training;          /* enum v2v_training */
 };
 
 /* Floats of workspace for that size; then plan with that much memory, borrowed, and for features of
@@ -43,9 +43,6 @@ int64_t v2v_unet_workspace(struct v2v_unet *unet, const struct v2v_unet_size *si
 enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
                               const struct v2v_padded *like) V2V_MUST_CHECK;
 void v2v_unet_weights_changed(struct v2v_unet *unet, const struct v2v_parameters *parameters);
-
-/* Can it compute a scene's tiles alone? Only by minimal filtering, and not in training. */
-int v2v_unet_knows_scenes(const struct v2v_unet *unet);
 
 /* Forward in three parts, so that slabs can meet where the images are small.
  * enter: E1 (a quarter of the sides) of the rows computed; it is v2v_unet_e1 when the slab is the

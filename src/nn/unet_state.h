@@ -142,4 +142,7 @@ static inline int64_t skip_count(const struct v2v_unet *unet, int k)
     return channels(unet, layer_table[DOWN4 - k].in) * in_pixels(unet, UP1 + k);
 }
 
+/* Can it compute a scene's tiles alone? Only by minimal filtering, and not in training. */
+int v2v_unet_knows_scenes(const struct v2v_unet *unet);
+
 #endif

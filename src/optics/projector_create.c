@@ -76,6 +76,23 @@ done:
     return rc;
 }
 
+/* Ranks hold the rows of views and, split by slabs, of volumes. */
+static enum v2v_status create_slicing(struct v2v_projector *projector, int64_t slices)
+{
+    enum v2v_status rc = V2V_OK;
+    const int ranks = v2v_comm_size(projector->comm);
+    struct v2v_part *rows = NULL;
+    V2V_TRY(V2V_ALLOC(rows, "projector.cut", ranks));
+    for (int r = 0; r < ranks; r++) {
+        rows[r] = v2v_par_part(projector->height, ranks, r);
+    }
+    V2V_TRY(v2v_slicing_create(&projector->slicing, projector->comm, slices, projector->height,
+                               projector->width, rows));
+done:
+    v2v_mem_free(rows);
+    return rc;
+}
+
 static enum v2v_status create_local(struct v2v_projector *projector, const struct v2v_psf_file *psf,
                                     float **rows)
 {
@@ -88,6 +105,7 @@ static enum v2v_status create_local(struct v2v_projector *projector, const struc
                          (long long)projector->height, (long long)projector->width));
     }
     V2V_TRY(take_memory(projector, ranks));
+    V2V_TRY(create_slicing(projector, psf->slices));
     V2V_TRY(V2V_ALLOC(*rows, "projector.kernel",
                       v2v_mem_product(projector->threads, psf->height, layout->shape.nx)));
     if (layout->owners > 1) {
@@ -118,7 +136,6 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
         made->split = split;
         made->height = height;
         made->width = width;
-        made->all_slices = psf->slices;
         made->threads = omp_get_max_threads();
         made->scale = 1.0f;
         made->share.view_rows = my_rows;
@@ -152,6 +169,7 @@ void v2v_projector_destroy(struct v2v_projector **projector)
     }
     v2v_fft_slabs_destroy(&old->alone);
     v2v_fft_slabs_destroy(&old->together);
+    v2v_slicing_destroy(&old->slicing);
     v2v_mem_free(old);
     *projector = NULL;
 }

@@ -4,6 +4,7 @@
 
 #include "v2v3d/fft/slabs.h"
 #include "v2v3d/optics/projector.h"
+#include "v2v3d/par/slicing.h"
 
 /** A double-precision number of a spectrum, as ranks exchange them. */
 struct v2v_partial {
@@ -42,12 +43,13 @@ struct v2v_projector {
     struct v2v_projector_share share;
     enum v2v_split split;
     struct v2v_part columns; /* of the views' spectra, of this rank */
-    int64_t height, width, all_slices;
+    int64_t height, width;
     int threads;
     float scale;
     const struct v2v_comm *comm;         /* borrowed */
     struct v2v_fft_slabs *alone;         /* slices over several ranks: this rank's frames */
     struct v2v_fft_slabs *together;      /* frames that all ranks share */
+    struct v2v_slicing *slicing;         /* volumes between rows and slices */
     struct v2v_range *range;             /* [rounds * owners + 1]; the last one closes the table */
     struct v2v_block *block;             /* [blocks] */
     float *otf;                          /* [block,v,z,2,V2V_BLOCK]: read once, front to back */

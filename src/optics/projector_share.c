@@ -1,5 +1,4 @@
 #include "optics/projector_plan.h"
-#include "v2v3d/par/exchange.h"
 #include <string.h>
 
 void v2v_projector_gather_views(struct v2v_projector *projector, float *whole, const float *rows,
@@ -33,27 +32,7 @@ void v2v_projector_cut_views(const struct v2v_projector *projector, float *rows,
 
 struct v2v_part v2v_projector_slices(const struct v2v_projector *projector)
 {
-    return v2v_par_part(projector->all_slices, v2v_comm_size(projector->comm),
-                        v2v_comm_rank(projector->comm));
-}
-
-/* Parts of the j-th slice of every rank: in the share, this rank's rows of it; in the slices, each
- * rank's rows of this rank's. */
-static void list_parts(const struct v2v_projector *projector, struct v2v_part *in_share,
-                       struct v2v_part *in_slices, int64_t j)
-{
-    const int size = v2v_comm_size(projector->comm);
-    const struct v2v_part mine = v2v_projector_slices(projector);
-    const int64_t width = projector->width;
-    for (int r = 0; r < size; r++) {
-        const struct v2v_part slices = v2v_par_part(projector->all_slices, size, r);
-        const struct v2v_part rows = v2v_par_part(projector->height, size, r);
-        const int64_t my_rows = projector->share.rows.count * width;
-        in_share[r] =
-            (struct v2v_part){(slices.first + j) * my_rows, j < slices.count ? my_rows : 0};
-        in_slices[r] = (struct v2v_part){(j * projector->height + rows.first) * width,
-                                         j < mine.count ? rows.count * width : 0};
-    }
+    return v2v_slicing_own(projector->slicing);
 }
 
 static int is_held_by_slices(const struct v2v_projector *projector)
@@ -69,22 +48,12 @@ static void copy_share(const struct v2v_projector *projector, float *to, const f
     }
 }
 
-/* The rank with most slices, the first one, says how many turns there are. */
-static int64_t turns(const struct v2v_projector *projector)
-{
-    return v2v_par_part(projector->all_slices, v2v_comm_size(projector->comm), 0).count;
-}
-
 void v2v_projector_from_slices(struct v2v_projector *projector, float *volume, const float *slices)
 {
     if (is_held_by_slices(projector)) {
         copy_share(projector, volume, slices);
-        return;
-    }
-    for (int64_t j = 0; j < turns(projector); j++) {
-        list_parts(projector, projector->from, projector->to, j);
-        v2v_par_alltoall(projector->comm, volume, projector->from, slices, projector->to,
-                         sizeof *slices);
+    } else {
+        v2v_slicing_to_rows(projector->slicing, volume, slices);
     }
 }
 
@@ -92,11 +61,7 @@ void v2v_projector_to_slices(struct v2v_projector *projector, float *slices, con
 {
     if (is_held_by_slices(projector)) {
         copy_share(projector, slices, volume);
-        return;
-    }
-    for (int64_t j = 0; j < turns(projector); j++) {
-        list_parts(projector, projector->to, projector->from, j);
-        v2v_par_alltoall(projector->comm, slices, projector->from, volume, projector->to,
-                         sizeof *volume);
+    } else {
+        v2v_slicing_to_slices(projector->slicing, slices, volume);
     }
 }

@@ -1,6 +1,7 @@
 #include "v2v3d/par/bucket_sum.h"
 
 #include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 
 #include <limits.h>
@@ -44,11 +45,6 @@ struct v2v_bucket_sum {
 
 /* ---- create ---- */
 
-static int64_t shorter(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 static int largest_level(const struct v2v_bucket_sum *sum)
 {
     int most = 1;
@@ -79,7 +75,7 @@ static void cut_run(struct v2v_bucket_sum *sum, const struct v2v_bucket_setup *s
 {
     V2V_ASSERT((run->levels >> V2V_LEVEL_DATA & 1) != 0);
     for (int64_t left = run->count; left > 0;) {
-        int64_t count = shorter(left, setup->bucket);
+        int64_t count = v2v_smaller(left, setup->bucket);
         struct bucket *bucket = &sum->bucket[sum->buckets++];
         left -= count;
         *bucket = (struct bucket){.part = {{.first = run->first + left, .count = count}},
@@ -111,7 +107,7 @@ static enum v2v_status take_memory(struct v2v_bucket_sum *sum, const struct v2v_
     }
     sum->oldest = buckets;
     if (largest > 1) {
-        sum->slots = (int)shorter(buckets, SLOTS);
+        sum->slots = (int)v2v_smaller(buckets, SLOTS);
         sum->slot_floats = setup->bucket + largest;
         V2V_TRY(
             V2V_ALLOC(sum->slot, "par.buckets", v2v_mem_product(sum->slots, sum->slot_floats, 1)));
@@ -186,7 +182,7 @@ static void add_in_order(float *out, const float *start, const float *const *x, 
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i += BLOCK) {
         float sum[BLOCK];
-        int64_t block = shorter(count - i, BLOCK);
+        int64_t block = v2v_smaller(count - i, BLOCK);
         if (start != NULL) {
             memcpy(sum, start + i, (size_t)block * sizeof *sum);
         } else {
@@ -398,7 +394,7 @@ void v2v_bucket_sum_ready(struct v2v_bucket_sum *sum, int64_t first, int64_t cou
     for (int64_t k = sum->oldest; k < sum->buckets; k++) {
         struct v2v_part whole = sum->bucket[k].part[0];
         int64_t from = first > whole.first ? first : whole.first;
-        int64_t to = shorter(first + count, whole.first + whole.count);
+        int64_t to = v2v_smaller(first + count, whole.first + whole.count);
         if (to > from) {
             V2V_ASSERT(sum->bucket[k].missing >= to - from);
             sum->bucket[k].missing -= to - from;

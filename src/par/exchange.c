@@ -1,6 +1,7 @@
 #include "v2v3d/par/exchange.h"
 
 #include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
 
 #include <string.h>
 
@@ -15,25 +16,23 @@ static MPI_Datatype type_of(size_t word)
 
 static int piece_of(struct v2v_part part, int64_t done)
 {
-    int64_t left = part.count - done;
-    return left < PIECE ? (int)left : PIECE;
+    return (int)v2v_smaller(part.count - done, PIECE);
 }
 
 /** Send one part to `to` and receive one from `from`, in pieces that both sides count alike. */
 static void trade(const struct v2v_comm *comm, char *received, struct v2v_part from_part, int from,
                   const char *sent, struct v2v_part to_part, int to, size_t word)
 {
-    enum { TAG = 2 };
     double began = v2v_clock_now();
     for (int64_t done = 0; done < from_part.count || done < to_part.count; done += PIECE) {
         MPI_Request request[2] = {MPI_REQUEST_NULL, MPI_REQUEST_NULL};
         if (done < from_part.count) {
             MPI_Irecv(received + (size_t)(from_part.first + done) * word, piece_of(from_part, done),
-                      type_of(word), from, TAG, v2v_comm_mpi(comm), &request[0]);
+                      type_of(word), from, V2V_TAG_PARTS, v2v_comm_mpi(comm), &request[0]);
         }
         if (done < to_part.count) {
             MPI_Isend(sent + (size_t)(to_part.first + done) * word, piece_of(to_part, done),
-                      type_of(word), to, TAG, v2v_comm_mpi(comm), &request[1]);
+                      type_of(word), to, V2V_TAG_PARTS, v2v_comm_mpi(comm), &request[1]);
         }
         MPI_Waitall(2, request, MPI_STATUSES_IGNORE);
     }

@@ -1,12 +1,14 @@
 #include "v2v3d/par/grid.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
 
 enum { BRANCHES = 2 };
 
-/* Of a frame's work on one rank: what every rank of a shard does, measured at width 128; and what a
- * pair loses by exchanging volumes and by what both do. */
-static const double whole_share = 0.04, pair_loss = 1.03;
+/* Parts of a frame's multiply-adds on psf/2psam at width 128: what every rank of a shard does, a
+ * quarter of the sides and less; and how much more than half a frame the larger branch of a pair
+ * takes, which ends later: it has more merged taps. */
+static const double whole_share = 0.02, pair_loss = 1.04;
 
 static enum v2v_status check(const struct v2v_grid_shape *shape, int ranks)
 {
@@ -117,6 +119,22 @@ done:
     if (rc != V2V_OK) {
         v2v_grid_destroy(grid);
     }
+    return rc;
+}
+
+enum v2v_status v2v_grid_lay_out(struct v2v_grid *grid, struct v2v_comm *world,
+                                 const struct v2v_grid_shape *wanted,
+                                 const struct v2v_grid_work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grid_shape shape;
+    int ranks = v2v_comm_size(world);
+    V2V_TRY(v2v_grid_choose(&shape, wanted, work, ranks));
+    V2V_TRY(v2v_grid_create(grid, world, &shape));
+    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
+            grid->branch_size, grid->shard_size,
+            ranks - grid->data_size * grid->branch_size * grid->shard_size);
+done:
     return rc;
 }
 

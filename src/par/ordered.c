@@ -1,4 +1,5 @@
 #include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
 
 #include <string.h>
 
@@ -8,11 +9,6 @@ static int64_t piece_length(const struct v2v_comm *comm)
     int64_t size = v2v_comm_size(comm);
     V2V_ASSERT(size <= V2V_PAR_SCRATCH);
     return V2V_PAR_SCRATCH / size * size;
-}
-
-static int64_t shorter(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
 }
 
 static void add(float *sum, const float *x, int64_t count)
@@ -34,9 +30,8 @@ static void list_parts(const struct v2v_comm *comm, int *counts, int *offsets, i
     }
 }
 
-/* Every rank's values of this rank's part come side by side; then sum += each of them in order. */
-static void add_piece(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
-                      float *scratch, int from_zero)
+/* Every rank's values of this rank's part come side by side; their sum in order replaces them. */
+static void add_piece(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)
 {
     int size = v2v_comm_size(comm);
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
@@ -49,55 +44,31 @@ static void add_piece(const struct v2v_comm *comm, float *sum, const float *x, i
     }
     MPI_Alltoallv(x, counts, offsets, MPI_FLOAT, scratch, taken, places, MPI_FLOAT,
                   v2v_comm_mpi(comm));
-    if (from_zero) {
-        memset(sum + mine.first, 0, (size_t)mine.count * sizeof *sum);
-    }
+    memset(x + mine.first, 0, (size_t)mine.count * sizeof *x);
     for (int r = 0; r < size; r++) {
-        add(sum + mine.first, scratch + places[r], mine.count);
+        add(x + mine.first, scratch + places[r], mine.count);
     }
 }
 
-void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
-                             float *scratch)
-{
-    V2V_ASSERT(count >= 0);
-    if (v2v_comm_size(comm) == 1) {
-        add(sum, x, count);
-        return;
-    }
-    double began = v2v_clock_now();
-    int64_t length = piece_length(comm);
-    for (int64_t i = 0; i < count; i += length) {
-        add_piece(comm, sum + i, x + i, shorter(count - i, length), scratch, 0);
-    }
-    v2v_par_spent(V2V_PAR_SUM, began);
-}
-
-void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count)
+void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)
 {
     int size = v2v_comm_size(comm);
+    V2V_ASSERT(count >= 0);
     if (size == 1) {
         return;
     }
     double began = v2v_clock_now();
     int64_t length = piece_length(comm);
+    for (int64_t i = 0; i < count; i += length) {
+        add_piece(comm, x + i, v2v_smaller(count - i, length), scratch);
+    }
+    v2v_par_spent(V2V_PAR_SUM, began);
+    began = v2v_clock_now();
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
     for (int64_t i = 0; i < count; i += length) {
-        list_parts(comm, counts, offsets, shorter(count - i, length));
-        MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, sum + i, counts, offsets, MPI_FLOAT,
+        list_parts(comm, counts, offsets, v2v_smaller(count - i, length));
+        MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, x + i, counts, offsets, MPI_FLOAT,
                        v2v_comm_mpi(comm));
     }
     v2v_par_spent(V2V_PAR_SPREAD, began);
-}
-
-void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)
-{
-    if (v2v_comm_size(comm) == 1) {
-        return;
-    }
-    int64_t length = piece_length(comm);
-    for (int64_t i = 0; i < count; i += length) {
-        add_piece(comm, x + i, x + i, shorter(count - i, length), scratch, 1);
-    }
-    v2v_par_share_f32(comm, x, count);
 }

@@ -109,7 +109,6 @@ void v2v_par_allgather_f32(const struct v2v_comm *comm, float *out, const float 
 void v2v_par_exchange_f32(const struct v2v_comm *comm, float *received, const float *sent,
                           int64_t count, int other)
 {
-    enum { TAG = 1 };
     V2V_ASSERT(count >= 0 && other >= 0 && other < v2v_comm_size(comm));
     if (other == v2v_comm_rank(comm)) {
         if (count > 0) {
@@ -120,8 +119,8 @@ void v2v_par_exchange_f32(const struct v2v_comm *comm, float *received, const fl
     double began = v2v_clock_now();
     for (int64_t i = 0; i < count; i += PIECE) {
         int piece = piece_count(count - i);
-        MPI_Sendrecv(sent + i, piece, MPI_FLOAT, other, TAG, received + i, piece, MPI_FLOAT, other,
-                     TAG, v2v_comm_mpi(comm), MPI_STATUS_IGNORE);
+        MPI_Sendrecv(sent + i, piece, MPI_FLOAT, other, V2V_TAG_PAIR, received + i, piece,
+                     MPI_FLOAT, other, V2V_TAG_PAIR, v2v_comm_mpi(comm), MPI_STATUS_IGNORE);
     }
     v2v_par_spent(V2V_PAR_EXCHANGE, began);
 }

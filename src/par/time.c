@@ -11,15 +11,6 @@ void v2v_par_spent(enum v2v_par_kind kind, double began)
     account[kind] += v2v_clock_now() - began;
 }
 
-double v2v_par_seconds(void)
-{
-    double sum = 0.0;
-    for (int kind = 0; kind < V2V_PAR_KINDS; kind++) {
-        sum += account[kind];
-    }
-    return sum;
-}
-
 struct v2v_par_time v2v_par_time_now(void)
 {
     struct v2v_par_time now = {.clock = v2v_clock_now()};
@@ -27,6 +18,15 @@ struct v2v_par_time v2v_par_time_now(void)
         now.spent[kind] = account[kind];
     }
     return now;
+}
+
+double v2v_par_spent_between(const struct v2v_par_time *from, const struct v2v_par_time *to)
+{
+    double sum = 0.0;
+    for (int kind = 0; kind < V2V_PAR_KINDS; kind++) {
+        sum += to->spent[kind] - from->spent[kind];
+    }
+    return sum;
 }
 
 struct v2v_par_shares v2v_par_shares_since(const struct v2v_comm *comm,

@@ -47,12 +47,10 @@ static MPI_Request *next_request(struct v2v_transfers *self, int64_t count)
     return &self->request[self->pending++];
 }
 
-enum { TAG = 2 };
-
 void v2v_transfers_send(struct v2v_transfers *self, const float *x, int64_t count, int to)
 {
     if (count != 0) {
-        MPI_Isend(x, (int)count, MPI_FLOAT, to, TAG, v2v_comm_mpi(self->comm),
+        MPI_Isend(x, (int)count, MPI_FLOAT, to, V2V_TAG_TRANSFER, v2v_comm_mpi(self->comm),
                   next_request(self, count));
     }
 }
@@ -60,7 +58,7 @@ void v2v_transfers_send(struct v2v_transfers *self, const float *x, int64_t coun
 void v2v_transfers_receive(struct v2v_transfers *self, float *x, int64_t count, int from)
 {
     if (count != 0) {
-        MPI_Irecv(x, (int)count, MPI_FLOAT, from, TAG, v2v_comm_mpi(self->comm),
+        MPI_Irecv(x, (int)count, MPI_FLOAT, from, V2V_TAG_TRANSFER, v2v_comm_mpi(self->comm),
                   next_request(self, count));
     }
 }

@@ -1,11 +1,11 @@
 #include "v2v3d/recon/network.h"
 
-#include "recon/slices.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/par/slicing.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
@@ -24,19 +24,65 @@ struct job {
     int64_t own_rows;                    /* .. and what of them is not padding */
     float *recorded;                     /* [v,y,x] as recorded */
     float *padded;                       /* [v,y,x] what the network takes */
-    float *memory[2];                    /* of the outputs, then of slices on their way */
     float *output[2];                    /* [z,rows,x] padded; NULL for a branch not held */
-    float *branch[2];         /* [z,own rows,x] in units of the recording; NULL likewise */
-    float *mean;              /* [z,own rows,x] */
-    struct v2v_slices *whole; /* makes whole slices of all ranks' rows */
-    double parts[2];          /* computed of the frames so far, and how many */
-    int64_t rounds;           /* done: every attempt gets one further (RELIABILITY 5) */
+    float *branch[2];            /* [z,own rows,x] in units of the recording; NULL likewise */
+    float *mean;                 /* [z,own rows,x] */
+    struct v2v_slicing *slicing; /* rows of all ranks of the shard and whole slices; NULL: alone */
+    float *whole;                /* [z of this rank,y,x], in an output that was cut already */
+    double parts[2];             /* computed of the frames so far, and how many */
+    int64_t rounds;              /* done: every attempt gets one further (RELIABILITY 5) */
 };
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
 static int holds(const struct v2v_grid *grid, int b)
 {
     return !grid->idle && (grid->branch_size == 1 || grid->branch_rank == b);
+}
+
+/** Local: rows of the frame, without its padding, that a rank of the shard computes. */
+static struct v2v_part own_rows(const struct job *job, int rank)
+{
+    struct v2v_part rows = v2v_model_rows_of(job->model, rank);
+    return (struct v2v_part){rows.first, v2v_within(job->height - rows.first, 0, rows.count)};
+}
+
+/** Local: where ranks share frames. */
+static enum v2v_status plan_slicing(struct job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_comm *shard = job->grid->shard;
+    struct v2v_part *rows = NULL;
+    V2V_TRY(V2V_ALLOC(rows, "recon.slices", v2v_comm_size(shard)));
+    for (int r = 0; r < v2v_comm_size(shard); r++) {
+        rows[r] = own_rows(job, r);
+    }
+    V2V_TRY(v2v_slicing_create(&job->slicing, shard, job->slices, job->height, job->width, rows));
+done:
+    v2v_mem_free(rows);
+    return rc;
+}
+
+/** Local: the outputs of the branches held; the first one's memory is that of whole slices too. */
+static enum v2v_status take_volumes(struct job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t volume = v2v_mem_product(job->slices, job->own_rows, job->width);
+    int64_t output = v2v_mem_product(job->slices, job->rows.count, job->padded_width);
+    int64_t whole = job->slicing == NULL ? 0
+                                         : v2v_mem_product(v2v_slicing_own(job->slicing).count,
+                                                           job->height, job->width);
+    V2V_TRY(V2V_ALLOC(job->mean, "recon.volumes", volume));
+    for (int b = 0; b < 2; b++) {
+        if (holds(job->grid, b)) {
+            int is_first = job->whole == NULL;
+            int64_t floats = is_first && whole > output ? whole : output;
+            V2V_TRY(V2V_ALLOC(job->output[b], "recon.volumes", floats));
+            V2V_TRY(V2V_ALLOC(job->branch[b], "recon.volumes", volume));
+            job->whole = is_first ? job->output[b] : job->whole;
+        }
+    }
+done:
+    return rc;
 }
 
 /** Local: sizes, plan and memory. An idle rank needs none of them. */
@@ -66,27 +112,15 @@ static enum v2v_status job_plan(struct job *job)
     job->padded_width = v2v_pad_size(info->width, V2V_MODEL_GRID);
     V2V_TRY(v2v_model_plan(job->model, job->padded_height, job->padded_width, 0));
     job->rows = v2v_model_rows(job->model);
-    job->own_rows = v2v_within(job->height - job->rows.first, 0, job->rows.count);
+    job->own_rows = own_rows(job, v2v_comm_rank(job->grid->shard)).count;
     V2V_TRY(V2V_ALLOC(job->recorded, "recon.views",
                       v2v_mem_product(job->views, job->height, job->width)));
     V2V_TRY(V2V_ALLOC(job->padded, "recon.views",
                       v2v_mem_product(job->views, job->padded_height, job->padded_width)));
-    int64_t volume = v2v_mem_product(job->slices, job->own_rows, job->width);
-    V2V_TRY(V2V_ALLOC(job->mean, "recon.volumes", volume));
-    int64_t output = v2v_mem_product(job->slices, job->rows.count, job->padded_width);
-    int64_t whole = v2v_slices_floats(job->slices, job->height, job->width, job->grid->shard);
-    for (int b = 0; b < 2; b++) {
-        int held = holds(job->grid, b);
-        int64_t floats = !held || whole > output ? whole : output;
-        V2V_TRY(V2V_ALLOC(job->memory[b], "recon.volumes", floats));
-        if (held) {
-            job->output[b] = job->memory[b];
-            V2V_TRY(V2V_ALLOC(job->branch[b], "recon.volumes", volume));
-        }
+    if (job->grid->shard_size > 1) {
+        V2V_TRY(plan_slicing(job));
     }
-    V2V_TRY(v2v_slices_create(&job->whole, job->slices, job->height, job->width,
-                              (struct v2v_part){job->rows.first, job->own_rows}, job->memory,
-                              job->grid->shard));
+    V2V_TRY(take_volumes(job));
 done:
     return rc;
 }
@@ -95,9 +129,9 @@ static void job_fini(struct job *job)
 {
     for (int b = 0; b < 2; b++) {
         v2v_mem_free(job->branch[b]);
-        v2v_mem_free(job->memory[b]);
+        v2v_mem_free(job->output[b]);
     }
-    v2v_slices_destroy(&job->whole);
+    v2v_slicing_destroy(&job->slicing);
     v2v_mem_free(job->mean);
     v2v_mem_free(job->padded);
     v2v_mem_free(job->recorded);
@@ -185,10 +219,20 @@ static void average(struct job *job)
     }
 }
 
+/** Collective(shard): the slices of a volume that this rank writes; `rows` itself on a rank alone.
+ */
+static const float *make_slices(struct job *job, const float *rows)
+{
+    if (job->slicing == NULL) {
+        return rows;
+    }
+    v2v_slicing_to_slices(job->slicing, job->whole, rows);
+    return job->whole;
+}
+
 /** Collective(world): every rank of a shard gets some slices as a whole. It writes those of its
  *  branch, and a pair's ranks half of the mean each; a rank without a frame takes part with
- * nothing.
- */
+ *  nothing. */
 static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
 {
     enum v2v_status rc = V2V_OK;
@@ -197,15 +241,15 @@ static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
     const float *slices = NULL;
     int64_t frame = t >= 0 ? t : 0;
     if (t >= 0) {
-        own = v2v_slices_own(job->whole);
+        own = v2v_par_part(job->slices, grid->shard_size, grid->shard_rank);
         half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
-        slices = v2v_slices_make(job->whole, job->mean) + half.first * job->height * job->width;
+        slices = make_slices(job, job->mean) + half.first * job->height * job->width;
     }
     V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
                              half.count));
     for (int b = 0; branches && b < 2; b++) {
         int is_held = t >= 0 && holds(grid, b);
-        slices = is_held ? v2v_slices_make(job->whole, job->branch[b]) : NULL;
+        slices = is_held ? make_slices(job, job->branch[b]) : NULL;
         V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_BRANCH1 + b, slices, frame, own.first,
                                  is_held ? own.count : 0));
     }

@@ -104,10 +104,6 @@ enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
                                    const struct v2v_par_time *began)
 {
     struct v2v_par_time now = v2v_par_time_now();
-    double communication = 0.0;
-    for (int kind = 0; kind < V2V_PAR_KINDS; kind++) {
-        communication += now.spent[kind] - began->spent[kind];
-    }
     const double *terms = result->terms;
     const struct v2v_json_item items[] = {
         {.name = "step", .number = (double)step, .count = -1},
@@ -119,7 +115,7 @@ enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
         {.name = "total", .number = terms[V2V_LOSS_TOTAL], .count = -1},
         {.name = "grad_norm", .number = result->grad_norm, .count = -1},
         {.name = "seconds", .number = now.clock - began->clock, .count = -1},
-        {.name = "communication", .number = communication, .count = -1},
+        {.name = "communication", .number = v2v_par_spent_between(began, &now), .count = -1},
     };
     if (folder->log == NULL) {
         return V2V_OK;

@@ -69,7 +69,7 @@ static enum v2v_status checkpoint(struct run *run)
     if (run->checkpointed == run->step) {
         goto done;
     }
-    v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "writing a checkpoint");
+    v2v_watchdog_beat("writing a checkpoint");
     if (run->job->config->train.check_every > 0) { /* else a bad one could replace a good one */
         V2V_TRY(v2v_alike_weights(&run->trainer, run->step));
     }
@@ -162,7 +162,7 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
     struct v2v_step_votes votes = {0};
     while (run->step < run->job->config->train.steps) {
         struct v2v_par_time began = v2v_par_time_now();
-        v2v_watchdog_arm(run->job->config->parallel.watchdog_s, "a training step");
+        v2v_watchdog_beat("a training step");
         votes.stop = wants_to_stop(run);
         votes.checkpoint = checkpoint_due(run);
         V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, &votes));
@@ -197,11 +197,10 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
         report->communication = shares.mean;
     }
 done:
-    v2v_watchdog_arm(job->config->parallel.watchdog_s, "the end of training");
+    v2v_watchdog_beat("the end of training");
     report->steps = run.step;
     report->seconds = v2v_clock_now() - run.started;
     v2v_trainer_destroy(&run.trainer);
     v2v_run_folder_leave(&run.folder);
-    v2v_watchdog_disarm();
     return rc;
 }

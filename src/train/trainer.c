@@ -170,16 +170,10 @@ static enum v2v_status count_slabs(struct v2v_trainer *trainer, struct v2v_grid_
 static enum v2v_status lay_out(struct v2v_trainer *trainer, struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_grid *grid = &trainer->grid;
-    struct v2v_grid_shape wanted, shape;
+    struct v2v_grid_shape wanted;
     struct v2v_grid_work work = {.items = trainer->config->train.batch, .height = 1, .unit = 1};
-    int ranks = v2v_comm_size(comm);
-    V2V_TRY(count_slabs(trainer, &wanted, ranks));
-    V2V_TRY(v2v_grid_choose(&shape, &wanted, &work, ranks));
-    V2V_TRY(v2v_grid_create(grid, comm, &shape));
-    v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
-            grid->branch_size, grid->shard_size,
-            ranks - grid->data_size * grid->branch_size * grid->shard_size);
+    V2V_TRY(count_slabs(trainer, &wanted, v2v_comm_size(comm)));
+    V2V_TRY(v2v_grid_lay_out(&trainer->grid, comm, &wanted, &work));
 done:
     return rc;
 }

@@ -86,7 +86,8 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
  *  minimal filtering computes full-size layers in strips of rows; where memory is limited, or a
  *  large frame is cut into slabs, it packs the weights of one branch at a time, for every frame,
- *  and where that is not enough the strips are smaller.
+ *  and where that is not enough the strips are smaller. Training where memory is limited transforms
+ *  inputs again that it would keep.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;
@@ -94,6 +95,8 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
 /** Rows of the volumes that this rank computes: all, or its slab's; none where there are fewer rows
  *  than slabs. After v2v_model_plan. @kind Local. */
 struct v2v_part v2v_model_rows(const struct v2v_model *model);
+/** Likewise rank `rank` of the shard. @kind Local. */
+struct v2v_part v2v_model_rows_of(const struct v2v_model *model, int rank);
 
 /** Volumes of the branches that this rank holds from all views; weights that changed since the last
  *  call need v2v_model_weights_changed before.

@@ -56,17 +56,9 @@ void v2v_par_sum_f32(const struct v2v_comm *comm, float *x, int64_t count);
 void v2v_par_sum_f64(const struct v2v_comm *comm, double *x, int64_t count);
 void v2v_par_sum_i64(const struct v2v_comm *comm, int64_t *x, int64_t count);
 
-/** Reproducible sum: sum += x of rank 0, then of rank 1, ..: n contributions over r ranks in n/r
- * calls get the same bits for every r. Each rank keeps a part of `sum` up to date, until
- * v2v_par_share_f32 has spread the parts. @param scratch V2V_PAR_SCRATCH floats
- *  @kind Collective(comm) */
+/** Reproducible sum: x = its sum over the ranks, added up in their order from 0 on. @param scratch
+ *  V2V_PAR_SCRATCH floats. @kind Collective(comm) */
 enum { V2V_PAR_SCRATCH = 1 << 20 };
-void v2v_par_add_ordered_f32(const struct v2v_comm *comm, float *sum, const float *x, int64_t count,
-                             float *scratch);
-void v2v_par_share_f32(const struct v2v_comm *comm, float *sum, int64_t count);
-
-/** x = its sum over the ranks, added up in their order from 0 on. @param scratch V2V_PAR_SCRATCH
- *  floats. @kind Collective(comm) */
 void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t count, float *scratch);
 
 /** Maximum in place. @kind Collective(comm) */

@@ -46,11 +46,18 @@ struct v2v_grid {
     struct v2v_comm *column; /**< ranks that hold the same slab and branch: data_size ranks */
 };
 
-/** Lay the world out. Ranks that are left over are idle, each with communicators of its own.
+/** Lay the world out in this shape. Ranks that are left over are idle, each with communicators of
+ * its own.
  *  @kind Collective(world). @return V2V_OK | V2V_E_CONFIG (a shape of more ranks than there are) |
  *  V2V_E_MEMORY */
 enum v2v_status v2v_grid_create(struct v2v_grid *grid, struct v2v_comm *world,
                                 const struct v2v_grid_shape *shape) V2V_MUST_CHECK;
+
+/** Choose the shape (v2v_grid_choose), lay the world out in it and log it. @kind Collective(world).
+ *  @return as the two above */
+enum v2v_status v2v_grid_lay_out(struct v2v_grid *grid, struct v2v_comm *world,
+                                 const struct v2v_grid_shape *wanted,
+                                 const struct v2v_grid_work *work) V2V_MUST_CHECK;
 
 /** @kind Collective(world) */
 void v2v_grid_destroy(struct v2v_grid *grid);

@@ -28,12 +28,12 @@ struct v2v_par_shares {
     double kind[V2V_PAR_KINDS]; /**< means over ranks, by kind */
 };
 
-/** Seconds that this rank has spent inside this room's collectives so far, waiting included.
- *  @kind Local. */
-double v2v_par_seconds(void);
-
 /** @kind Local. */
 struct v2v_par_time v2v_par_time_now(void);
+
+/** Seconds from one moment to another that this rank spent inside this room's collectives, waiting
+ *  included. @kind Local. */
+double v2v_par_spent_between(const struct v2v_par_time *from, const struct v2v_par_time *to);
 
 /** The parts of the time since `since` that the ranks spent on communication.
  *  @kind Collective(comm) */

@@ -1,5 +1,4 @@
-/* Sums in a fixed order: what a contribution's number says counts, not the process that brings it.
- */
+/* Sums in a fixed order: a contribution's place counts, not the process that brings it. */
 #include "support.h"
 
 #include "v2v3d/base/memory.h"
@@ -8,7 +7,7 @@
 #include <omp.h>
 #include <string.h>
 
-enum { COUNT = V2V_PAR_SCRATCH / 8 + 13, ITEMS = 12 }; /* 12 = lcm(1, 2, 3, 4) */
+enum { COUNT = V2V_PAR_SCRATCH / 8 + 13, ITEMS = 12 };
 
 /* Sizes from 1 to 1e6 and both signs: almost every other order gives other bits. */
 static float contribution(int64_t item, int64_t i)
@@ -35,19 +34,15 @@ static void add_alone(float *sum, int64_t first, int64_t last, int64_t step)
     }
 }
 
-/* All items over the ranks of comm: rank r brings r, r + size, .. */
+/* Rank r of comm brings item r. */
 static void add_together(float *sum, const struct v2v_comm *comm)
 {
-    float *x = make(COUNT), *scratch = make(V2V_PAR_SCRATCH);
-    for (int64_t item = v2v_comm_rank(comm); item < ITEMS; item += v2v_comm_size(comm)) {
-        for (int64_t i = 0; i < COUNT; i++) {
-            x[i] = contribution(item, i);
-        }
-        v2v_par_add_ordered_f32(comm, sum, x, COUNT, scratch);
+    float *scratch = make(V2V_PAR_SCRATCH);
+    for (int64_t i = 0; i < COUNT; i++) {
+        sum[i] = contribution(v2v_comm_rank(comm), i);
     }
-    v2v_par_share_f32(comm, sum, COUNT);
+    v2v_par_sum_ordered_f32(comm, sum, COUNT, scratch);
     v2v_mem_free(scratch);
-    v2v_mem_free(x);
 }
 
 static void permuted_ranks_and_any_threads_give_one_ranks_bits(void **state)
@@ -58,13 +53,12 @@ static void permuted_ranks_and_any_threads_give_one_ranks_bits(void **state)
     const int key[ORDERS] = {rank, -rank, (rank + 1) % size};
     float *alone = make(COUNT), *sum = make(COUNT);
     (void)state;
-    add_alone(alone, 0, ITEMS, 1);
+    add_alone(alone, 0, size, 1);
     print_message("%-14s %8s %s\n", "ranks", "threads", "sum of one rank");
     for (int order = 0; order < ORDERS; order++) {
         struct v2v_comm *comm = NULL;
         assert_ok(v2v_comm_split(&comm, test_world(), 0, key[order]));
         for (int threads = 1; threads <= 4; threads *= 2) {
-            memset(sum, 0, COUNT * sizeof *sum);
             omp_set_num_threads(threads);
             add_together(sum, comm);
             omp_set_num_threads(1);

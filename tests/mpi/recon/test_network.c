@@ -147,7 +147,7 @@ static enum v2v_status reconstruct(const char *folder, const char *path,
 
 /* One network on one machine with one thread count repeats its bits; what may differ is the
  * division by the gain, exact for a power of two, and with slabs of rows the round-off of another
- * tiling: 36 layers' sums of up to 1500 products, 6e-8 each, of voxels of this size: their root is
+ * tiling: 18 layers' sums of up to 1500 products, 6e-8 each, of voxels of this size: their root is
  * below 1e-5 of it. */
 static void assert_dataset(const char *path, const char *dataset, const float *reference, int slabs)
 {

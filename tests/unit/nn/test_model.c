@@ -353,6 +353,66 @@ static void a_memory_limit_shares_weights_then_makes_strips_smaller(void **state
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+static void run_training(struct v2v_model *model, float *gradients)
+{
+    static float volume[BRANCHES][VOXELS], dvolume[VOXELS];
+    int64_t floats = v2v_model_fields(model)->total;
+    fill(views, VIEWS * PIXELS, 0);
+    fill(dvolume, VOXELS, 5);
+    memset(v2v_model_gradients(model), 0, (size_t)floats * sizeof *gradients);
+    v2v_model_forward(model, volume[0], volume[1], views);
+    v2v_model_backward(model, dvolume, dvolume);
+    memcpy(gradients, v2v_model_gradients(model), (size_t)floats * sizeof *gradients);
+}
+
+static void training_under_a_memory_limit_gives_the_same_bits(void **state)
+{
+    (void)state;
+    struct v2v_model_spec spec = small;
+    struct v2v_fields fields;
+    float *gradients[2];
+    size_t held[2];
+    spec.winograd = 1;
+    assert_ok(v2v_model_schema(&fields, &spec));
+    for (int i = 0; i < 2; i++) {
+        assert_ok(V2V_ALLOC(gradients[i], "test", fields.total));
+    }
+    for (int i = 0; i < 2; i++) {
+        struct v2v_model *model = create(&spec);
+        v2v_mem_set_limit(i > 0 ? held[0] - 1 : 0);
+        assert_ok(v2v_model_plan(model, SIDE, SIDE, 1));
+        held[i] = v2v_mem_held();
+        run_training(model, gradients[i]);
+        v2v_model_destroy(&model);
+    }
+    v2v_mem_set_limit(0);
+    assert_true(held[1] < held[0]);
+    assert_memory_equal(gradients[0], gradients[1], (size_t)fields.total * sizeof **gradients);
+    v2v_mem_free(gradients[0]);
+    v2v_mem_free(gradients[1]);
+    v2v_fields_fini(&fields);
+}
+
+/* An estimate that the choice of a grid rests on: a fifth off is no other choice. */
+static void described_work_is_what_a_plan_takes(void **state)
+{
+    (void)state;
+    struct v2v_model_spec spec = small;
+    struct v2v_grid_work work;
+    spec.width = 128;
+    spec.winograd = 1;
+    struct v2v_model *model = create(&spec);
+    size_t before = v2v_mem_held();
+    assert_ok(v2v_model_plan(model, 256, 256, 0));
+    double planned = (double)(v2v_mem_held() - before);
+    v2v_model_describe_work(&work, &spec, 256, 250);
+    print_message("%.3g GB planned, %.3g GB described\n", 1e-9 * planned,
+                  1e-9 * (double)work.bytes);
+    assert_int_equal(work.height, 256);
+    assert_true((double)work.bytes >= 0.75 * planned && (double)work.bytes <= 1.5 * planned);
+    v2v_model_destroy(&model);
+}
+
 /* ---- weights ---- */
 
 static void changed_weights_count(const struct v2v_model_spec *spec)
@@ -502,6 +562,8 @@ int main(void)
         cmocka_unit_test(a_frame_without_background_has_the_bits_of_no_skipping),
         cmocka_unit_test(skipping_keeps_what_holds_light),
         cmocka_unit_test(a_memory_limit_shares_weights_then_makes_strips_smaller),
+        cmocka_unit_test(training_under_a_memory_limit_gives_the_same_bits),
+        cmocka_unit_test(described_work_is_what_a_plan_takes),
         cmocka_unit_test(replanning_for_another_size_and_back_gives_the_same_bits),
         cmocka_unit_test(changed_weights_count_once_they_are_announced),
         cmocka_unit_test(gradients_of_the_branches_add_up),
