@@ -22,8 +22,7 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
                                int64_t height, int64_t width, const struct v2v_slab *slab)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->above, &scene->below,
-                                 &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->above, &scene->below, &scene->dark};
     *scene = (struct v2v_scene){0};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         V2V_TRY(v2v_tiles_init(lists[i], v2v_slab_computed(slab), width));
@@ -41,8 +40,7 @@ done:
 
 void v2v_scene_fini(struct v2v_scene *scene)
 {
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->halo, &scene->above, &scene->below,
-                                 &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->above, &scene->below, &scene->dark};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         v2v_tiles_fini(lists[i]);
     }
@@ -126,19 +124,12 @@ static void mark_sample(struct v2v_scene *scene)
 static void list_touching(struct v2v_scene *scene, struct v2v_tiles *list, int64_t apart)
 {
     int64_t rows = list->rows, columns = list->columns;
-    uint8_t *halo = scene->mask + rows * columns;
+    uint8_t *touching = scene->mask + rows * columns;
     for (int64_t i = 0; i < rows * columns; i++) {
-        halo[i] = !scene->mask[i] &&
-                  touches(scene->mask, &scene->computed, i / columns + apart, i % columns);
+        touching[i] = !scene->mask[i] &&
+                      touches(scene->mask, &scene->computed, i / columns + apart, i % columns);
     }
-    v2v_tiles_set(list, halo);
-}
-
-static void list_halo(struct v2v_scene *scene)
-{
-    list_touching(scene, &scene->halo, 0);
-    list_touching(scene, &scene->above, 1);
-    list_touching(scene, &scene->below, -1);
+    v2v_tiles_set(list, touching);
 }
 
 int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance)
@@ -156,7 +147,8 @@ int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance
     mark(scene, least, 0);
     mark_sample(scene);
     v2v_tiles_set(&scene->computed, scene->mask);
-    list_halo(scene);
+    list_touching(scene, &scene->above, 1);
+    list_touching(scene, &scene->below, -1);
     v2v_scene_half_set(&scene->half, &scene->computed, &scene->dark, scene->sample_row,
                        scene->sample_column);
     return (double)scene->computed.count <= most_share * (double)tiles;

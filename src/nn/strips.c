@@ -191,11 +191,13 @@ static struct v2v_tiles_image behind(const struct v2v_strips *self,
     return image;
 }
 
-/* Compute the tiles of step i in the rows of `image` from what the step before left. */
+/* Compute the tiles of step i in the rows of `image` from what the step before left; beside a
+ * scene's tiles there is background. */
 static void compute(const struct v2v_strips *self, const struct v2v_strips_data *data, int64_t i,
-                    const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
+                    const struct v2v_scene *scene, const struct v2v_tiles_image *image,
                     const struct v2v_tiles_image *before)
 {
+    const struct v2v_tiles *tiles = scene != NULL ? &scene->computed : &self->all;
     struct v2v_winograd_part part = {.run = tiles->run + tiles->first[image->first],
                                      .runs = tiles->first[image->last] - tiles->first[image->first],
                                      .first_row = image->begin};
@@ -205,6 +207,7 @@ static void compute(const struct v2v_strips *self, const struct v2v_strips_data 
     }
     const float *in = i > 0 ? before->data : data->images;
     part.shift = i > 0 ? -before->begin * TILE * self->spec.width : 0;
+    part.beside = i > 0 && scene != NULL ? self->level[i - 1] : NULL;
     v2v_winograd_forward_part(self->filter[i], image->data, in, &part);
 }
 
@@ -230,11 +233,10 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     }
 }
 
-/* What computed tiles read beyond their sides, of a step that is not the last. */
-static void fill_halo(const struct v2v_scene *scene, const struct v2v_tiles_image *image,
-                      const float *level)
+/* What computed tiles read above and below them, of a step that is not the last. */
+static void fill_lines(const struct v2v_scene *scene, const struct v2v_tiles_image *image,
+                       const float *level)
 {
-    v2v_tiles_fill(&scene->halo, image, 0, TILE, level, 1);
     v2v_tiles_fill(&scene->above, image, TILE - 1, TILE, level, 1);
     v2v_tiles_fill(&scene->below, image, 0, 1, level, 1);
 }
@@ -249,12 +251,12 @@ static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data 
         int64_t first = v2v_within(y - margin(self, i), 0, height);
         int64_t last = v2v_within(end + margin(self, i), 0, height);
         image = behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
-        compute(self, data, i, scene != NULL ? &scene->computed : &self->all, &image, &before);
+        compute(self, data, i, scene, &image, &before);
         if (measure) {
             measure_level(self->level[i], &image, scene);
         }
         if (scene != NULL && i < self->steps - 1) {
-            fill_halo(scene, &image, self->level[i]);
+            fill_lines(scene, &image, self->level[i]);
         }
         before = image;
     }

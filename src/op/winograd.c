@@ -267,9 +267,8 @@ static void transform_input(const struct v2v_winograd *self, const struct chunk 
 {
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t i = 0; i < self->spec.in; i++) {
-        const struct v2v_plane *plane = &self->plane[i];
-        v2v_rows_input(&chunk->rows, chunk->input + i * TILES, self->in8, base, plane,
-                       plane + (i + 1 < self->spec.in));
+        v2v_rows_input(&chunk->rows, chunk->input + i * TILES, self->in8, base, self->plane, i,
+                       i + 1 < self->spec.in ? i + 1 : i);
     }
 }
 
@@ -454,6 +453,7 @@ void v2v_winograd_forward_part(struct v2v_winograd *self, float *out, const floa
         runs = chunk.rows.runs;
         chunk.rows.shift = part->shift;
         chunk.rows.first_row = part->first_row;
+        chunk.rows.beside = part->beside;
         transform_input(self, &chunk, base);
         multiply(self, &chunk);
         transform_output(self, &chunk, out);

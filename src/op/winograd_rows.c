@@ -168,7 +168,8 @@ static void load_pairs(float *restrict line, int64_t start, int64_t length,
 /* Where a run of a batch lies in a plane: pixels [start, start + 4 * tiles + 2) of six rows. */
 struct piece {
     int64_t row, start, tiles;
-    int inside; /* the plane */
+    int inside;      /* the plane */
+    int left, right; /* the run ends here, and the plane does not */
 };
 
 /* What a batch reads of a plane. */
@@ -176,26 +177,32 @@ struct reading {
     struct batch batch;
     const float *pixels; /* of the plane */
     const struct v2v_plane *plane;
+    const float *beside; /* of its channel; NULL: what lies there */
     struct piece piece[BATCH];
 };
 
 /* Of the batch that is in `reading` already. */
 static void read_from(struct reading *reading, const struct rows *rows, const float *base,
-                      const struct v2v_plane *plane)
+                      const struct v2v_plane *planes, int64_t channel)
 {
     const struct batch *batch = &reading->batch;
+    const struct v2v_plane *plane = &planes[channel];
     int64_t tile = 0;
     reading->pixels = base + plane->offset + rows->shift;
     reading->plane = plane;
+    reading->beside = rows->beside != NULL ? &rows->beside[channel] : NULL;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
+        const struct v2v_tile_run *whole = &batch->run[r];
         int64_t y = run.row * TILE - 1, x = run.first * TILE - 1;
+        int left = x >= plane->x0, right = x + run.count * TILE + 2 <= plane->x1;
         reading->piece[r] =
             (struct piece){.row = y,
                            .start = x,
                            .tiles = run.count,
-                           .inside = y >= plane->y0 && y + POINTS <= plane->y1 && x >= plane->x0 &&
-                                     x + run.count * TILE + 2 <= plane->x1};
+                           .inside = y >= plane->y0 && y + POINTS <= plane->y1 && left && right,
+                           .left = left && run.first == whole->first,
+                           .right = right && run.first + run.count == whole->first + whole->count};
         tile += run.count;
     }
 }
@@ -204,6 +211,17 @@ static const float *piece_row(const struct rows *rows, const struct reading *rea
                               const struct piece *piece, int64_t i)
 {
     return reading->pixels + ((piece->row + i) >> rows->half) * rows->pitch;
+}
+
+/* The tiles' own lines: those above and below them lie in memory. */
+static void set_beside(float *line, const struct piece *piece, float value)
+{
+    if (piece->left) {
+        line[0] = value;
+    }
+    if (piece->right) {
+        line[piece->tiles * TILE + 1] = value;
+    }
 }
 
 /* Line i of a batch, split into its phases. */
@@ -226,6 +244,9 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
             memset(line, 0, (size_t)length * sizeof *line);
         } else {
             load_pixels(rows, line, piece->start, length, row, reading->plane);
+        }
+        if (reading->beside != NULL && i > 0 && i <= TILE) {
+            set_beside(line, piece, *reading->beside);
         }
         line += piece->tiles * TILE;
         memcpy(beyond[r], line, sizeof beyond[r]);
@@ -349,14 +370,14 @@ static int is_under(const struct rows *rows, const struct batch *batch,
 }
 
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
-                    const struct v2v_plane *plane, const struct v2v_plane *following)
+                    const struct v2v_plane *plane, int64_t channel, int64_t following)
 {
     struct scratch scratch = thread_scratch(rows);
     struct reading reading[2], *now = &reading[0], *next = &reading[1], *swap;
     const struct v2v_tile_run *above = NULL;
     int64_t step = scratch.step, left = rows->runs;
     now->batch = first_batch(rows);
-    read_from(now, rows, base, plane);
+    read_from(now, rows, base, plane, channel);
     while (left > 0) {
         int64_t known = is_under(rows, &now->batch, above) ? 2 : 0;
         next->batch = next_batch(rows, &now->batch);
@@ -364,7 +385,7 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
         if (left == 0) {
             next->batch = first_batch(rows);
         }
-        read_from(next, rows, base, left > 0 ? plane : following);
+        read_from(next, rows, base, plane, left > 0 ? channel : following);
         memcpy(scratch.points, line_points(&scratch, TILE),
                (size_t)(known * POINTS * step) * sizeof *scratch.points);
         for (int64_t i = known; i < POINTS; i++) {

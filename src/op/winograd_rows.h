@@ -21,7 +21,8 @@ struct rows {
     int64_t shift;         /**< added to the planes' offsets */
     int64_t pitch;         /**< of the input planes */
     int half;
-    float *lines; /**< scratch of all threads */
+    const float *beside; /**< v2v_winograd_part */
+    float *lines;        /**< scratch of all threads */
     int64_t line_floats;
 };
 
@@ -32,10 +33,10 @@ int64_t v2v_rows_point(int64_t panels, int64_t channels);
 /** Scratch of one thread. */
 int64_t v2v_rows_floats(int64_t tiles_x);
 
-/** `values` points to the channel's first value of `channels`; `following`: the plane that this
- *  thread takes next, or the same one. */
+/** `values` points to the channel's first value of `channels`; this thread takes `following` next,
+ *  or the same one. @param plane those of all channels */
 void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, const float *base,
-                    const struct v2v_plane *plane, const struct v2v_plane *following);
+                    const struct v2v_plane *plane, int64_t channel, int64_t following);
 /** Adjoint: adds to the plane. */
 void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2v_plane *plane,
                            const float *values, int64_t channels);

@@ -64,6 +64,20 @@ static void abort_after_bug(void)
     v2v_par_abort(v2v_status_exit_code(V2V_E_INTERNAL));
 }
 
+/* Launchers speak PMIx or PMI to what they start. */
+static int is_alone(void)
+{
+    return getenv("PMIX_NAMESPACE") == NULL && getenv("PMI_RANK") == NULL &&
+           getenv("PMI_FD") == NULL;
+}
+
+/* No network needs to be looked for: half of the start's 0.4 s. */
+static void start_alone(void)
+{
+    setenv("OMPI_MCA_pml", "ob1", 0);
+    setenv("OMPI_MCA_btl", "self", 0);
+}
+
 enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
 {
     enum v2v_status rc = V2V_OK;
@@ -73,6 +87,9 @@ enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
      * every output of ranks on several hosts, which a killed run leaves behind; the component named
      * here is for one host alone. */
     setenv("OMPI_MCA_sharedfp", "sm", 0);
+    if (is_alone()) {
+        start_alone();
+    }
     MPI_Init_thread(argc, argv, MPI_THREAD_FUNNELED, &provided);
     MPI_Comm_size(MPI_COMM_WORLD, &size);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);

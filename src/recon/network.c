@@ -142,6 +142,7 @@ static void job_fini(struct job *job)
 static enum v2v_status cut(struct job *job, int b, int64_t t)
 {
     double units = 1 / job->scaling->gain;
+#pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < job->slices; z++) {
         for (int64_t y = 0; y < job->own_rows; y++) {
             const float *in = job->output[b] + (z * job->rows.count + y) * job->padded_width;
@@ -206,13 +207,12 @@ done:
 static void average(struct job *job)
 {
     int64_t count = job->slices * job->own_rows * job->width;
+    const float *first = job->branch[0] != NULL ? job->branch[0] : job->branch[1];
+    const float *second = first == job->branch[0] ? job->branch[1] : NULL;
+#pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        job->mean[i] = 0;
-    }
-    for (int b = 0; b < 2; b++) {
-        for (int64_t i = 0; job->branch[b] != NULL && i < count; i++) {
-            job->mean[i] += 0.5f * job->branch[b][i];
-        }
+        float sum = 0.0f + 0.5f * first[i];
+        job->mean[i] = second != NULL ? sum + 0.5f * second[i] : sum;
     }
     if (job->grid->branch_size == 2) {
         v2v_par_sum_f32(job->grid->pair, job->mean, count);

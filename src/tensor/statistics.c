@@ -186,17 +186,17 @@ static int is_special(float value)
 
 int64_t v2v_first_not_finite(const float *x, int64_t count)
 {
+    int64_t found = count;
+#pragma omp parallel for schedule(static) reduction(min : found)
     for (int64_t first = 0; first < count; first += SCAN) {
         int64_t end = count - first < SCAN ? count : first + SCAN;
         int special = 0;
         for (int64_t i = first; i < end; i++) {
             special |= is_special(x[i]);
         }
-        for (int64_t i = first; special && i < end; i++) {
-            if (is_special(x[i])) {
-                return i;
-            }
+        for (int64_t i = end - 1; special && i >= first; i--) {
+            found = is_special(x[i]) && i < found ? i : found;
         }
     }
-    return -1;
+    return found < count ? found : -1;
 }

@@ -358,6 +358,42 @@ static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **sta
     fixture_fini(&f);
 }
 
+/* As if those values lay in memory; runs that begin or end with the frame, and one that is longer
+ * than what goes through the transforms together. */
+static void what_is_beside_a_run_replaces_what_lies_there(void **state)
+{
+    (void)state;
+    enum { ROWS = 20, SIDE = 318, IN = 5, OUT = 9 };
+    static const struct problem problem = {.in = IN, .out = OUT, .height = ROWS, .width = SIDE};
+    static const struct v2v_tile_run runs[] = {{0, 0, 3}, {0, 5, 70}, {2, 70, 10}, {4, 11, 1}};
+    static const float beside[IN] = {3.0f, -2.0f, 0.5f, 7.0f, -4.0f};
+    struct fixture f;
+    fixture_init(&f, &problem);
+    struct v2v_winograd_part part = {.run = runs, .runs = 4};
+    float *lying = draw(f.out_floats, 11), *given = draw(f.out_floats, 11);
+    float *image = draw(f.small_floats, 1);
+    for (int64_t i = 0; i < IN * 4 * 4; i++) {
+        const struct v2v_tile_run *run = &runs[i % 4];
+        int64_t left = run->first * 4 - 1, right = (run->first + run->count) * 4;
+        float *row = image + (i / 16 * ROWS + run->row * 4 + i / 4 % 4) * SIDE;
+        if (left >= 0) {
+            row[left] = beside[i / 16];
+        }
+        if (right < SIDE) {
+            row[right] = beside[i / 16];
+        }
+    }
+    v2v_winograd_forward_part(f.winograd, lying, image, &part);
+    part.beside = beside;
+    v2v_winograd_forward_part(f.winograd, given, f.small, &part);
+    assert_memory_equal(lying, given, (size_t)f.out_floats * sizeof *given);
+    assert_memory_not_equal(image, f.small, (size_t)f.small_floats * sizeof *image);
+    v2v_mem_free(image);
+    v2v_mem_free(lying);
+    v2v_mem_free(given);
+    fixture_fini(&f);
+}
+
 /* Whole rows behind a part of one: they share batches with it, or do not, but never its lines. */
 static void whole_rows_behind_a_part_have_the_bits_of_the_whole(void **state)
 {
@@ -440,6 +476,7 @@ int main(void)
         cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
+        cmocka_unit_test(what_is_beside_a_run_replaces_what_lies_there),
         cmocka_unit_test(whole_rows_behind_a_part_have_the_bits_of_the_whole),
         cmocka_unit_test(stride_two_takes_every_second_row_and_column),
         cmocka_unit_test(shifted_planes_of_one_owner_read_and_add_up),
