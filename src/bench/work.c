@@ -24,8 +24,8 @@ static int is_in_unet(const struct v2v_net_layer *layer)
     return layer >= v2v_net_unet && layer < end;
 }
 
-static double weights_of(const struct v2v_net_layer *layer, const struct v2v_model_spec *spec,
-                         int64_t branch_views)
+double v2v_work_weights(const struct v2v_net_layer *layer, const struct v2v_model_spec *spec,
+                        int64_t branch_views)
 {
     int in_unet = is_in_unet(layer);
     return (double)layer->kernel * layer->kernel *
@@ -36,7 +36,7 @@ static double weights_of(const struct v2v_net_layer *layer, const struct v2v_mod
 double v2v_work_layer(const struct v2v_net_layer *layer, const struct v2v_model_spec *spec,
                       int64_t branch_views)
 {
-    return weights_of(layer, spec, branch_views) * output_density(layer);
+    return v2v_work_weights(layer, spec, branch_views) * output_density(layer);
 }
 
 /* `times` passes of a layer over frames of `pixels`, that share its weights. */
@@ -51,7 +51,7 @@ static void add_layer(struct v2v_work *work, const struct v2v_net_layer *layer,
     double out =
         (double)v2v_net_channels(layer->out, in_unet, spec, branch_views) * output_density(layer);
     work->macs += share * times * pixels * v2v_work_layer(layer, spec, branch_views);
-    work->bytes += (times * pixels * (in + out) + weights_of(layer, spec, branch_views)) *
+    work->bytes += (times * pixels * (in + out) + v2v_work_weights(layer, spec, branch_views)) *
                    (double)sizeof(float);
 }
 
@@ -82,26 +82,43 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_work_of_layer(struct v2v_work *work, const struct v2v_net_layer *layer,
+                                  const struct v2v_model_spec *spec,
+                                  const struct v2v_shifts *shifts, int branch, double pixels)
+{
+    enum v2v_status rc = V2V_OK;
+    int32_t *list = NULL;
+    *work = (struct v2v_work){0};
+    V2V_TRY(V2V_ALLOC(list, "bench.views", spec->views));
+    int64_t branch_views = v2v_branch_views(list, spec->views, branch);
+    if (layer == v2v_net_unet) {
+        V2V_TRY(add_first(work, spec, shifts, list, branch_views, pixels));
+    } else {
+        add_layer(work, layer, spec, branch_views, 1.0, pixels);
+    }
+done:
+    v2v_mem_free(list);
+    return rc;
+}
+
 enum v2v_status v2v_work_of(struct v2v_work *work, const struct v2v_model_spec *spec,
                             const struct v2v_shifts *shifts, int64_t height, int64_t width)
 {
     enum { BRANCHES = 2 };
     enum v2v_status rc = V2V_OK;
-    int32_t *list = NULL;
+    struct v2v_work one;
     double pixels = (double)height * (double)width;
     *work = (struct v2v_work){0};
-    V2V_TRY(V2V_ALLOC(list, "bench.views", spec->views));
     for (const struct v2v_net_layer *layer = v2v_net_encoder; layer->name != NULL; layer++) {
         add_layer(work, layer, spec, 0, (double)spec->views, pixels);
     }
     for (int b = 0; b < BRANCHES; b++) {
-        int64_t branch_views = v2v_branch_views(list, spec->views, b);
-        V2V_TRY(add_first(work, spec, shifts, list, branch_views, pixels));
-        for (const struct v2v_net_layer *layer = v2v_net_unet + 1; layer->name != NULL; layer++) {
-            add_layer(work, layer, spec, branch_views, 1.0, pixels);
+        for (const struct v2v_net_layer *layer = v2v_net_unet; layer->name != NULL; layer++) {
+            V2V_TRY(v2v_work_of_layer(&one, layer, spec, shifts, b, pixels));
+            work->macs += one.macs;
+            work->bytes += one.bytes;
         }
     }
 done:
-    v2v_mem_free(list);
     return rc;
 }

@@ -17,6 +17,17 @@ struct v2v_work {
 double v2v_work_layer(const struct v2v_net_layer *layer, const struct v2v_model_spec *spec,
                       int64_t branch_views);
 
+/** Weights of a layer, biases left out. @kind Local */
+double v2v_work_weights(const struct v2v_net_layer *layer, const struct v2v_model_spec *spec,
+                        int64_t branch_views);
+
+/** One pass of one layer of the encoder (one view) or of the U-Net of branch 0 or 1, over a frame
+ *  of `pixels`, counted as v2v_work_of does. @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_work_of_layer(struct v2v_work *work, const struct v2v_net_layer *layer,
+                                  const struct v2v_model_spec *spec,
+                                  const struct v2v_shifts *shifts, int branch,
+                                  double pixels) V2V_MUST_CHECK;
+
 /** One forward pass of both branches over a frame of [height,width].
  *
  *  macs: the sum over layers, less what the specification's shortcuts leave out:
