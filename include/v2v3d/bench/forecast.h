@@ -117,9 +117,9 @@ struct v2v_forecast_speed {
 };
 
 /** Fill in the machine's threads, mac_s, crowd and inside: the network with weights by rule over a
- *  frame of `side` x `side` pixels, on one rank and on all at once, the best of two passes each.
- *  crowd is 1 where a host has one rank. The link is measured where the ranks are on several hosts.
- *  All ranks get the same figures.
+ *  frame of `side` x `side` pixels, on one rank and on all at once, the median of three passes
+ * each. crowd is 1 where a host has one rank. The link is measured where the ranks are on several
+ * hosts. All ranks get the same figures.
  *  @kind Collective(world). @param host the ranks of this rank's host
  *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL; agreed */
 enum v2v_status v2v_forecast_measure(struct v2v_forecast_machine *machine,
