@@ -27,7 +27,7 @@ struct bench {
     float *volume[BRANCHES], *dvolume[BRANCHES]; /* of a frame; of a step: its first part */
     float *step_views;                           /* [v,step_size,step_size] */
     struct v2v_loss *loss;                       /* of a step */
-    double *forward, *step;                      /* seconds [rows, repeat] */
+    double *forward, *step, *step_forward;       /* seconds [rows, repeat]; the last within step */
 };
 
 static struct v2v_judge *judge_of(struct bench *bench, int64_t width)
@@ -75,6 +75,7 @@ static enum v2v_status take_memory(struct bench *bench)
         V2V_ALLOC(bench->step_views, "bench.views", v2v_mem_product(job->psf->views, side, side)));
     V2V_TRY(V2V_ALLOC(bench->forward, "bench.seconds", V2V_BENCH_MOST_ROWS * job->repeat));
     V2V_TRY(V2V_ALLOC(bench->step, "bench.seconds", V2V_BENCH_MOST_ROWS * job->repeat));
+    V2V_TRY(V2V_ALLOC(bench->step_forward, "bench.seconds", V2V_BENCH_MOST_ROWS * job->repeat));
     cut_step_views(bench);
     V2V_TRY(v2v_loss_create(&bench->loss, &setup));
 done:
@@ -112,8 +113,9 @@ static double time_forward(struct bench *bench, struct v2v_model *model)
     return v2v_clock_now() - started;
 }
 
-/* Forward, losses, backward, Adam, new weights. */
-static void run_step(struct bench *bench, struct v2v_model *model, float *m, float *v, int64_t step)
+/* Forward, losses, backward, Adam, new weights. Returns the forward pass's seconds. */
+static double run_step(struct bench *bench, struct v2v_model *model, float *m, float *v,
+                       int64_t step)
 {
     const struct v2v_train_settings *train = &bench->job->config->train;
     const float *const volume[BRANCHES] = {bench->volume[0], bench->volume[1]};
@@ -124,16 +126,20 @@ static void run_step(struct bench *bench, struct v2v_model *model, float *m, flo
                             .beta2 = train->beta2,
                             .epsilon = train->epsilon};
     memset(v2v_model_gradients(model), 0, (size_t)total * sizeof(float));
+    double forward_s = v2v_clock_now();
     v2v_model_forward(model, bench->volume[0], bench->volume[1], bench->step_views);
+    forward_s = v2v_clock_now() - forward_s;
     v2v_loss_evaluate(bench->loss, terms, V2V_BRANCH_BOTH, bench->dvolume, volume,
                       bench->step_views);
     v2v_model_backward(model, bench->dvolume[0], bench->dvolume[1]);
     v2v_adam_step(&adam, v2v_model_weights(model), m, v, v2v_model_gradients(model), total, step);
     v2v_model_weights_changed(model);
+    return forward_s;
 }
 
 /* Seconds of the second of two steps. */
-static enum v2v_status time_step(double *seconds, struct bench *bench, struct v2v_model *model)
+static enum v2v_status time_step(double *seconds, double *forward_s, struct bench *bench,
+                                 struct v2v_model *model)
 {
     enum v2v_status rc = V2V_OK;
     float *m = NULL, *v = NULL;
@@ -143,7 +149,7 @@ static enum v2v_status time_step(double *seconds, struct bench *bench, struct v2
     V2V_TRY(v2v_model_plan(model, bench->job->step_size, bench->job->step_size, 1));
     for (int64_t step = 1; step <= 2; step++) {
         double started = v2v_clock_now();
-        run_step(bench, model, m, v, step);
+        *forward_s = run_step(bench, model, m, v, step);
         *seconds = v2v_clock_now() - started;
     }
 done:
@@ -163,6 +169,7 @@ static enum v2v_status measure(struct bench *bench, int64_t i, int64_t round)
     struct v2v_model *model = NULL;
     double *forward = &bench->forward[i * job->repeat + round];
     double *step = &bench->step[i * job->repeat + round];
+    double *step_forward = &bench->step_forward[i * job->repeat + round];
     size_t held = v2v_mem_held();
     V2V_TRY(stop_when_asked());
     V2V_TRY(v2v_model_create(&model, &spec, &bench->shifts));
@@ -176,7 +183,7 @@ static enum v2v_status measure(struct bench *bench, int64_t i, int64_t round)
     if (round == 0) {
         V2V_TRY(v2v_judge_row(row, judge, job, bench->volume));
     }
-    V2V_TRY(time_step(step, bench, model));
+    V2V_TRY(time_step(step, step_forward, bench, model));
     v2v_log(V2V_LOG_INFO, "round %lld of %lld, %s: forward %.3f s, step %.3f s",
             (long long)round + 1, (long long)job->repeat, row->name, *forward, *step);
 done:
@@ -221,6 +228,7 @@ static enum v2v_status finish_row(struct bench *bench, int64_t i)
     row->step_floor_s = 3.0 * floor_of(bench, &spec, &work);
     row->forward_s = median(bench->forward + i * job->repeat, job->repeat);
     row->step_s = median(bench->step + i * job->repeat, job->repeat);
+    row->step_forward_s = median(bench->step_forward + i * job->repeat, job->repeat);
 done:
     return rc;
 }
@@ -244,6 +252,7 @@ static void bench_fini(struct bench *bench)
     v2v_mem_free(bench->step_views);
     v2v_mem_free(bench->forward);
     v2v_mem_free(bench->step);
+    v2v_mem_free(bench->step_forward);
     v2v_shifts_fini(&bench->shifts);
 }
 

@@ -29,15 +29,13 @@ static void print_figure(FILE *stream, int width, int digits, double value)
 static void print_row(FILE *stream, const struct v2v_bench_result *result,
                       const struct v2v_bench_row *row)
 {
-    double frame = (double)(result->size * result->size);
-    double crop = (double)(result->step_size * result->step_size);
     fprintf(stream, "%-22s  %5lld  ", row->name, (long long)row->width);
     print_figure(stream, 9, 4, row->forward_s);
     print_figure(stream, 9, 4, row->forward_floor_s);
     print_figure(stream, 7, 2, result->row[0].forward_s / row->forward_s);
     print_figure(stream, 9, 4, row->step_s);
     print_figure(stream, 9, 4, row->step_floor_s);
-    print_figure(stream, 8, 2, row->step_s / crop / (row->forward_s / frame));
+    print_figure(stream, 8, 2, row->step_s / row->step_forward_s);
     fprintf(stream, "%8.1e  %8.1e  ", row->error[0], row->error[1]);
     if (isnan(row->psnr_change)) {
         fprintf(stream, "%8s", "-");
@@ -76,7 +74,8 @@ void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
         print_row(stream, result, &result->row[i]);
     }
     fprintf(stream,
-            "\nspeed: forward passes in the time of one of the first row; step/fwd: time a pixel\n"
+            "\nspeed: forward passes in the time of one of the first row; "
+            "step/fwd: a step over its own forward pass\n"
             "error: |volume - twin| / |twin| of branch 1 and 2, the twin in double precision\n"
             "tiles: of the full-size layers that were computed; floors count all of them\n"
             "peak resident memory of the whole run, twin included: %.0f MB\n",
@@ -85,7 +84,7 @@ void v2v_bench_print(FILE *stream, const struct v2v_bench_result *result,
 
 /* ---- JSON ---- */
 
-enum { FIGURES = 12, HEAD = 16, NAME = 64 };
+enum { FIGURES = 13, HEAD = 16, NAME = 64 };
 
 static void add_number(struct v2v_json_item *items, int64_t *count, const char *name, double number)
 {
@@ -131,6 +130,7 @@ static enum v2v_status add_row(struct v2v_json_item *items, int64_t *count, char
                           {"forward_s", row->forward_s},
                           {"forward_floor_s", row->forward_floor_s},
                           {"step_s", row->step_s},
+                          {"step_forward_s", row->step_forward_s},
                           {"step_floor_s", row->step_floor_s},
                           {"macs", row->macs},
                           {"bytes", row->bytes},

@@ -26,7 +26,7 @@ for variant in "${variants[@]}"; do
         awk -v error="${error##* }" 'BEGIN { exit !(error != "" && error > 0 && error <= 1e-4) }' ||
             fail "$variant: $figure is not within 1e-4: '$error'"
     done
-    for figure in forward_s forward_floor_s step_s step_floor_s macs bytes model_bytes; do
+    for figure in forward_s forward_floor_s step_s step_forward_s step_floor_s macs bytes model_bytes; do
         grep -qE "\"$variant\.$figure\": [0-9]" quick/bench.json ||
             fail "bench.json has no $variant.$figure"
     done

@@ -60,6 +60,7 @@ struct v2v_bench_row {
     const char *id;   /**< for programs: "winograd_off" */
     int64_t width;
     double forward_s, step_s;
+    double step_forward_s;                /**< of the step's own forward pass */
     double forward_floor_s, step_floor_s; /**< a step computes and moves three times a forward pass:
                                                itself, gradients of data, gradients of weights; NaN
                                                in bf16: no rate was measured for it */

@@ -85,6 +85,7 @@ static void every_variant_is_timed_and_judged(void **state)
         assert_true(row->error[1] > 0.0 && row->error[1] <= 1e-4);
         assert_true(row->forward_s > 0.0 && row->step_s > 0.0);
         assert_true(row->forward_floor_s > 0.0 && row->step_floor_s > row->forward_floor_s);
+        assert_true(row->step_forward_s > 0.0 && row->step_forward_s < row->step_s);
         assert_true(isnan(row->psnr_change));
     }
     assert_true(result.row[0].macs < result.row[3].macs);
