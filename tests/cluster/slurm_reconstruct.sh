@@ -6,7 +6,9 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source=tests/cluster/slurm_lib.sh
 . "$here/slurm_lib.sh"
 
-frames=60
+# Enough that every attack finds some still to do.
+frames=240
+each=64
 reconstruct=(--psf scene/psf.h5 --weights weights.h5 --input recording.h5)
 
 # Frames that the unfinished file says are done.
@@ -57,19 +59,19 @@ scenario() { # LAUNCHER
     fi
 }
 
-# `v2v3d slurm` fills the script in; four tasks of 16 frames, the last of 12.
+# `v2v3d slurm` fills the script in; four tasks, the last one of fewer frames.
 array() {
     local job k start
     start=$(seconds)
-    "$program" slurm array --array 0-3 --each 16 --time 5m --launcher srun -- "${reconstruct[@]}" \
+    "$program" slurm array --array 0-3 --each "$each" --time 5m --launcher srun -- "${reconstruct[@]}" \
         -o 'piece_%a.h5' >array.sbatch || give_up "v2v3d slurm"
     V2V3D_LAUNCHER='' job=$(sbatch --parsable --wait array.sbatch) ||
         { cat slurm-*_*.out; give_up "the array did not end well"; }
     echo "array $job: $(since "$start") s"
     for k in 0 1 2 3; do
         h5dump -b LE -o piece -d /volume "piece_$k.h5" >/dev/null
-        h5dump -b LE -o part -d /volume -s "$((16 * k)),0,0,0" \
-            -c "$((k < 3 ? 16 : 12)),7,128,128" volume.h5 >/dev/null
+        h5dump -b LE -o part -d /volume -s "$((each * k)),0,0,0" \
+            -c "$((k < 3 ? each : frames - 3 * each)),7,128,128" volume.h5 >/dev/null
         if [ ! -s part ] || ! cmp piece part; then
             fail "task $k is not that part of the whole volume"
         fi
