@@ -112,8 +112,7 @@ static double rows_of_slab(const struct v2v_model_spec *spec, int64_t height, in
 {
     struct v2v_grid_work work;
     v2v_model_describe_work(&work, spec, height, V2V_MODEL_GRID);
-    int64_t own = v2v_par_part(height / work.unit, shards, 0).count * work.unit;
-    return (double)v2v_smaller(own + v2v_smaller(shards - 1, 2) * work.margin, height);
+    return (double)v2v_grid_slab_rows(&work, shards);
 }
 
 static void plan_for(struct plan *plan, const struct v2v_grid_shape *shape)

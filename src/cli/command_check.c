@@ -1,6 +1,6 @@
+#include "cli/forecast_report.h"
 #include "cli/processor.h"
 #include "cli/projection.h"
-#include "cli/scaling_report.h"
 #include "cli/steps.h"
 #include "cli/threads.h"
 #include "cli/versions.h"
@@ -16,7 +16,7 @@
 struct arguments {
     struct v2v_common common;
     int scaling;
-    struct v2v_scaling_options of; /* the scaling */
+    struct v2v_forecast_options of; /* the scaling */
 };
 
 static const struct v2v_option options[] = {
@@ -259,7 +259,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     V2V_TRY(predict(session));
     if (given->scaling) {
-        V2V_TRY(v2v_scaling_report(&given->of, session));
+        V2V_TRY(v2v_forecast_report(&given->of, session));
     }
     if (failed > 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "%d of %d checks failed", failed, (int)CHECKS));

@@ -30,12 +30,16 @@ done:
     return rc;
 }
 
+/* Its transforms would grow bf16's rounding. */
+static int filters_minimally(const struct v2v_model *model)
+{
+    return model->spec.winograd && model->spec.precision == V2V_PRECISION_F32;
+}
+
 static struct v2v_conv_method method_of(struct v2v_model *model)
 {
-    /* the transforms of minimal filtering would grow bf16's rounding */
-    int is_f32 = model->spec.precision == V2V_PRECISION_F32;
     return (struct v2v_conv_method){.backend = model->spec.backend,
-                                    .winograd = model->spec.winograd && is_f32,
+                                    .winograd = filters_minimally(model),
                                     .workspace = &model->shared,
                                     .pool = &model->packed,
                                     .precision = model->spec.precision};
@@ -50,9 +54,9 @@ static struct v2v_conv_method encoder_method(struct v2v_model *model)
 }
 
 /* Do full-size layers compute strips of rows, and tiles alone? */
-static int streams(struct v2v_model *model)
+static int streams(const struct v2v_model *model)
 {
-    return method_of(model).winograd && !model->training;
+    return filters_minimally(model) && !model->training;
 }
 
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
@@ -406,7 +410,7 @@ done:
     return rc;
 }
 
-int v2v_model_skips(struct v2v_model *model)
+int v2v_model_skips(const struct v2v_model *model)
 {
     return model->spec.skip > 0.0 && streams(model);
 }
@@ -464,7 +468,7 @@ done:
 static const int64_t large_frame = 768 * 768;
 
 /* Packed weights of one branch at a time, for every frame. */
-static int can_share(struct v2v_model *model)
+static int can_share(const struct v2v_model *model)
 {
     return streams(model) && model->held == 1 && model->spec.branches == V2V_BRANCH_BOTH;
 }

@@ -73,7 +73,7 @@ static inline struct v2v_part v2v_model_view_part(const struct v2v_model *model,
 }
 
 /* Is anything skipped? */
-int v2v_model_skips(struct v2v_model *model);
+int v2v_model_skips(const struct v2v_model *model);
 
 /* The slab has rows: its U-Nets are planned. */
 static inline int v2v_model_is_used(const struct v2v_model *model, int64_t local)

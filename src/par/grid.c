@@ -29,14 +29,22 @@ static enum v2v_status check(const struct v2v_grid_shape *shape, int ranks)
     return V2V_OK;
 }
 
-/* Rows that the slab with most of them computes, as a part of the frame. */
+static int64_t units_of(const struct v2v_grid_work *work)
+{
+    return (work->height + work->unit - 1) / work->unit;
+}
+
+int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards)
+{
+    int64_t units = units_of(work), cuts = v2v_smaller(shards - 1, 2);
+    int64_t rows = v2v_par_part(units, shards, 0).count * work->unit;
+    return v2v_smaller(rows + cuts * work->margin, units * work->unit);
+}
+
+/* Those rows as a part of the frame. */
 static double part_of_slab(const struct v2v_grid_work *work, int shards)
 {
-    int64_t units = (work->height + work->unit - 1) / work->unit;
-    int64_t rows = v2v_par_part(units, shards, 0).count * work->unit;
-    int64_t cuts = v2v_smaller(shards - 1, 2);
-    return (double)v2v_smaller(rows + cuts * work->margin, units * work->unit) /
-           (double)(units * work->unit);
+    return (double)v2v_grid_slab_rows(work, shards) / (double)(units_of(work) * work->unit);
 }
 
 /* In units of one item on one rank. */

@@ -131,7 +131,6 @@ run_projector() { # RANKS
         }'
 }
 
-
 turn() {
     local kind ranks times
     for kind in strong weak; do

@@ -25,6 +25,9 @@ struct v2v_grid_work {
     int most_shards;
 };
 
+/** Rows that the slab with most of them computes, margins included. @kind Local. */
+int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards);
+
 /** The shape that ends first by the work's arithmetic, with what is asked for kept: `wanted` 0 is
  *  free. Frames side by side come first, then branches, then slabs: that is the order of what they
  *  lose. Shapes that do not fit most_bytes are left out while there are others.

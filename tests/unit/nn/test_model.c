@@ -393,7 +393,8 @@ static void training_under_a_memory_limit_gives_the_same_bits(void **state)
     v2v_fields_fini(&fields);
 }
 
-/* An estimate that the choice of a grid rests on: a fifth off is no other choice. */
+/* The choice of a grid rests on the estimate: it has to tell a frame from half of one, and from 3/4
+ * to 3/2 of the plan it is a factor of two. */
 static void described_work_is_what_a_plan_takes(void **state)
 {
     (void)state;

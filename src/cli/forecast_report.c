@@ -1,4 +1,4 @@
-#include "cli/scaling_report.h"
+#include "cli/forecast_report.h"
 
 #include "cli/bench_input.h"
 #include "cli/steps.h"
@@ -17,7 +17,7 @@ static const int rank_counts[] = {1, 2, 4, 8, 64, 512};
 enum { COUNTS = sizeof rank_counts / sizeof rank_counts[0], MOST_HERE = 4 };
 
 struct report {
-    const struct v2v_scaling_options *options;
+    const struct v2v_forecast_options *options;
     const struct v2v_session *session;
     struct v2v_forecast_machine machine;
     struct v2v_forecast_network network;
@@ -216,8 +216,8 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_scaling_report(const struct v2v_scaling_options *options,
-                                   const struct v2v_session *session)
+enum v2v_status v2v_forecast_report(const struct v2v_forecast_options *options,
+                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct report report = {.options = options, .session = session};
