@@ -5,9 +5,10 @@
 
 enum { BRANCHES = 2 };
 
-/* Parts of a frame's multiply-adds on psf/2psam at width 128: what every rank of a shard does, a
- * quarter of the sides and less; and how much more than half a frame the larger branch of a pair
- * takes, which ends later: it has more merged taps. */
+/* On psf/2psam at width 128: the part of a frame's multiply-adds that every rank of a shard does, a
+ * quarter of the sides and less; and what a pair loses to its larger branch, over half a frame.
+ * That is 1.07 by multiply-adds; less is taken, as what slabs lose to exchanges is not counted
+ * either. */
 static const double whole_share = 0.02, pair_loss = 1.04;
 
 static enum v2v_status check(const struct v2v_grid_shape *shape, int ranks)
