@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/blocks.h"
+#include "v2v3d/tensor/bulk.h"
 
 #include <string.h>
 
@@ -226,7 +227,7 @@ void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
     int64_t row = self->channels * PLACES;
     int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
     float *gradient = gathers(self) ? self->gradient : v2v_piece_data(&self->weight);
-    memset(gradient, 0, (size_t)(self->spec.out * row) * sizeof *gradient);
+    v2v_bulk_clear(gradient, self->spec.out * row);
     if (gathers(self)) {
         v2v_align_gather_backward(self->gather, gradient, dfeatures->data, features->data, dout);
     } else {

@@ -1,6 +1,8 @@
 /* Forward and backward of the model, over its slabs and those of the other ranks of the shard. */
 #include "nn/model_state.h"
 
+#include "v2v3d/tensor/bulk.h"
+
 #include <string.h>
 
 enum { BRANCHES = V2V_BRANCHES };
@@ -338,7 +340,7 @@ static void sum_held(struct v2v_model *model, int64_t first, int64_t count)
 static void clear_slabs(struct v2v_model *model, int64_t first, int64_t count)
 {
     for (int64_t local = 0; local < model->held; local++) {
-        memset(model->slab[local].parameters.gradients + first, 0, (size_t)count * sizeof(float));
+        v2v_bulk_clear(model->slab[local].parameters.gradients + first, count);
     }
 }
 

@@ -1,6 +1,7 @@
 #include "nn/padded.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/bulk.h"
 
 #include <string.h>
 
@@ -62,5 +63,5 @@ void v2v_padded_clear(struct v2v_padded *padded)
 {
     int64_t floats = padded->views * padded->features * (padded->height + 2 * padded->ring) *
                      v2v_padded_pitch(padded);
-    memset(padded->data, 0, (size_t)floats * sizeof *padded->data);
+    v2v_bulk_clear(padded->data, floats);
 }

@@ -1,4 +1,5 @@
 #include "op/conv_backend.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/resample.h"
 #include "v2v3d/op/tiles.h"
@@ -163,15 +164,21 @@ void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout
                           conv->spec.height / 2, conv->spec.width / 2);
 }
 
+/* Inputs whose taps of one output are read in one go. */
+enum { FLIPPED = 16 };
+
 void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v_conv_spec *spec)
 {
     int64_t taps = (int64_t)spec->kernel * spec->kernel;
 #pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < spec->in; i++) {
+    for (int64_t first = 0; first < spec->in; first += FLIPPED) {
+        int64_t end = v2v_smaller(first + FLIPPED, spec->in);
         for (int64_t o = 0; o < spec->out; o++) {
-            for (int64_t t = 0; t < taps; t++) {
-                flipped[(i * spec->out + o) * taps + t] =
-                    weight[(o * spec->in + i) * taps + taps - 1 - t];
+            for (int64_t i = first; i < end; i++) {
+                for (int64_t t = 0; t < taps; t++) {
+                    flipped[(i * spec->out + o) * taps + t] =
+                        weight[(o * spec->in + i) * taps + taps - 1 - t];
+                }
             }
         }
     }

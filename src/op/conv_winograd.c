@@ -4,8 +4,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 
-#include <string.h>
-
 struct state {
     int64_t batch, in_floats, out_floats; /* of an image */
     struct v2v_winograd *winograd;
@@ -46,6 +44,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
                                        .slope = spec->slope,
                                        .training = spec->training,
                                        .keeps = spec->method.keeps && spec->batch == 1,
+                                       .sets = 1,
                                        .workspace = spec->method.workspace,
                                        .pool = spec->method.pool};
     state->batch = spec->batch;
@@ -86,9 +85,6 @@ static void backward(void *opaque, float *din, float *dweight, const float *in, 
 {
     struct state *state = opaque;
     int64_t in_floats = state->in_floats;
-    if (din != NULL) {
-        memset(din, 0, (size_t)(state->batch * in_floats) * sizeof *din);
-    }
     for (int64_t n = 0; n < state->batch; n++) {
         v2v_winograd_backward(state->winograd, din != NULL ? din + n * in_floats : NULL, dweight,
                               in != NULL ? in + n * in_floats : NULL, dout + n * state->out_floats);

@@ -291,11 +291,13 @@ static void transform_output_gradient(const struct v2v_winograd *self, const str
     }
 }
 
-/* Planes of one owner overlap: one thread adds to them, in the list's order. */
+/* Planes of one owner overlap: one thread adds to them, in the list's order. Those that are set are
+ * cleared by that thread, whose cache then holds them. */
 static void add_input_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
-                               float *base)
+                               float *base, int is_first)
 {
-    int64_t in = self->spec.in;
+    int64_t in = self->spec.in, image = (self->spec.height >> self->spec.half) * self->spec.pitch;
+    int clears = is_first && self->spec.sets;
     const struct v2v_plane *plane = self->plane;
 #pragma omp parallel for schedule(dynamic) num_threads(self->threads)
     for (int64_t first = 0; first < in; first++) {
@@ -303,6 +305,9 @@ static void add_input_gradient(const struct v2v_winograd *self, const struct chu
             continue;
         }
         for (int64_t i = first; i < in && plane[i].owner == plane[first].owner; i++) {
+            if (clears) {
+                memset(base + plane[i].offset, 0, (size_t)image * sizeof *base);
+            }
             v2v_rows_input_turned(&chunk->rows, base, &plane[i], chunk->dinput + i * TILES,
                                   self->in8);
         }
@@ -509,7 +514,7 @@ void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweig
         }
         if (dbase != NULL) {
             multiply_data(self, &chunk);
-            add_input_gradient(self, &chunk, dbase);
+            add_input_gradient(self, &chunk, dbase, first == 0);
         }
     }
     if (dweight != NULL) {

@@ -9,8 +9,8 @@
 
 enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, BATCH = 2 * PANEL_COLUMNS };
 
-/* Floats of a cache's line. */
-enum { LINE = 16 };
+/* Floats of a cache's line; tiles that are copied one by one. */
+enum { LINE = 16, FEW_TILES = 8 };
 
 /* A batch is tiles that go through the transforms together. A line is one image row of every run,
  * from one pixel to the left of it on; phase j is every tile's pixel j, phase[j][t] = line[t * tile
@@ -68,31 +68,34 @@ static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t
     return run;
 }
 
-static struct batch batch_at(const struct rows *rows, const struct v2v_tile_run *run, int64_t begun,
-                             int64_t place)
+/* Written in place: a copy would be read before the values' scattered stores are through. */
+static void set_batch(struct batch *batch, const struct rows *rows, const struct v2v_tile_run *run,
+                      int64_t begun, int64_t place)
 {
-    struct batch batch = {.run = run, .begun = begun, .place = place};
     const struct v2v_tile_run *end = rows->run + rows->runs;
     int64_t most = BATCH - place % BATCH;
+    batch->run = run;
+    batch->begun = begun;
+    batch->place = place;
     if (run < end && run->count == rows->tiles_x && begun == 0) {
-        batch.runs = 1;
-        batch.tiles = run->count;
-        return batch;
+        batch->runs = 1;
+        batch->tiles = run->count;
+        return;
     }
-    while (run + batch.runs < end && batch.tiles < most) {
-        batch.tiles += cut_run(&batch, batch.runs, most - batch.tiles).count;
-        batch.runs++;
+    batch->runs = batch->tiles = 0;
+    while (run + batch->runs < end && batch->tiles < most) {
+        batch->tiles += cut_run(batch, batch->runs, most - batch->tiles).count;
+        batch->runs++;
     }
-    return batch;
 }
 
-static struct batch first_batch(const struct rows *rows)
+static void set_first_batch(struct batch *batch, const struct rows *rows)
 {
-    return batch_at(rows, rows->run, 0, 0);
+    set_batch(batch, rows, rows->run, 0, 0);
 }
 
-/* The tiles behind those of `batch`; none: an empty one. */
-static struct batch next_batch(const struct rows *rows, const struct batch *batch)
+/* The tiles behind those of `batch`; none: an empty one. `next` may be `batch`. */
+static void set_next_batch(struct batch *next, const struct rows *rows, const struct batch *batch)
 {
     int64_t last = batch->runs - 1, before = 0;
     for (int64_t r = 0; r < last; r++) {
@@ -100,7 +103,7 @@ static struct batch next_batch(const struct rows *rows, const struct batch *batc
     }
     int64_t done = batch->tiles - before + (last == 0 ? batch->begun : 0);
     int whole = done == batch->run[last].count;
-    return batch_at(rows, batch->run + last + whole, whole ? 0 : done, batch->place + batch->tiles);
+    set_batch(next, rows, batch->run + last + whole, whole ? 0 : done, batch->place + batch->tiles);
 }
 
 /* ---- lines and phases ---- */
@@ -128,11 +131,62 @@ static void join(float *restrict line, const float *restrict phase, int64_t step
 /* Tiles' pixels, and two more with `beyond`: short copies of fixed sizes are instructions. */
 static void copy_tiles(float *to, const float *from, int64_t tiles, int beyond)
 {
-    for (int64_t t = 0; t < tiles; t++) {
+    if (tiles > FEW_TILES) {
+        memcpy(to, from, (size_t)(tiles * TILE) * sizeof *to);
+    }
+    for (int64_t t = 0; t < tiles && tiles <= FEW_TILES; t++) {
         memcpy(to + t * TILE, from + t * TILE, TILE * sizeof *to);
     }
     if (beyond) {
         memcpy(to + tiles * TILE, from + tiles * TILE, 2 * sizeof *to);
+    }
+}
+
+/* Every pixel twice, and the adjoint. */
+V2V_SIMD_CLONES
+static void repeat(float *restrict line, const float *restrict row, int64_t count)
+{
+    for (int64_t k = 0; k < count; k++) {
+        line[2 * k] = line[2 * k + 1] = row[k];
+    }
+}
+
+V2V_SIMD_CLONES
+static void add_pairs(float *restrict row, const float *restrict line, int64_t count)
+{
+    for (int64_t k = 0; k < count; k++) {
+        row[k] += line[2 * k] + line[2 * k + 1];
+    }
+}
+
+V2V_SIMD_CLONES
+static void add_pixels(float *restrict row, const float *restrict line, int64_t count)
+{
+    for (int64_t x = 0; x < count; x++) {
+        row[x] += line[x];
+    }
+}
+
+/* Pixels [x0,x1) of a row of half as many; the first and the last may stand alone. */
+static void load_repeated(float *line, const float *row, int64_t x0, int64_t x1)
+{
+    if (x0 < x1 && x0 % 2 != 0) {
+        *line++ = row[x0++ >> 1];
+    }
+    repeat(line, row + (x0 >> 1), (x1 - x0) >> 1);
+    if (x0 < x1 && x1 % 2 != 0) {
+        line[x1 - 1 - x0] = row[x1 >> 1];
+    }
+}
+
+static void add_repeated(float *row, const float *line, int64_t x0, int64_t x1)
+{
+    if (x0 < x1 && x0 % 2 != 0) {
+        row[x0++ >> 1] += *line++;
+    }
+    add_pairs(row + (x0 >> 1), line, (x1 - x0) >> 1);
+    if (x0 < x1 && x1 % 2 != 0) {
+        row[x1 >> 1] += line[x1 - 1 - x0];
     }
 }
 
@@ -144,25 +198,11 @@ static void load_pixels(const struct rows *rows, float *line, int64_t start, int
     int64_t x1 = v2v_within(plane->x1, x0, start + length);
     memset(line, 0, (size_t)(x0 - start) * sizeof *line);
     if (rows->half) {
-        for (int64_t x = x0; x < x1; x++) {
-            line[x - start] = row[x >> 1];
-        }
+        load_repeated(line + x0 - start, row, x0, x1);
     } else {
         memcpy(line + x0 - start, row + x0, (size_t)(x1 - x0) * sizeof *line);
     }
     memset(line + x1 - start, 0, (size_t)(start + length - x1) * sizeof *line);
-}
-
-/* The same inside the plane at half the sides, from an odd pixel on; length even. */
-static void load_pairs(float *restrict line, int64_t start, int64_t length,
-                       const float *restrict row)
-{
-    const float *from = row + (start >> 1);
-    line[0] = *from++;
-    for (int64_t k = 0; k < length / 2 - 1; k++) {
-        line[1 + 2 * k] = line[2 + 2 * k] = from[k];
-    }
-    line[length - 1] = from[length / 2 - 1];
 }
 
 /* Where a run of a batch lies in a plane: pixels [start, start + 4 * tiles + 2) of six rows. */
@@ -237,7 +277,7 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
         const float *row = piece_row(rows, reading, piece, i);
         int64_t y = piece->row + i, length = piece->tiles * TILE + 2;
         if (piece->inside && rows->half) {
-            load_pairs(line, piece->start, length, row);
+            load_repeated(line, row, piece->start, piece->start + length);
         } else if (piece->inside) {
             copy_tiles(line, row + piece->start, piece->tiles, 1);
         } else if (y < reading->plane->y0 || y >= reading->plane->y1) {
@@ -294,13 +334,9 @@ static void add_line(const struct rows *rows, float *base, const struct v2v_plan
     int64_t x1 = v2v_within(plane->x1, x0, start + length);
     float *to = base + plane->offset + (y >> rows->half) * rows->pitch;
     if (rows->half) {
-        for (int64_t x = x0; x < x1; x++) {
-            to[x >> 1] += line[x - start];
-        }
+        add_repeated(to, line + x0 - start, x0, x1);
     } else {
-        for (int64_t x = x0; x < x1; x++) {
-            to[x] += line[x - start];
-        }
+        add_pixels(to + x0, line + x0 - start, x1 - x0);
     }
 }
 
@@ -376,14 +412,14 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
     struct reading reading[2], *now = &reading[0], *next = &reading[1], *swap;
     const struct v2v_tile_run *above = NULL;
     int64_t step = scratch.step, left = rows->runs;
-    now->batch = first_batch(rows);
+    set_first_batch(&now->batch, rows);
     read_from(now, rows, base, plane, channel);
     while (left > 0) {
         int64_t known = is_under(rows, &now->batch, above) ? 2 : 0;
-        next->batch = next_batch(rows, &now->batch);
+        set_next_batch(&next->batch, rows, &now->batch);
         left = next->batch.runs;
         if (left == 0) {
-            next->batch = first_batch(rows);
+            set_first_batch(&next->batch, rows);
         }
         read_from(next, rows, base, plane, left > 0 ? channel : following);
         memcpy(scratch.points, line_points(&scratch, TILE),
@@ -410,15 +446,13 @@ static void add_phases(const struct rows *rows, const struct scratch *scratch,
     int64_t step = scratch->step, tile = 0;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
-        const float *phase = scratch->phase + tile;
-        float *next = scratch->line + TILE;
-        join(scratch->line, phase, step, run.count);
-        next[(run.count - 1) * TILE] = next[(run.count - 1) * TILE + 1] = 0.0f;
-        for (int64_t j = 0; j < 2; j++) {
-            for (int64_t t = 0; t < run.count; t++) {
-                next[t * TILE + j] += phase[(TILE + j) * step + t];
-            }
+        float *phase = scratch->phase + tile, *beyond = scratch->line + run.count * TILE;
+        for (int64_t j = 0; j < 2; j++) { /* the next tile's first pixels */
+            const float *last = phase + (TILE + j) * step;
+            add_pixels(phase + j * step + 1, last, run.count - 1);
+            beyond[j] = last[run.count - 1];
         }
+        join(scratch->line, phase, step, run.count);
         add_line(rows, base, plane, run.row * TILE - 1 + i, &run, scratch->line);
         tile += run.count;
     }
@@ -428,8 +462,9 @@ void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2
                            const float *values, int64_t channels)
 {
     struct scratch scratch = thread_scratch(rows);
+    struct batch batch;
     int64_t step = scratch.step;
-    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+    for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         values_to_lines(rows, rows->kernel->input_turned, &scratch, values, channels, &batch);
         for (int64_t i = 0; i < POINTS; i++) {
             rows->kernel->input_turned(scratch.phase, step, line_points(&scratch, i), step,
@@ -480,7 +515,8 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
                      float bias, float slope)
 {
     struct scratch scratch = thread_scratch(rows);
-    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+    struct batch batch;
+    for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         int64_t pixels = batch.tiles * TILE;
         values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);
         for (int64_t i = 0; i < TILE; i += 1 + rows->stride2) {
@@ -533,7 +569,8 @@ void v2v_rows_output_turned(const struct rows *rows, float *values, int64_t chan
                             const float *image)
 {
     struct scratch scratch = thread_scratch(rows);
-    for (struct batch batch = first_batch(rows); batch.runs > 0; batch = next_batch(rows, &batch)) {
+    struct batch batch;
+    for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         for (int64_t i = 0; i < TILE; i++) {
             load_line(rows, &scratch, &batch, i, image);
             split(scratch.phase, scratch.step, scratch.line, batch.tiles);

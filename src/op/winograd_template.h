@@ -176,8 +176,32 @@ AXIS(along_input, input, WINOGRAD_POINTS, WINOGRAD_POINTS)
 AXIS(along_input_turned, input_turned, WINOGRAD_POINTS, WINOGRAD_POINTS)
 AXIS(along_output, output, WINOGRAD_TILE, WINOGRAD_POINTS)
 AXIS(along_output_turned, output_turned, WINOGRAD_POINTS, WINOGRAD_TILE)
-AXIS(both_weights, filter, WINOGRAD_VALUES, 9)
 AXIS(both_weights_turned, filter_turned, 9, WINOGRAD_VALUES)
+
+#ifndef STREAM
+#define STREAM(to, vector) (*(values *)(to) = (vector))
+#endif
+
+/* Whole vectors go past the caches: all layers' filters together, far more than these hold, are
+ * written before the first is read. */
+TARGET static void both_weights(float *out, int64_t out_step, const float *in, int64_t in_step,
+                                int64_t count)
+{
+    values x[9], u[WINOGRAD_VALUES];
+    if (count != LANES || out_step % LANES != 0 || (uintptr_t)out % sizeof(values) != 0) {
+        along(filter, out, out_step, WINOGRAD_VALUES, in, in_step, 9, count);
+        return;
+    }
+#pragma GCC unroll 9
+    for (int i = 0; i < 9; i++) {
+        x[i] = *(const values *)(in + i * in_step);
+    }
+    filter(u, x);
+#pragma GCC unroll 36
+    for (int i = 0; i < WINOGRAD_VALUES; i++) {
+        STREAM(out + i * out_step, u[i]);
+    }
+}
 
 const struct winograd_kernel WINOGRAD_KERNEL = {.input = along_input,
                                                 .input_turned = along_input_turned,

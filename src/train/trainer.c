@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/precision.h"
+#include "v2v3d/tensor/bulk.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <float.h>
@@ -287,7 +288,7 @@ static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int6
                                      .first = round == 0,
                                      .last = round == trainer->rounds - 1,
                                      .factor = 1.0f / (float)batch};
-    memset(setup.x, 0, (size_t)total * sizeof *setup.x);
+    v2v_bulk_clear(setup.x, total);
     v2v_bucket_sum_begin(trainer->buckets, &setup);
     if (grid->idle || sample >= batch) {
         v2v_bucket_sum_ready(trainer->buckets, 0, total);

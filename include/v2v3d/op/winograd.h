@@ -33,6 +33,7 @@ struct v2v_winograd_spec {
     int training;
     int keeps; /**< 1: each backward pass is for what the forward pass before it was given, whose
                     transformed planes are kept: 9/4 of their size. Whole images alone */
+    int sets;  /**< 1: a backward pass sets its planes, which share no memory; 0: it adds to them */
     int64_t chunk_floats;            /**< most values at a time; 0: as measured fastest */
     struct v2v_workspace *workspace; /**< shared with other operators */
     struct v2v_pool *pool;           /**< of transformed weights; may be NULL */
@@ -67,9 +68,10 @@ struct v2v_winograd_part {
 void v2v_winograd_forward_part(struct v2v_winograd *winograd, float *out, const float *base,
                                const struct v2v_winograd_part *part);
 
-/** Planes at `dbase` += adjoint of the convolution applied to dout [out,y,x]; dweight [out,in,3,3]
- *  += gradient of the weights for the planes at `base`. One that is NULL is left out, both share
- * one transform of dout. The sums' order depends on the sizes alone. @kind Local. */
+/** Planes at `dbase` += adjoint of the convolution applied to dout [out,y,x], or are set to it (see
+ * `sets`); dweight [out,in,3,3] += gradient of the weights for the planes at `base`. One that is
+ * NULL is left out, both share one transform of dout. The sums' order depends on the sizes alone.
+ * @kind Local. */
 void v2v_winograd_backward(struct v2v_winograd *winograd, float *dbase, float *dweight,
                            const float *base, const float *dout);
 

@@ -106,6 +106,26 @@ static void transforms_multiply_to_a_convolution(void **state)
     }
 }
 
+/* A whole vector of filters takes stores of its own where it lies on a line of the cache. */
+static void filters_have_the_same_bits_wherever_they_lie(void **state)
+{
+    (void)state;
+    enum { WHOLE = 16, APART = 48 };
+    _Alignas(64) float aligned[36 * APART];
+    float taps[9 * WHOLE], elsewhere[36 * APART + 1];
+    draw(taps, 9 * WHOLE, 4);
+    for (int set = 0; set < SETS; set++) {
+        for (int count = 4; count <= WHOLE && runs(set); count *= 2) {
+            sets[set].winograd->weights(aligned, APART, taps, WHOLE, count);
+            sets[set].winograd->weights(elsewhere + 1, APART, taps, WHOLE, count);
+            for (int i = 0; i < 36; i++) {
+                assert_memory_equal(aligned + i * APART, elsewhere + 1 + i * APART,
+                                    (size_t)count * sizeof *taps);
+            }
+        }
+    }
+}
+
 static double inner(const float *a, const float *b, int rows)
 {
     double sum = 0.0;
@@ -149,6 +169,7 @@ int main(void)
         cmocka_unit_test(product_of_a_panel_equals_plain_loops),
         cmocka_unit_test(turned_blocks_are_transposed),
         cmocka_unit_test(transforms_multiply_to_a_convolution),
+        cmocka_unit_test(filters_have_the_same_bits_wherever_they_lie),
         cmocka_unit_test(turned_transforms_are_the_adjoints),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -19,26 +19,26 @@ struct problem {
     int half;
     int64_t chunk_floats;
     int stride2;
-    int keeps;
+    int keeps, sets;
 };
 
 /* Frames of less than a tile, of a tile and a bit, channels that fill no panel; the last ones in
  * several chunks. */
 static const struct problem problems[] = {
-    {1, 1, 1, 1, 0, 0, 0, 0},
-    {3, 5, 4, 4, 0, 0, 0, 0},
-    {8, 32, 5, 9, 0, 0, 0, 0},
-    {40, 39, 50, 70, 0, 0, 0, 0},
-    {129, 33, 12, 36, 0, 0, 0, 0},
-    {7, 16, 12, 20, 1, 0, 0, 0},
-    {16, 8, 2, 2, 1, 0, 0, 0},
-    {24, 40, 36, 28, 0, 1, 0, 0},
-    {9, 17, 40, 12, 1, 36 * 24 * 3 * 2, 0, 0},
-    {1, 3, 3, 131, 0, 0, 0, 0},
-    {130, 136, 17, 33, 0, 1, 0, 0},
-    {8, 32, 5, 9, 0, 0, 1, 0},
-    {24, 40, 36, 28, 0, 1, 1, 0},
-    {33, 16, 11, 22, 0, 0, 1, 0},
+    {1, 1, 1, 1, 0, 0, 0, 0, 0},
+    {3, 5, 4, 4, 0, 0, 0, 0, 0},
+    {8, 32, 5, 9, 0, 0, 0, 0, 0},
+    {40, 39, 50, 70, 0, 0, 0, 0, 0},
+    {129, 33, 12, 36, 0, 0, 0, 0, 0},
+    {7, 16, 12, 20, 1, 0, 0, 0, 0},
+    {16, 8, 2, 2, 1, 0, 0, 0, 0},
+    {24, 40, 36, 28, 0, 1, 0, 0, 0},
+    {9, 17, 40, 12, 1, 36 * 24 * 3 * 2, 0, 0, 0},
+    {1, 3, 3, 131, 0, 0, 0, 0, 0},
+    {130, 136, 17, 33, 0, 1, 0, 0, 0},
+    {8, 32, 5, 9, 0, 0, 1, 0, 0},
+    {24, 40, 36, 28, 0, 1, 1, 0, 0},
+    {33, 16, 11, 22, 0, 0, 1, 0, 0},
 };
 enum { PROBLEMS = sizeof problems / sizeof *problems };
 
@@ -122,6 +122,7 @@ static void fixture_init(struct fixture *f, const struct problem *p)
                                      .slope = 1.0f,
                                      .training = 1,
                                      .chunk_floats = p->chunk_floats,
+                                     .sets = p->sets,
                                      .keeps = p->keeps,
                                      .workspace = &f->workspace};
     assert_ok(v2v_winograd_create(&f->winograd, &spec));
@@ -195,6 +196,25 @@ static void gradient_of_the_data_is_added_and_equals_the_twin(void **state)
     }
 }
 
+/* Whatever lay there, in one chunk or in many: the bits of adding to zeros. */
+static void gradient_of_the_data_is_set(void **state)
+{
+    (void)state;
+    for (int i = 0; i < PROBLEMS; i++) {
+        struct fixture f, setting;
+        struct problem with = problems[i];
+        with.sets = 1;
+        fixture_init(&f, &problems[i]);
+        fixture_init(&setting, &with);
+        memset(f.din, 0, (size_t)f.small_floats * sizeof *f.din);
+        v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
+        v2v_winograd_backward(setting.winograd, setting.din, NULL, NULL, setting.dout);
+        assert_memory_equal(f.din, setting.din, (size_t)f.small_floats * sizeof *f.din);
+        fixture_free(&f);
+        fixture_fini(&setting);
+    }
+}
+
 static void gradient_of_the_weights_is_added_and_equals_the_twin(void **state)
 {
     (void)state;
@@ -259,7 +279,7 @@ static void kept_inputs_have_the_bits_of_transforming_again(void **state)
 static void relative_error_stays_small_with_many_channels(void **state)
 {
     (void)state;
-    static const struct problem deep = {1024, 16, 16, 16, 0, 0, 0, 0};
+    static const struct problem deep = {1024, 16, 16, 16, 0, 0, 0, 0, 0};
     struct fixture f;
     fixture_init(&f, &deep);
     double error = 0.0, size = 0.0;
@@ -471,6 +491,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(forward_equals_the_twin),
         cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
+        cmocka_unit_test(gradient_of_the_data_is_set),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
         cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
