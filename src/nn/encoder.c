@@ -1,4 +1,4 @@
-#include "nn/encoder.h"
+#include "nn/encoder_state.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/activation.h"
@@ -9,9 +9,6 @@
 
 #define LEAKY 0.01f
 #define PREFIX "feat_extract"
-
-enum { BLOCKS = 6, LEVELS = 3, DEEP = 16, LEVEL_FEATURES = 4 };
-enum { CONCATENATED = DEEP + LEVELS * LEVEL_FEATURES, GRADIENTS = 3 };
 
 static const struct {
     const char *first, *second, *skip; /* skip NULL: the identity */
@@ -26,37 +23,6 @@ static const struct {
 };
 static const char *const level_name[LEVELS] = {"branch1.1.conv", "branch2.1.conv",
                                                "branch3.1.conv"};
-
-/* y = second(leaky(first(x))) + skip(x) */
-struct block {
-    struct v2v_layer first, second, skip;
-    int has_skip;
-    float *middle; /* [batch,out,y,x] after the activation */
-    float *out;    /* [batch,out,y,x] */
-};
-
-/* Average pool by `factor`, 1 x 1 convolution, bilinear upsampling back. */
-struct level {
-    struct v2v_layer conv;
-    int factor;
-    float *pooled; /* [batch,16,y/factor,x/factor] */
-    float *small;  /* [batch,4,y/factor,x/factor] after the activation */
-};
-
-struct v2v_encoder {
-    int64_t features;
-    int64_t batch, height, width;
-    int training;
-    struct v2v_layer entry, fuse, last;
-    struct block block[BLOCKS];
-    struct level level[LEVELS];
-    float *entered;             /* [batch,4,y,x] */
-    float *concatenated;        /* [batch,28,y,x] */
-    float *fused;               /* [batch,16,y,x] */
-    float *output;              /* [batch,features,y,x] */
-    float *scratch;             /* [batch,16,y,x] */
-    float *gradient[GRADIENTS]; /* [batch,28,y,x], [batch,16,y,x] twice; training only */
-};
 
 static enum v2v_status declare_all(struct v2v_encoder *encoder, struct v2v_fields *fields)
 {
@@ -122,9 +88,9 @@ done:
     return rc;
 }
 
-/* Steps of the computation: the entry, the blocks, the pyramid, the two last layers. Training keeps
- * everything. */
-enum { ENTRY, BLOCK, PYRAMID = BLOCK + BLOCKS, FUSE, LAST, END };
+/* Steps of the computation: the entry, the blocks, the pyramid, the two last layers; or in one
+ * step, in lines. Training keeps everything. */
+enum { ENTRY, BLOCK, PYRAMID = BLOCK + BLOCKS, FUSE, LAST, END, STREAM };
 
 /* A buffer of `channels` images whose sides are smaller by `factor`. */
 static struct v2v_slot needed(const struct v2v_encoder *encoder, float **memory, int64_t channels,
@@ -156,6 +122,18 @@ static int64_t list_slots(struct v2v_slot *slot, struct v2v_encoder *encoder)
     slot[n++] = needed(encoder, &encoder->fused, DEEP, 1, FUSE, LAST);
     slot[n++] = needed(encoder, &encoder->output, encoder->features, 1, LAST, END);
     slot[n++] = needed(encoder, &encoder->scratch, DEEP, 1, BLOCK, BLOCK + BLOCKS - 1);
+    for (int k = 0; k < LEVELS && v2v_encoder_may_stream(encoder); k++) {
+        struct stream *stream = &encoder->stream;
+        int factor = encoder->level[k].factor;
+        slot[n++] = needed(encoder, &stream->pooled[k], DEEP, factor, STREAM, STREAM);
+        slot[n++] = needed(encoder, &stream->small[k], LEVEL_FEATURES, factor, STREAM, STREAM);
+    }
+    if (v2v_encoder_may_stream(encoder)) {
+        struct stream *stream = &encoder->stream;
+        slot[n++] = needed(encoder, &stream->output, encoder->features, 1, STREAM, STREAM);
+        slot[n] = needed(encoder, &stream->joined, 0, 1, STREAM, STREAM);
+        slot[n++].floats = v2v_encoder_stream_floats(encoder);
+    }
     for (int k = 0; k < GRADIENTS && encoder->training; k++) {
         int64_t channels = k == 0 ? CONCATENATED : DEEP;
         slot[n++] = needed(encoder, &encoder->gradient[k], channels, 1, ENTRY, END);
@@ -163,7 +141,7 @@ static int64_t list_slots(struct v2v_slot *slot, struct v2v_encoder *encoder)
     return n;
 }
 
-enum { MAX_SLOTS = 1 + 2 * BLOCKS + 2 * LEVELS + 4 + GRADIENTS };
+enum { MAX_SLOTS = 1 + 2 * BLOCKS + 4 * LEVELS + 6 + GRADIENTS };
 
 /* Every layer with the factor by which its input's sides are smaller. */
 struct planned {
@@ -202,6 +180,7 @@ void v2v_encoder_destroy(struct v2v_encoder **encoder)
     for (int64_t i = 0; i < count; i++) {
         v2v_layer_fini(list[i].layer);
     }
+    v2v_encoder_stream_fini(*encoder);
     v2v_mem_free(*encoder);
     *encoder = NULL;
 }
@@ -231,6 +210,7 @@ enum v2v_status v2v_encoder_plan(struct v2v_encoder *encoder, float *workspace,
         V2V_TRY(v2v_layer_plan(list[i].layer, encoder->batch, encoder->height / list[i].factor,
                                encoder->width / list[i].factor, method, encoder->training));
     }
+    V2V_TRY(v2v_encoder_stream_plan(encoder));
 done:
     return rc;
 }
@@ -280,6 +260,9 @@ const float *v2v_encoder_forward(struct v2v_encoder *encoder, const float *views
 {
     int64_t height = encoder->height, width = encoder->width, batch = encoder->batch;
     int64_t pixels = height * width;
+    if (v2v_encoder_streams(encoder)) {
+        return v2v_encoder_stream_forward(encoder, views);
+    }
     v2v_conv_forward(encoder->entry.conv, encoder->entered, views);
     const float *x = encoder->entered;
     for (int b = 0; b < BLOCKS; b++) {

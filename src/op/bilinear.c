@@ -90,16 +90,23 @@ static void collect(float *row, const float *columns, const struct run *run)
     }
 }
 
+/** A run of one output row; `row` is room for the input columns that it reads. */
+static void forward_row(float *out, const float *in, float *row, const struct run *run,
+                        const struct place *place, int64_t width)
+{
+    blend(row, in + place->low * width + run->first, in + place->high * width + run->first,
+          place->weight, run->width);
+    row[run->width] = row[run->width - 1];
+    spread(out + run->start, row, run);
+}
+
 static void forward_run(float *out, const float *in, const struct run *run, int64_t height,
                         int64_t width, int factor)
 {
     float row[RUN + 2] = {0.0f};
     for (int64_t y = 0; y < height * factor; y++) {
         struct place place = place_of(y, height, height * factor);
-        blend(row, in + place.low * width + run->first, in + place.high * width + run->first,
-              place.weight, run->width);
-        row[run->width] = row[run->width - 1];
-        spread(out + y * width * factor + run->start, row, run);
+        forward_row(out + y * width * factor, in, row, run, &place, width);
     }
 }
 
@@ -114,6 +121,25 @@ void v2v_bilinear_forward(float *out, const float *in, int64_t planes, int64_t h
             run_fill(&run, x, width, columns);
             forward_run(out + c * height * factor * columns, in + c * height * width, &run, height,
                         width, factor);
+        }
+    }
+}
+
+void v2v_bilinear_lines(const struct v2v_lines *out, const float *in, int factor, int64_t first,
+                        int64_t rows)
+{
+    int64_t height = out->height / factor, width = out->width / factor;
+    for (int64_t x = 0; x < out->width; x += RUN) {
+        struct run run;
+        float row[RUN + 2] = {0.0f};
+        run_fill(&run, x, width, out->width);
+        for (int64_t y = first; y < first + rows; y++) {
+            struct place place = place_of(y, height, out->height);
+            float *to = v2v_lines_at(out, y);
+            for (int64_t c = 0; c < out->channels; c++) {
+                forward_row(to + c * v2v_lines_stride(out), in + c * height * width, row, &run,
+                            &place, width);
+            }
         }
     }
 }

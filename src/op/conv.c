@@ -152,6 +152,18 @@ void v2v_conv_forward_tiles(struct v2v_conv *conv, float *out, const float *in,
     }
 }
 
+int v2v_conv_takes_lines(const struct v2v_conv *conv)
+{
+    return conv->backend->forward_lines != NULL;
+}
+
+void v2v_conv_forward_lines(const struct v2v_conv *conv, const struct v2v_lines *out,
+                            const struct v2v_lines *in, int64_t first, int64_t rows)
+{
+    V2V_ASSERT(v2v_conv_takes_lines(conv) && conv->repeated == NULL);
+    conv->backend->forward_lines(conv->state, out, in, first, rows);
+}
+
 void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout)
 {
     V2V_ASSERT(conv->spec.training);

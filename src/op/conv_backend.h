@@ -18,6 +18,9 @@ struct v2v_conv_backend {
     void (*backward)(void *state, float *din, float *dweight, const float *in, const float *dout);
     /** A part of the output; NULL: it knows no tiles. */
     void (*forward_tiles)(void *state, float *out, const float *in, const struct v2v_tiles *tiles);
+    /** Some rows of one image; NULL: it knows no lines. Threads may call it together. */
+    void (*forward_lines)(const void *state, const struct v2v_lines *out,
+                          const struct v2v_lines *in, int64_t first, int64_t rows);
 };
 
 extern const struct v2v_conv_backend v2v_conv_onednn;

@@ -182,9 +182,15 @@ static void convolve(const struct state *state, const struct plan *plan, float *
         int64_t rows = height - first < plan->rows ? height - first : plan->rows;
         float *copy = state->strips + omp_get_thread_num() * state->strip_floats;
         load(state, copy, in + n * plan->in * plane, plan->in, first - pad, rows + 2 * pad, pad);
-        struct direct_strip strip = {copy, plan->in, rows + 2 * pad, state->pitch};
-        struct direct_target target = {out + n * plan->out * plane + first * state->spec.width,
-                                       plan->out, plane, rows, state->spec.width};
+        struct direct_strip strip = {copy, plan->in, rows + 2 * pad, state->pitch, 0};
+        struct direct_target target = {.data = out + n * plan->out * plane,
+                                       .channels = plan->out,
+                                       .plane = plane,
+                                       .rows = rows,
+                                       .width = state->spec.width,
+                                       .pitch = state->spec.width,
+                                       .held = height,
+                                       .first = first};
         state->kernel->convolve(&target, &strip, plan->weights, plan->bias, state->spec.kernel,
                                 plan->slope);
     }
@@ -194,6 +200,31 @@ static void forward(void *opaque, float *out, const float *in)
 {
     struct state *state = opaque;
     convolve(state, &state->forward, out, in);
+}
+
+/** The kernel reads and writes the lines where they lie. */
+static void forward_lines(const void *opaque, const struct v2v_lines *out,
+                          const struct v2v_lines *in, int64_t first, int64_t rows)
+{
+    const struct state *state = opaque;
+    const struct plan *plan = &state->forward;
+    int64_t pad = (state->spec.kernel - 1) / 2;
+    struct direct_strip strip = {.data = in->data - pad,
+                                 .channels = plan->in,
+                                 .rows = in->held,
+                                 .pitch = in->pitch,
+                                 .first = v2v_lines_place(in, first - pad)};
+    struct direct_target target = {.data = out->data,
+                                   .channels = plan->out,
+                                   .plane = v2v_lines_stride(out),
+                                   .rows = rows,
+                                   .width = out->width,
+                                   .pitch = out->pitch,
+                                   .held = out->held,
+                                   .first = v2v_lines_place(out, first)};
+    V2V_ASSERT(in->channels == plan->in && out->channels == plan->out && in->width == out->width);
+    state->kernel->convolve(&target, &strip, plan->weights, plan->bias, state->spec.kernel,
+                            plan->slope);
 }
 
 static void backward_data(void *opaque, float *din, const float *dout)
@@ -245,8 +276,8 @@ static void correlate_unit(const struct state *state, float *sums, const float *
     load(state, strip, in, spec->in, first - pad, rows + 2 * pad, pad);
     load(state, right, dout, spec->out, first, rows, 0);
     state->kernel->correlate(
-        sums, &(struct direct_strip){strip, spec->in, rows + 2 * pad, state->pitch},
-        &(struct direct_strip){right, spec->out, rows, state->pitch}, spec->width, spec->kernel);
+        sums, &(struct direct_strip){strip, spec->in, rows + 2 * pad, state->pitch, 0},
+        &(struct direct_strip){right, spec->out, rows, state->pitch, 0}, spec->width, spec->kernel);
 }
 
 static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
@@ -275,4 +306,5 @@ const struct v2v_conv_backend v2v_conv_direct = {.name = "direct",
                                                  .set_weights = set_weights,
                                                  .forward = forward,
                                                  .backward_data = backward_data,
-                                                 .backward_weights = backward_weights};
+                                                 .backward_weights = backward_weights,
+                                                 .forward_lines = forward_lines};

@@ -20,13 +20,22 @@ struct direct_strip {
     int64_t channels;
     int64_t rows; /**< per channel, of the strip */
     int64_t pitch;
+    int64_t first; /**< the first row that is read; behind the last one follows row 0 */
 };
 
 struct direct_target {
     float *data;
     int64_t channels, plane; /**< elements from channel to channel */
     int64_t rows, width;     /**< rows of the strip, pixels of the image's rows */
+    int64_t pitch;
+    int64_t held, first; /**< rows per channel, and the first that is written, as of a strip */
 };
+
+/** Row `y` from `first` on, of a ring of `held` rows. */
+static inline int64_t direct_row(int64_t first, int64_t y, int64_t held)
+{
+    return first + y < held ? first + y : first + y - held;
+}
 
 struct direct_kernel {
     int64_t lanes; /**< floats of a vector */

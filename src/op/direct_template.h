@@ -28,13 +28,18 @@ convolve_tile(const struct direct_target *target, const struct direct_strip *str
         }
     }
     const float *w = weights + channel * strip->channels * kernel * kernel;
-    const float *plane = strip->data + y * strip->pitch + x;
+    const float *plane = strip->data + x;
+    int64_t line[3];
+#pragma GCC unroll 3
+    for (int k = 0; k < kernel; k++) {
+        line[k] = direct_row(strip->first, y + k, strip->rows) * strip->pitch;
+    }
     for (int64_t i = 0; i < strip->channels; i++, plane += strip->rows * strip->pitch) {
 #pragma GCC unroll 3
         for (int k = 0; k < kernel; k++) {
 #pragma GCC unroll 3
             for (int l = 0; l < kernel; l++, w += DIRECT_CHANNELS) {
-                const float *row = plane + k * strip->pitch + l;
+                const float *row = plane + line[k] + l;
 #pragma GCC unroll 4
                 for (int j = 0; j < vectors; j++) {
                     vector in = *(const vector *)(row + j * LANES);
@@ -46,11 +51,12 @@ convolve_tile(const struct direct_target *target, const struct direct_strip *str
             }
         }
     }
+    int64_t place = direct_row(target->first, y, target->held) * target->pitch + x;
     int64_t count = target->width - x < vectors * LANES ? target->width - x : vectors * LANES;
 #pragma GCC unroll 4
     for (int o = 0; o < DIRECT_CHANNELS; o++) {
         float tail[VECTORS * LANES];
-        float *to = target->data + (channel + o) * target->plane + y * target->width + x;
+        float *to = target->data + (channel + o) * target->plane + place;
         int whole = channel + o < target->channels && count == vectors * LANES;
         float *row = whole ? to : tail;
 #pragma GCC unroll 4

@@ -75,8 +75,8 @@ void v2v_maxpool2_backward(float *din, const float *dout, const uint8_t *which, 
 enum { RUN = 1024 };
 
 /** Mean over `factor` rows of `count` columns. */
-V2V_SIMD_CLONES
-static void average_row(float *out, const float *in, int64_t stride, int64_t count, int factor)
+static inline __attribute__((always_inline)) void
+average_run(float *out, const float *in, int64_t stride, int64_t count, int factor)
 {
     float sums[RUN];
     memcpy(sums, in, (size_t)count * sizeof *sums);
@@ -87,6 +87,7 @@ static void average_row(float *out, const float *in, int64_t stride, int64_t cou
         }
     }
     float share = 1.0f / (float)(factor * factor);
+#pragma omp simd
     for (int64_t x = 0; x < count / factor; x++) {
         float sum = 0.0f;
         for (int l = 0; l < factor; l++) {
@@ -96,21 +97,56 @@ static void average_row(float *out, const float *in, int64_t stride, int64_t cou
     }
 }
 
+/** The encoder's factors are known to the compiler: it turns neighbours into vectors. */
+V2V_SIMD_CLONES
+static void average_row(float *out, const float *in, int64_t stride, int64_t count, int factor)
+{
+    if (factor == 2) {
+        average_run(out, in, stride, count, 2);
+    } else if (factor == 4) {
+        average_run(out, in, stride, count, 4);
+    } else if (factor == 8) {
+        average_run(out, in, stride, count, 8);
+    } else {
+        average_run(out, in, stride, count, factor);
+    }
+}
+
+/** One row of the means, of rows `stride` apart, in runs that the stack holds. */
+static void average_rows(float *out, const float *in, int64_t stride, int64_t columns, int factor)
+{
+    int64_t run = RUN / factor;
+    for (int64_t x = 0; x < columns; x += run) {
+        int64_t count = columns - x < run ? columns - x : run;
+        average_row(out + x, in + x * factor, stride, count * factor, factor);
+    }
+}
+
 void v2v_avgpool_forward(float *out, const float *in, int64_t planes, int64_t height, int64_t width,
                          int factor)
 {
     V2V_ASSERT(factor >= 1 && factor <= RUN);
     int64_t rows = height / factor, columns = width / factor;
-    int64_t run = RUN / factor;
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t c = 0; c < planes; c++) {
         for (int64_t y = 0; y < rows; y++) {
-            const float *block = in + (c * height + y * factor) * width;
-            float *to = out + (c * rows + y) * columns;
-            for (int64_t x = 0; x < columns; x += run) {
-                int64_t count = columns - x < run ? columns - x : run;
-                average_row(to + x, block + x * factor, width, count * factor, factor);
-            }
+            average_rows(out + (c * rows + y) * columns, in + (c * height + y * factor) * width,
+                         width, columns, factor);
+        }
+    }
+}
+
+void v2v_avgpool_lines(float *out, const struct v2v_lines *in, int factor, int64_t first,
+                       int64_t rows)
+{
+    V2V_ASSERT(factor >= 1 && factor <= RUN);
+    V2V_ASSERT(v2v_lines_place(in, first * factor) + rows * factor <= in->held);
+    int64_t height = in->height / factor, columns = in->width / factor;
+    for (int64_t y = first; y < first + rows; y++) {
+        const float *from = v2v_lines_at(in, y * factor);
+        for (int64_t c = 0; c < in->channels; c++) {
+            average_rows(out + (c * height + y) * columns, from + c * v2v_lines_stride(in),
+                         in->pitch, columns, factor);
         }
     }
 }

@@ -22,6 +22,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/op/lines.h"
 #include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
@@ -80,6 +81,16 @@ void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
  * computed where the backend knows no tiles. One image, stride 1. @kind Local. */
 void v2v_conv_forward_tiles(struct v2v_conv *conv, float *out, const float *in,
                             const struct v2v_tiles *tiles);
+
+/** Does v2v_conv_forward_lines know this convolution? Those of few channels it does. */
+int v2v_conv_takes_lines(const struct v2v_conv *conv);
+
+/** Rows [first, first + rows) of the output of one image, to the bits of v2v_conv_forward; nothing
+ *  else of `out` is written. Rows first - 1 to first + rows of `in` are read, of a 1 x 1 kernel
+ * only those that are written. @kind Local; by one thread alone, others may call it at the same
+ * time. */
+void v2v_conv_forward_lines(const struct v2v_conv *conv, const struct v2v_lines *out,
+                            const struct v2v_lines *in, int64_t first, int64_t rows);
 
 /** din = adjoint of the convolution applied to dout (the gradient before the activation).
  *  @kind Local. */

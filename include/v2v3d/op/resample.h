@@ -1,6 +1,7 @@
 #ifndef V2V3D_OP_RESAMPLE_H
 #define V2V3D_OP_RESAMPLE_H
 
+#include "v2v3d/op/lines.h"
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -24,6 +25,11 @@ void v2v_avgpool_forward(float *out, const float *in, int64_t planes, int64_t he
 void v2v_avgpool_backward(float *din, const float *dout, int64_t planes, int64_t height,
                           int64_t width, int factor);
 
+/** Rows [first, first + rows) of the mean of all channels, [channel,y/factor,x/factor], to the bits
+ *  of the above. By one thread alone. */
+void v2v_avgpool_lines(float *out, const struct v2v_lines *in, int factor, int64_t first,
+                       int64_t rows);
+
 /** Each pixel repeated 2 x 2, and its adjoint. */
 void v2v_nearest2_forward(float *out, const float *in, int64_t planes, int64_t height,
                           int64_t width);
@@ -34,6 +40,10 @@ void v2v_nearest2_backward(float *din, const float *dout, int64_t planes, int64_
  * of one pixel repeats it), and its adjoint. */
 void v2v_bilinear_forward(float *out, const float *in, int64_t planes, int64_t height,
                           int64_t width, int factor);
+/** Rows [first, first + rows) of the upsampled channels of in [channel,y/factor,x/factor], to the
+ * same bits. By one thread alone. */
+void v2v_bilinear_lines(const struct v2v_lines *out, const float *in, int factor, int64_t first,
+                        int64_t rows);
 void v2v_bilinear_backward(float *din, const float *dout, int64_t planes, int64_t height,
                            int64_t width, int factor);
 

@@ -52,8 +52,8 @@ static struct fixture *fixture_create(int kernel)
 static void check_convolve(const struct direct_kernel *kernel, struct fixture *f)
 {
     int pad = (f->spec.kernel - 1) / 2;
-    struct direct_strip strip = {f->strip, IN, HEIGHT + 2 * pad, PITCH};
-    struct direct_target target = {f->out, OUT, HEIGHT * WIDTH, HEIGHT, WIDTH};
+    struct direct_strip strip = {f->strip, IN, HEIGHT + 2 * pad, PITCH, 0};
+    struct direct_target target = {f->out, OUT, HEIGHT * WIDTH, HEIGHT, WIDTH, WIDTH, HEIGHT, 0};
     kernel->convolve(&target, &strip, f->packed, f->bias, f->spec.kernel, f->spec.slope);
     twin_conv_forward((struct twin){f->value, f->moduli}, &f->spec, f->in, f->weight, f->bias);
     for (int64_t i = 0; i < OUT * HEIGHT * WIDTH; i++) {
@@ -66,8 +66,8 @@ static void check_convolve(const struct direct_kernel *kernel, struct fixture *f
 static void check_correlate(const struct direct_kernel *kernel, struct fixture *f)
 {
     int k = f->spec.kernel, pad = (k - 1) / 2;
-    struct direct_strip strip = {f->strip, IN, HEIGHT + 2 * pad, PITCH};
-    struct direct_strip right = {f->right, OUT, HEIGHT, PITCH};
+    struct direct_strip strip = {f->strip, IN, HEIGHT + 2 * pad, PITCH, 0};
+    struct direct_strip right = {f->right, OUT, HEIGHT, PITCH, 0};
     memset(f->sums, 0, sizeof f->sums);
     kernel->correlate(f->sums, &strip, &right, WIDTH, k);
     twin_conv_backward_weights((struct twin){f->value, f->moduli}, &f->spec, f->in, f->dout);
