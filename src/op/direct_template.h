@@ -28,21 +28,21 @@ convolve_tile(const struct direct_target *target, const struct direct_strip *str
         }
     }
     const float *w = weights + channel * strip->channels * kernel * kernel;
-    const float *plane = strip->data + x;
-    int64_t line[3];
+    const float *line[3];
 #pragma GCC unroll 3
     for (int k = 0; k < kernel; k++) {
-        line[k] = direct_row(strip->first, y + k, strip->rows) * strip->pitch;
+        line[k] = strip->data + direct_row(strip->first, y + k, strip->rows) * strip->pitch + x;
     }
-    for (int64_t i = 0; i < strip->channels; i++, plane += strip->rows * strip->pitch) {
+    for (int64_t i = 0; i < strip->channels; i++) {
 #pragma GCC unroll 3
         for (int k = 0; k < kernel; k++) {
+            const float *row = line[k];
+            line[k] += strip->rows * strip->pitch;
 #pragma GCC unroll 3
             for (int l = 0; l < kernel; l++, w += DIRECT_CHANNELS) {
-                const float *row = plane + line[k] + l;
 #pragma GCC unroll 4
                 for (int j = 0; j < vectors; j++) {
-                    vector in = *(const vector *)(row + j * LANES);
+                    vector in = *(const vector *)(row + l + j * LANES);
 #pragma GCC unroll 4
                     for (int o = 0; o < DIRECT_CHANNELS; o++) {
                         sum[o][j] += in * w[o];
