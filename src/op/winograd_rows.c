@@ -490,24 +490,61 @@ static void drop_odd(float *line, int64_t count)
     }
 }
 
-/* Line i of every run, lying in the scratch, to the image. */
-static void store_line(const struct rows *rows, const struct scratch *scratch,
-                       const struct batch *batch, int64_t i, float *image)
+/* Where a run of a batch lies in the output image: pixels [at, at + count) of each of its lines. */
+struct spot {
+    int64_t at, count;
+    int64_t lines; /* that the image has, of the four */
+    int64_t tiles;
+};
+
+static void find_spots(const struct rows *rows, const struct batch *batch, struct spot *spot)
 {
     int64_t half = rows->stride2, tile = 0;
-    const float *line = scratch->line;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
-        int64_t y = run.row * TILE + i, x = run.first * TILE;
+        int64_t y = run.row * TILE, x = run.first * TILE;
         int64_t count = v2v_within(run.count * TILE, 0, rows->width - x);
-        float *to = image + ((y - rows->first_row * TILE) >> half) * rows->out_width + (x >> half);
-        if (y < rows->height && !half && count == run.count * TILE) {
-            copy_tiles(to, line, run.count, 0);
-        } else if (y < rows->height) {
-            memcpy(to, line, (size_t)((count + half) >> half) * sizeof *line);
-        }
-        line += run.count * TILE >> half;
+        spot[r] = (struct spot){.at = ((y - rows->first_row * TILE) >> half) * rows->out_width +
+                                      (x >> half),
+                                .count = (count + half) >> half,
+                                .lines = v2v_within(rows->height - y, 0, TILE),
+                                .tiles = run.count};
         tile += run.count;
+    }
+}
+
+/* Ask memory for a batch's lines: no hardware foresees parts of rows here and there. Inline, or the
+ * compiler would take it for a function without effect. */
+static inline __attribute__((always_inline)) void fetch_spots(const struct rows *rows,
+                                                              const struct batch *batch,
+                                                              const struct spot *spot,
+                                                              const float *image)
+{
+    for (int64_t r = 0; r < batch->runs; r++) {
+        for (int64_t i = 0; i < spot[r].lines; i += 1 + rows->stride2) {
+            const float *row = image + spot[r].at + (i >> rows->stride2) * rows->out_width;
+            for (int64_t x = 0; x < spot[r].count - 1; x += LINE) {
+                __builtin_prefetch(row + x, 1);
+            }
+            __builtin_prefetch(row + spot[r].count - 1, 1);
+        }
+    }
+}
+
+/* Line i of every run, lying in the scratch, to the image. */
+static void store_line(const struct rows *rows, const struct scratch *scratch,
+                       const struct batch *batch, const struct spot *spot, int64_t i, float *image)
+{
+    const float *line = scratch->line;
+    float *row = image + (i >> rows->stride2) * rows->out_width;
+    for (int64_t r = 0; r < batch->runs; r++) {
+        int64_t pixels = spot[r].tiles * TILE >> rows->stride2;
+        if (i < spot[r].lines && !rows->stride2 && spot[r].count == pixels) {
+            copy_tiles(row + spot[r].at, line, spot[r].tiles, 0);
+        } else if (i < spot[r].lines) {
+            memcpy(row + spot[r].at, line, (size_t)spot[r].count * sizeof *line);
+        }
+        line += pixels;
     }
 }
 
@@ -516,8 +553,13 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
 {
     struct scratch scratch = thread_scratch(rows);
     struct batch batch;
+    struct spot spot[BATCH];
     for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         int64_t pixels = batch.tiles * TILE;
+        find_spots(rows, &batch, spot);
+        if (!is_whole(rows, &batch)) {
+            fetch_spots(rows, &batch, spot, image);
+        }
         values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);
         for (int64_t i = 0; i < TILE; i += 1 + rows->stride2) {
             rows->kernel->output(scratch.phase, scratch.step, line_points(&scratch, i),
@@ -527,7 +569,7 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
                 drop_odd(scratch.line, pixels);
             }
             finish_line(scratch.line, pixels >> rows->stride2, bias, slope);
-            store_line(rows, &scratch, &batch, i, image);
+            store_line(rows, &scratch, &batch, spot, i, image);
         }
     }
 }
