@@ -1,5 +1,5 @@
 #include "v2v3d/op/lines.h"
-#include "op/simd.h"
+#include "op/pixels.h"
 #include "v2v3d/base/memory.h"
 #include <string.h>
 
@@ -64,15 +64,6 @@ void v2v_lines_frame(const struct v2v_lines *lines, int64_t first, int64_t rows)
     }
 }
 
-V2V_SIMD_CLONES
-static void add_row(float *sum, const float *x, int64_t count)
-{
-#pragma omp simd
-    for (int64_t i = 0; i < count; i++) {
-        sum[i] += x[i];
-    }
-}
-
 void v2v_lines_add(const struct v2v_lines *lines, const struct v2v_lines *other, int64_t first,
                    int64_t rows)
 {
@@ -80,8 +71,8 @@ void v2v_lines_add(const struct v2v_lines *lines, const struct v2v_lines *other,
         float *sum = v2v_lines_at(lines, y);
         const float *x = v2v_lines_at(other, y);
         for (int64_t c = 0; c < lines->channels; c++) {
-            add_row(sum + c * v2v_lines_stride(lines), x + c * v2v_lines_stride(other),
-                    lines->width);
+            v2v_pixels_add(sum + c * v2v_lines_stride(lines), x + c * v2v_lines_stride(other),
+                           lines->width);
         }
     }
 }

@@ -1,7 +1,7 @@
 #include "op/winograd_rows.h"
 
 #include "op/panel_kernel.h"
-#include "op/simd.h"
+#include "op/pixels.h"
 #include "v2v3d/base/bounds.h"
 
 #include <omp.h>
@@ -108,26 +108,6 @@ static void set_next_batch(struct batch *next, const struct rows *rows, const st
 
 /* ---- lines and phases ---- */
 
-V2V_SIMD_CLONES
-static void split(float *restrict phase, int64_t step, const float *restrict line, int64_t count)
-{
-    for (int64_t t = 0; t < count; t++) {
-        for (int j = 0; j < TILE; j++) {
-            phase[j * step + t] = line[t * TILE + j];
-        }
-    }
-}
-
-V2V_SIMD_CLONES
-static void join(float *restrict line, const float *restrict phase, int64_t step, int64_t count)
-{
-    for (int64_t t = 0; t < count; t++) {
-        for (int j = 0; j < TILE; j++) {
-            line[t * TILE + j] = phase[j * step + t];
-        }
-    }
-}
-
 /* Tiles' pixels, and two more with `beyond`: short copies of fixed sizes are instructions. */
 static void copy_tiles(float *to, const float *from, int64_t tiles, int beyond)
 {
@@ -142,54 +122,6 @@ static void copy_tiles(float *to, const float *from, int64_t tiles, int beyond)
     }
 }
 
-/* Every pixel twice, and the adjoint. */
-V2V_SIMD_CLONES
-static void repeat(float *restrict line, const float *restrict row, int64_t count)
-{
-    for (int64_t k = 0; k < count; k++) {
-        line[2 * k] = line[2 * k + 1] = row[k];
-    }
-}
-
-V2V_SIMD_CLONES
-static void add_pairs(float *restrict row, const float *restrict line, int64_t count)
-{
-    for (int64_t k = 0; k < count; k++) {
-        row[k] += line[2 * k] + line[2 * k + 1];
-    }
-}
-
-V2V_SIMD_CLONES
-static void add_pixels(float *restrict row, const float *restrict line, int64_t count)
-{
-    for (int64_t x = 0; x < count; x++) {
-        row[x] += line[x];
-    }
-}
-
-/* Pixels [x0,x1) of a row of half as many; the first and the last may stand alone. */
-static void load_repeated(float *line, const float *row, int64_t x0, int64_t x1)
-{
-    if (x0 < x1 && x0 % 2 != 0) {
-        *line++ = row[x0++ >> 1];
-    }
-    repeat(line, row + (x0 >> 1), (x1 - x0) >> 1);
-    if (x0 < x1 && x1 % 2 != 0) {
-        line[x1 - 1 - x0] = row[x1 >> 1];
-    }
-}
-
-static void add_repeated(float *row, const float *line, int64_t x0, int64_t x1)
-{
-    if (x0 < x1 && x0 % 2 != 0) {
-        row[x0++ >> 1] += *line++;
-    }
-    add_pairs(row + (x0 >> 1), line, (x1 - x0) >> 1);
-    if (x0 < x1 && x1 % 2 != 0) {
-        row[x1 >> 1] += line[x1 - 1 - x0];
-    }
-}
-
 /* Pixels [start, start + length) of an image row, zero where the plane ends. */
 static void load_pixels(const struct rows *rows, float *line, int64_t start, int64_t length,
                         const float *row, const struct v2v_plane *plane)
@@ -198,7 +130,7 @@ static void load_pixels(const struct rows *rows, float *line, int64_t start, int
     int64_t x1 = v2v_within(plane->x1, x0, start + length);
     memset(line, 0, (size_t)(x0 - start) * sizeof *line);
     if (rows->half) {
-        load_repeated(line + x0 - start, row, x0, x1);
+        v2v_pixels_repeat(line + x0 - start, row, x0, x1);
     } else {
         memcpy(line + x0 - start, row + x0, (size_t)(x1 - x0) * sizeof *line);
     }
@@ -277,7 +209,7 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
         const float *row = piece_row(rows, reading, piece, i);
         int64_t y = piece->row + i, length = piece->tiles * TILE + 2;
         if (piece->inside && rows->half) {
-            load_repeated(line, row, piece->start, piece->start + length);
+            v2v_pixels_repeat(line, row, piece->start, piece->start + length);
         } else if (piece->inside) {
             copy_tiles(line, row + piece->start, piece->tiles, 1);
         } else if (y < reading->plane->y0 || y >= reading->plane->y1) {
@@ -291,7 +223,7 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
         line += piece->tiles * TILE;
         memcpy(beyond[r], line, sizeof beyond[r]);
     }
-    split(phase, step, scratch->line, batch->tiles);
+    v2v_pixels_split(phase, step, scratch->line, batch->tiles);
     for (int64_t j = 0; j < 2; j++) {
         memcpy(phase + (TILE + j) * step, phase + j * step + 1,
                (size_t)batch->tiles * sizeof *phase);
@@ -334,9 +266,9 @@ static void add_line(const struct rows *rows, float *base, const struct v2v_plan
     int64_t x1 = v2v_within(plane->x1, x0, start + length);
     float *to = base + plane->offset + (y >> rows->half) * rows->pitch;
     if (rows->half) {
-        add_repeated(to, line + x0 - start, x0, x1);
+        v2v_pixels_repeat_turned(to, line + x0 - start, x0, x1);
     } else {
-        add_pixels(to + x0, line + x0 - start, x1 - x0);
+        v2v_pixels_add(to + x0, line + x0 - start, x1 - x0);
     }
 }
 
@@ -449,10 +381,10 @@ static void add_phases(const struct rows *rows, const struct scratch *scratch,
         float *phase = scratch->phase + tile, *beyond = scratch->line + run.count * TILE;
         for (int64_t j = 0; j < 2; j++) { /* the next tile's first pixels */
             const float *last = phase + (TILE + j) * step;
-            add_pixels(phase + j * step + 1, last, run.count - 1);
+            v2v_pixels_add(phase + j * step + 1, last, run.count - 1);
             beyond[j] = last[run.count - 1];
         }
-        join(scratch->line, phase, step, run.count);
+        v2v_pixels_join(scratch->line, phase, step, run.count);
         add_line(rows, base, plane, run.row * TILE - 1 + i, &run, scratch->line);
         tile += run.count;
     }
@@ -471,22 +403,6 @@ void v2v_rows_input_turned(const struct rows *rows, float *base, const struct v2
                                        batch.tiles);
             add_phases(rows, &scratch, &batch, i, base, plane);
         }
-    }
-}
-
-V2V_SIMD_CLONES
-static void finish_line(float *restrict line, int64_t count, float bias, float slope)
-{
-    for (int64_t x = 0; x < count; x++) {
-        float value = line[x] + bias;
-        line[x] = value > 0.0f ? value : slope * value;
-    }
-}
-
-static void drop_odd(float *line, int64_t count)
-{
-    for (int64_t x = 0; 2 * x < count; x++) {
-        line[x] = line[2 * x];
     }
 }
 
@@ -564,22 +480,13 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
         for (int64_t i = 0; i < TILE; i += 1 + rows->stride2) {
             rows->kernel->output(scratch.phase, scratch.step, line_points(&scratch, i),
                                  scratch.step, batch.tiles);
-            join(scratch.line, scratch.phase, scratch.step, batch.tiles);
+            v2v_pixels_join(scratch.line, scratch.phase, scratch.step, batch.tiles);
             if (rows->stride2) {
-                drop_odd(scratch.line, pixels);
+                v2v_pixels_drop_odd(scratch.line, pixels);
             }
-            finish_line(scratch.line, pixels >> rows->stride2, bias, slope);
+            v2v_pixels_activate(scratch.line, pixels >> rows->stride2, bias, slope);
             store_line(rows, &scratch, &batch, spot, i, image);
         }
-    }
-}
-
-/* Every second pixel, zeros between. */
-static void spread(float *line, const float *row, int64_t count)
-{
-    for (int64_t x = 0; x < count; x++) {
-        line[2 * x] = row[x];
-        line[2 * x + 1] = 0.0f;
     }
 }
 
@@ -595,7 +502,7 @@ static void load_line(const struct rows *rows, const struct scratch *scratch,
         int64_t count = y < rows->height ? v2v_within(length, 0, rows->width - x) : 0;
         const float *row = image + (y >> half) * rows->out_width + (x >> half);
         if (half && y % 2 == 0) {
-            spread(line, row, (count + 1) / 2);
+            v2v_pixels_spread(line, row, (count + 1) / 2);
         } else if (half) {
             count = 0;
         } else {
@@ -615,7 +522,7 @@ void v2v_rows_output_turned(const struct rows *rows, float *values, int64_t chan
     for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         for (int64_t i = 0; i < TILE; i++) {
             load_line(rows, &scratch, &batch, i, image);
-            split(scratch.phase, scratch.step, scratch.line, batch.tiles);
+            v2v_pixels_split(scratch.phase, scratch.step, scratch.line, batch.tiles);
             rows->kernel->output_turned(line_points(&scratch, i), scratch.step, scratch.phase,
                                         scratch.step, batch.tiles);
         }

@@ -1,25 +1,15 @@
 /* The encoder in lines, against the same encoder that keeps every image as a whole. */
 #include "nn/encoder.h"
+#include "small_draw.h"
 #include "support.h"
 
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/random.h"
 #include "v2v3d/op/gemm.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { FEATURES = 5 };
-
-static float *draw(int64_t count, uint64_t stream)
-{
-    float *x = v2v_mem_alloc("test", count, sizeof *x);
-    assert_non_null(x);
-    for (int64_t i = 0; i < count; i++) {
-        x[i] = (float)(0.3 * v2v_random_normal(5, stream, (uint64_t)i));
-    }
-    return x;
-}
 
 struct run {
     struct v2v_encoder *encoder;
@@ -55,7 +45,7 @@ static void run_fini(struct run *run)
 static void check(const struct v2v_encoder *like, const struct v2v_parameters *parameters,
                   int64_t height, int64_t width, int threads)
 {
-    float *view = draw(height * width, 2);
+    float *view = small_draw(height * width, 2, 0.3);
     v2v_op_set_threads(threads);
     struct run whole = encode(like, parameters, view, height, width, 1);
     struct run lines = encode(like, parameters, view, height, width, 0);
@@ -82,7 +72,8 @@ static void lines_give_the_bits_of_whole_images(void **unused)
     struct v2v_encoder *like = NULL;
     (void)unused;
     assert_ok(v2v_encoder_create(&like, &fields, FEATURES));
-    struct v2v_parameters parameters = {.fields = &fields, .weights = draw(fields.total, 1)};
+    struct v2v_parameters parameters = {.fields = &fields,
+                                        .weights = small_draw(fields.total, 1, 0.3)};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         check(like, &parameters, cases[i].height, cases[i].width, cases[i].threads);
     }

@@ -1,6 +1,7 @@
 /* Chains of layers in strips of rows, and of a scene's tiles alone, against the same layers one by
  * one. */
 #include "nn/strips.h"
+#include "small_draw.h"
 #include "small_shifts.h"
 #include "support.h"
 
@@ -36,16 +37,6 @@ struct chain {
     float *whole[DEPTH]; /* outputs, layer by layer */
 };
 
-static float *draw(int64_t count, uint64_t stream)
-{
-    float *x = v2v_mem_alloc("test", count, sizeof *x);
-    assert_non_null(x);
-    for (int64_t i = 0; i < count; i++) {
-        x[i] = (float)(0.3 * v2v_random_normal(5, stream, (uint64_t)i));
-    }
-    return x;
-}
-
 static void declare(struct chain *c)
 {
     c->first = (struct v2v_layer){.in = VIEWS * FEATURES * SLICES, .out = WIDE, .kernel = 3};
@@ -60,8 +51,8 @@ static void declare(struct chain *c)
                                          .slope = 0.01f};
         assert_ok(v2v_layer_declare(&c->layer[i], &c->fields, "x", name));
     }
-    c->parameters =
-        (struct v2v_parameters){.fields = &c->fields, .weights = draw(c->fields.total, 1)};
+    c->parameters = (struct v2v_parameters){.fields = &c->fields,
+                                            .weights = small_draw(c->fields.total, 1, 0.3)};
 }
 
 static void fill_features(struct chain *c)
@@ -69,7 +60,7 @@ static void fill_features(struct chain *c)
     int64_t ring = v2v_shifts_reach(&c->shifts) + 1;
     assert_ok(v2v_padded_init(&c->features, VIEWS, FEATURES, HEIGHT, WIDTH, ring));
     for (int v = 0; v < VIEWS; v++) {
-        float *planes = draw(FEATURES * PIXELS, 2 + (uint64_t)v);
+        float *planes = small_draw(FEATURES * PIXELS, 2 + (uint64_t)v, 0.3);
         v2v_padded_put_rows(&c->features, v, planes, HEIGHT, 0, HEIGHT);
         v2v_mem_free(planes);
     }
@@ -98,7 +89,7 @@ static void setup(struct chain *c)
     assert_ok(v2v_align_conv_plan(c->align, &c->features, HEIGHT, 0));
     set_align_weights(c);
     for (int i = 0; i < DEPTH; i++) {
-        c->whole[i] = draw(table[i].channels * table[i].pixels, 9);
+        c->whole[i] = small_draw(table[i].channels * table[i].pixels, 9, 0.3);
     }
     v2v_align_conv_forward(c->align, c->whole[0], &c->features, NULL);
     for (int i = 0; i < LAYERS; i++) {
@@ -145,7 +136,7 @@ static void run(struct chain *c, enum part part, int64_t most_floats, float *out
 {
     struct v2v_strips *strips = NULL;
     struct v2v_strips_spec spec = spec_of(c, part, most_floats);
-    float *scratch = draw(v2v_strips_floats(&spec), 7);
+    float *scratch = small_draw(v2v_strips_floats(&spec), 7, 0.3);
     struct v2v_strips_data data = {
         .features = &c->features, .images = c->whole[MIDDLE], .strips = scratch, .out = out};
     assert_ok(v2v_strips_create(&strips, &spec, &c->features));
@@ -178,7 +169,7 @@ static void check_strips(enum part part, int64_t most_floats)
     int last = part == HEAD ? MIDDLE : LAYERS;
     int64_t count = table[last].channels * table[last].pixels;
     setup(&c);
-    float *out = draw(count, 8);
+    float *out = small_draw(count, 8, 0.3);
     run(&c, part, most_floats, out, NULL);
     for (int64_t i = 0; i < count; i++) {
         worst = fmax(worst, fabs((double)out[i] - (double)c.whole[last][i]));
@@ -269,8 +260,8 @@ static void check_scene(enum part part)
     int64_t pixels = table[last].pixels, width = WIDTH >> half, size = 4 >> half, seen = 0;
     setup(&c);
     struct v2v_scene scene = scene_of_views(&c);
-    float *out = draw(table[last].channels * pixels, 8);
-    float *again = draw(table[last].channels * pixels, 18);
+    float *out = small_draw(table[last].channels * pixels, 8, 0.3);
+    float *again = small_draw(table[last].channels * pixels, 18, 0.3);
     run(&c, part, 1, out, &scene);
     run(&c, part, V2V_STRIPS_FLOATS, again, &scene);
     double bound = round_off * root_mean_square(c.whole[last], table[last].channels * pixels);

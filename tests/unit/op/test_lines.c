@@ -1,23 +1,13 @@
 /* What reads and writes images in lines, against the same on whole images. */
+#include "small_draw.h"
 #include "support.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/random.h"
 #include "v2v3d/op/conv.h"
 #include "v2v3d/op/resample.h"
 #include <math.h>
 #include <string.h>
 
 enum { IN = 5, OUT = 6, HEIGHT = 24, WIDTH = 90, PIXELS = HEIGHT * WIDTH };
-
-static float *draw(int64_t count, uint64_t stream)
-{
-    float *x = v2v_mem_alloc("test", count, sizeof *x);
-    assert_non_null(x);
-    for (int64_t i = 0; i < count; i++) {
-        x[i] = (float)v2v_random_normal(5, stream, (uint64_t)i);
-    }
-    return x;
-}
 
 /* Memory that begins as NaN: nothing of it may be seen. */
 static struct v2v_lines lines_of(float **memory, int64_t channels, int64_t held)
@@ -64,8 +54,9 @@ static void check_convolution(int kernel)
                                  .stride = 1,
                                  .slope = 0.1f};
     struct v2v_conv *conv = NULL;
-    float *memory[2], *in = draw(IN * PIXELS, 1), *out = draw(OUT * PIXELS, 2);
-    float *weight = draw(OUT * IN * 9, 3), *bias = draw(OUT, 4);
+    float *memory[2], *in = small_draw(IN * PIXELS, 1, 1.0),
+                      *out = small_draw(OUT * PIXELS, 2, 1.0);
+    float *weight = small_draw(OUT * IN * 9, 3, 1.0), *bias = small_draw(OUT, 4, 1.0);
     struct v2v_lines from = lines_of(&memory[0], IN, HELD), to = lines_of(&memory[1], OUT, HELD);
     assert_ok(v2v_conv_create(&conv, &spec));
     assert_true(v2v_conv_takes_lines(conv));
@@ -116,8 +107,9 @@ static void large_layers_take_no_lines(void **unused)
 static void resampled_lines_have_the_bits_of_the_image(void **unused)
 {
     static const int factors[] = {1, 2, 3};
-    float *memory, *image = draw(IN * PIXELS, 1), *small = draw(IN * PIXELS, 2);
-    float *by_lines = draw(IN * PIXELS, 2);
+    float *memory, *image = small_draw(IN * PIXELS, 1, 1.0),
+                   *small = small_draw(IN * PIXELS, 2, 1.0);
+    float *by_lines = small_draw(IN * PIXELS, 2, 1.0);
     struct v2v_lines lines = lines_of(&memory, IN, HEIGHT + 2);
     (void)unused;
     for (size_t i = 0; i < sizeof factors / sizeof *factors; i++) {
@@ -140,7 +132,8 @@ static void resampled_lines_have_the_bits_of_the_image(void **unused)
 
 static void sums_are_of_the_given_rows(void **unused)
 {
-    float *memory[2], *image = draw(IN * PIXELS, 1), *other = draw(IN * PIXELS, 2);
+    float *memory[2], *image = small_draw(IN * PIXELS, 1, 1.0),
+                      *other = small_draw(IN * PIXELS, 2, 1.0);
     struct v2v_lines sum = lines_of(&memory[0], IN, HEIGHT), x = lines_of(&memory[1], IN, 9);
     (void)unused;
     for (int64_t c = 0; c < IN; c++) {
