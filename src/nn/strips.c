@@ -4,12 +4,15 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 
+#include <string.h>
+
 /* Strips are multiples of UNIT rows: each sample lies in one of them. */
 enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = V2V_SAMPLE_TILES * TILE };
 
 /* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
- * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a step
- * computes one row of tiles more at either end than the next one. */
+ * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a
+ * step's strip reaches one row of tiles further at either end than the next one's; rows that the
+ * strip above had too are moved, not computed again. */
 struct v2v_strips {
     struct v2v_strips_spec spec;
     int64_t steps;
@@ -241,49 +244,62 @@ static void fill_lines(const struct v2v_scene *scene, const struct v2v_tiles_ima
     v2v_tiles_fill(&scene->below, image, 0, 1, level, 1);
 }
 
-/* `measure`: the strip holds the sample, whose level is not known yet. */
-static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
-                          const struct v2v_scene *scene, int64_t y, int measure)
+/* Rows of the strip above that `image` begins with move there; the others are to be computed. */
+static void keep_rows(struct v2v_tiles_image *image, const struct v2v_tiles_image *above)
 {
-    struct v2v_tiles_image image, before = {0};
+    if (image->begin < above->begin || image->begin >= above->last) {
+        return;
+    }
+    int64_t from = (image->begin - above->begin) * image->size * image->width;
+    int64_t floats = (above->last - image->begin) * image->size * image->width;
+#pragma omp parallel for schedule(static)
+    for (int64_t c = 0; c < image->channels; c++) {
+        float *channel = image->data + c * image->rows_held * image->width;
+        memmove(channel, channel + from, (size_t)floats * sizeof *channel);
+    }
+    image->first = above->last;
+}
+
+/* `left` [steps]: what the strip computed before this one left, and then what this one leaves.
+ * `measure`: the strip holds the sample, whose level is not known yet. */
+static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
+                          const struct v2v_scene *scene, int64_t y, int measure,
+                          struct v2v_tiles_image *left)
+{
     int64_t height = self->spec.height, end = v2v_within(y + self->rows, 0, height);
     for (int64_t i = 0; i < self->steps; i++) {
+        int is_strip = i < self->steps - 1;
         int64_t first = v2v_within(y - margin(self, i), 0, height);
         int64_t last = v2v_within(end + margin(self, i), 0, height);
-        image = behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
-        compute(self, data, i, scene, &image, &before);
+        struct v2v_tiles_image image =
+            behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
+        if (is_strip) {
+            keep_rows(&image, &left[i]);
+        }
+        compute(self, data, i, scene, &image, i > 0 ? &left[i - 1] : NULL);
         if (measure) {
             measure_level(self->level[i], &image, scene);
         }
-        if (scene != NULL && i < self->steps - 1) {
+        if (scene != NULL && is_strip) {
             fill_lines(scene, &image, self->level[i]);
         }
-        before = image;
+        left[i] = image;
     }
 }
 
-static void compute_scene(struct v2v_strips *self, const struct v2v_strips_data *data,
-                          const struct v2v_scene *scene)
-{
-    int64_t last = self->steps - 1, sampled = scene->sample_row * TILE / self->rows * self->rows;
-    compute_strip(self, data, scene, sampled, 1);
-    for (int64_t y = 0; y < self->spec.height; y += self->rows) {
-        if (y != sampled) {
-            compute_strip(self, data, scene, y, 0);
-        }
-    }
-    struct v2v_tiles_image out = behind(self, data, last, 0, self->all.rows);
-    v2v_tiles_fill(&scene->dark, &out, 0, out.size, self->level[last], 1);
-}
-
+/* From the strip that holds the sample downwards, then from the first one on. */
 void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,
                         const struct v2v_scene *scene)
 {
-    if (scene != NULL) {
-        compute_scene(self, data, scene);
-        return;
+    struct v2v_tiles_image left[STEPS] = {0};
+    int64_t strips = (self->spec.height + self->rows - 1) / self->rows, end = self->steps - 1;
+    int64_t sampled = scene != NULL ? scene->sample_row * TILE / self->rows : 0;
+    for (int64_t i = 0; i < strips; i++) {
+        int64_t strip = (sampled + i) % strips;
+        compute_strip(self, data, scene, strip * self->rows, scene != NULL && i == 0, left);
     }
-    for (int64_t y = 0; y < self->spec.height; y += self->rows) {
-        compute_strip(self, data, NULL, y, 0);
+    if (scene != NULL) {
+        struct v2v_tiles_image out = behind(self, data, end, 0, self->all.rows);
+        v2v_tiles_fill(&scene->dark, &out, 0, out.size, self->level[end], 1);
     }
 }

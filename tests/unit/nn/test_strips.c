@@ -227,6 +227,7 @@ static struct v2v_scene scene_of_views(const struct chain *c)
         v2v_scene_init(&scene, &c->shifts, HEIGHT, WIDTH, &(struct v2v_slab){.rows = HEIGHT}));
     assert_true(v2v_scene_look(&scene, views, 0.1));
     assert_true(scene.computed.count > 48); /* tiles of the light itself */
+    assert_int_equal(scene.sample_row, 16); /* the last of three strips is the first computed */
     assert_true(scene.computed.count + scene.dark.count == PIXELS / 16 + 64);
     return scene;
 }
