@@ -16,12 +16,14 @@ typedef void winograd_axis(float *out, int64_t out_step, const float *in, int64_
                            int64_t count);
 
 struct winograd_kernel {
-    winograd_axis *input;          /**< 6 points from 6 pixels */
-    winograd_axis *input_turned;   /**< its adjoint */
-    winograd_axis *output;         /**< 4 pixels from 6 points */
-    winograd_axis *output_turned;  /**< its adjoint */
-    winograd_axis *weights;        /**< both axes: 36 values from 9 taps */
-    winograd_axis *weights_turned; /**< its adjoint */
+    winograd_axis *input;              /**< 6 points from 6 pixels */
+    winograd_axis *input_past;         /**< the same, past the caches where it can */
+    winograd_axis *input_turned;       /**< its adjoint */
+    winograd_axis *output;             /**< 4 pixels from 6 points */
+    winograd_axis *output_turned;      /**< its adjoint */
+    winograd_axis *output_turned_past; /**< the same, past the caches where it can */
+    winograd_axis *weights;            /**< both axes: 36 values from 9 taps, likewise */
+    winograd_axis *weights_turned;     /**< its adjoint */
 };
 
 extern const struct winograd_kernel v2v_winograd_avx512;

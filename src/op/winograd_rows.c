@@ -362,7 +362,7 @@ void v2v_rows_input(const struct rows *rows, float *values, int64_t channels, co
             rows->kernel->input(line_points(&scratch, i), step, scratch.phase, step,
                                 now->batch.tiles);
         }
-        lines_to_values(rows, rows->kernel->input, values, channels, &scratch, &now->batch);
+        lines_to_values(rows, rows->kernel->input_past, values, channels, &scratch, &now->batch);
         above = is_whole(rows, &now->batch) ? now->batch.run : NULL;
         swap = now;
         now = next;
@@ -526,6 +526,6 @@ void v2v_rows_output_turned(const struct rows *rows, float *values, int64_t chan
             rows->kernel->output_turned(line_points(&scratch, i), scratch.step, scratch.phase,
                                         scratch.step, batch.tiles);
         }
-        lines_to_values(rows, rows->kernel->output_turned, values, channels, &scratch, &batch);
+        lines_to_values(rows, rows->kernel->output_turned_past, values, channels, &scratch, &batch);
     }
 }

@@ -9,7 +9,7 @@
 
 typedef float values __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
-#define INLINE static inline __attribute__((always_inline))
+#define INLINE TARGET static inline __attribute__((always_inline))
 
 INLINE void input(values *v, const values *d)
 {
@@ -135,9 +135,26 @@ INLINE void copy_lanes(void *to, const void *from, int64_t count)
     }
 }
 
-/* The last vector may be filled in part. */
+#ifdef STREAM
+/* Do whole vectors, of a cache's line each, begin where lines do? */
+INLINE int fills_lines(const float *out, int64_t out_step)
+{
+    return out_step % LANES == 0 && (uintptr_t)out % sizeof(values) == 0;
+}
+#else
+#define STREAM(to, vector) (*(values *)(to) = (vector))
+INLINE int fills_lines(const float *out, int64_t out_step)
+{
+    (void)out;
+    (void)out_step;
+    return 0;
+}
+#endif
+
+/* The last vector may be filled in part. `past`: whole vectors go past the caches, which hold far
+ * less than is written before it is read. */
 INLINE void along(transform *apply, float *out, int64_t out_step, int outs, const float *in,
-                  int64_t in_step, int ins, int64_t count)
+                  int64_t in_step, int ins, int64_t count, int past)
 {
     values x[WINOGRAD_VALUES], y[WINOGRAD_VALUES];
     int64_t t = 0;
@@ -149,7 +166,11 @@ INLINE void along(transform *apply, float *out, int64_t out_step, int outs, cons
         apply(y, x);
 #pragma GCC unroll 36
         for (int i = 0; i < outs; i++) {
-            *(values *)(out + i * out_step + t) = y[i];
+            if (past) {
+                STREAM(out + i * out_step + t, y[i]);
+            } else {
+                *(values *)(out + i * out_step + t) = y[i];
+            }
         }
     }
     if (t == count) {
@@ -169,43 +190,35 @@ INLINE void along(transform *apply, float *out, int64_t out_step, int outs, cons
     TARGET static void name(float *out, int64_t out_step, const float *in, int64_t in_step,        \
                             int64_t count)                                                         \
     {                                                                                              \
-        along(apply, out, out_step, outs, in, in_step, ins, count);                                \
+        along(apply, out, out_step, outs, in, in_step, ins, count, 0);                             \
+    }
+
+/* What is read only after all of a layer's, or of all layers', is written. */
+#define AXIS_PAST(name, apply, outs, ins)                                                          \
+    TARGET static void name(float *out, int64_t out_step, const float *in, int64_t in_step,        \
+                            int64_t count)                                                         \
+    {                                                                                              \
+        if (fills_lines(out, out_step)) {                                                          \
+            along(apply, out, out_step, outs, in, in_step, ins, count, 1);                         \
+        } else {                                                                                   \
+            along(apply, out, out_step, outs, in, in_step, ins, count, 0);                         \
+        }                                                                                          \
     }
 
 AXIS(along_input, input, WINOGRAD_POINTS, WINOGRAD_POINTS)
+AXIS_PAST(input_past, input, WINOGRAD_POINTS, WINOGRAD_POINTS)
 AXIS(along_input_turned, input_turned, WINOGRAD_POINTS, WINOGRAD_POINTS)
 AXIS(along_output, output, WINOGRAD_TILE, WINOGRAD_POINTS)
 AXIS(along_output_turned, output_turned, WINOGRAD_POINTS, WINOGRAD_TILE)
+AXIS_PAST(output_turned_past, output_turned, WINOGRAD_POINTS, WINOGRAD_TILE)
+AXIS_PAST(both_weights, filter, WINOGRAD_VALUES, 9)
 AXIS(both_weights_turned, filter_turned, 9, WINOGRAD_VALUES)
 
-#ifndef STREAM
-#define STREAM(to, vector) (*(values *)(to) = (vector))
-#endif
-
-/* Whole vectors go past the caches: all layers' filters together, far more than these hold, are
- * written before the first is read. */
-TARGET static void both_weights(float *out, int64_t out_step, const float *in, int64_t in_step,
-                                int64_t count)
-{
-    values x[9], u[WINOGRAD_VALUES];
-    if (count != LANES || out_step % LANES != 0 || (uintptr_t)out % sizeof(values) != 0) {
-        along(filter, out, out_step, WINOGRAD_VALUES, in, in_step, 9, count);
-        return;
-    }
-#pragma GCC unroll 9
-    for (int i = 0; i < 9; i++) {
-        x[i] = *(const values *)(in + i * in_step);
-    }
-    filter(u, x);
-#pragma GCC unroll 36
-    for (int i = 0; i < WINOGRAD_VALUES; i++) {
-        STREAM(out + i * out_step, u[i]);
-    }
-}
-
 const struct winograd_kernel WINOGRAD_KERNEL = {.input = along_input,
+                                                .input_past = input_past,
                                                 .input_turned = along_input_turned,
                                                 .output = along_output,
                                                 .output_turned = along_output_turned,
+                                                .output_turned_past = output_turned_past,
                                                 .weights = both_weights,
                                                 .weights_turned = both_weights_turned};
