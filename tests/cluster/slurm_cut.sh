@@ -8,7 +8,7 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 # The test hurries: attempts that find the node or the run not ready follow each other at once.
 export V2V3D_MAX_CRASHES=100
-steps=60
+steps=300 # many times what passes while the node is found and cut off
 train=(-c "$root/configs/tiny.yaml" --psf scene/psf.h5 --input recording.h5
     --set train.checkpoint_every_s=1 --steps "$steps")
 
