@@ -474,7 +474,7 @@ static int can_share(const struct v2v_model *model)
 }
 
 /* One thing more to save memory by, at the price of time; 0: there is none. Smaller strips come
- * last: they cost rows that are computed twice. */
+ * last: a scene's tiles in them read the weights more often. */
 static int save_more(struct v2v_model *model, struct economy *economy)
 {
     if (model->training == V2V_TRAINING_KEEPS) {

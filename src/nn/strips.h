@@ -10,7 +10,8 @@
 struct v2v_strips;
 
 /* Floats of all strips that are worth their memory: a frame of 256 x 256 pixels at width 128 is
- * one strip still, without rows that are computed twice; and the fewest that are tried. */
+ * one strip still, and a scene's few tiles share a reading of the weights; and the fewest that are
+ * tried. */
 #define V2V_STRIPS_FLOATS ((int64_t)128 << 20)
 #define V2V_STRIPS_LEAST_FLOATS ((int64_t)1 << 20)
 

@@ -2,6 +2,7 @@
  *   LANES            floats of a vector
  *   TARGET           the instruction set, as a function attribute
  *   WINOGRAD_KERNEL  the name of the table
+ *   STREAM           if it has one: the store of a vector, a cache's line, past the caches
  * No include guard: it is a template. Pairs of points p and -p share the sum of the even pixels and
  * that of the odd ones. */
 #include "op/winograd_kernel.h"
@@ -136,20 +137,17 @@ INLINE void copy_lanes(void *to, const void *from, int64_t count)
 }
 
 #ifdef STREAM
+enum { STREAMS = 1 };
+#else
+enum { STREAMS = 0 };
+#define STREAM(to, vector) (*(values *)(to) = (vector))
+#endif
+
 /* Do whole vectors, of a cache's line each, begin where lines do? */
 INLINE int fills_lines(const float *out, int64_t out_step)
 {
-    return out_step % LANES == 0 && (uintptr_t)out % sizeof(values) == 0;
+    return STREAMS && out_step % LANES == 0 && (uintptr_t)out % sizeof(values) == 0;
 }
-#else
-#define STREAM(to, vector) (*(values *)(to) = (vector))
-INLINE int fills_lines(const float *out, int64_t out_step)
-{
-    (void)out;
-    (void)out_step;
-    return 0;
-}
-#endif
 
 /* The last vector may be filled in part. `past`: whole vectors go past the caches, which hold far
  * less than is written before it is read. */
@@ -193,7 +191,8 @@ INLINE void along(transform *apply, float *out, int64_t out_step, int outs, cons
         along(apply, out, out_step, outs, in, in_step, ins, count, 0);                             \
     }
 
-/* What is read only after all of a layer's, or of all layers', is written. */
+/* What is read only after all of a layer's, or of all layers', is written: behind the barrier of an
+ * OpenMP loop, which ends with a locked instruction and so with such stores seen by all. */
 #define AXIS_PAST(name, apply, outs, ins)                                                          \
     TARGET static void name(float *out, int64_t out_step, const float *in, int64_t in_step,        \
                             int64_t count)                                                         \
