@@ -68,6 +68,11 @@ static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t
     return run;
 }
 
+static int fills_panels(const struct rows *rows)
+{
+    return rows->tiles_x % PANEL_COLUMNS == 0;
+}
+
 /* Written in place: a copy would be read before the values' scattered stores are through. */
 static void set_batch(struct batch *batch, const struct rows *rows, const struct v2v_tile_run *run,
                       int64_t begun, int64_t place)
@@ -77,7 +82,7 @@ static void set_batch(struct batch *batch, const struct rows *rows, const struct
     batch->run = run;
     batch->begun = begun;
     batch->place = place;
-    if (run < end && run->count == rows->tiles_x && begun == 0) {
+    if (run < end && run->count == rows->tiles_x && begun == 0 && fills_panels(rows)) {
         batch->runs = 1;
         batch->tiles = run->count;
         return;
