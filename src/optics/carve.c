@@ -12,12 +12,12 @@
 
 enum { TILE = V2V_CARVE_TILE, BOX = V2V_CARVE_BOX, HALF = BOX / 2 };
 
-/* Pixels of a row at a time: sums and the brightest views of so many stay in the first-level
- * cache. */
-enum { STRETCH = 256 };
+/* Pixels of a vector; pixels of a row at a time: those of all views stay in the first-level cache.
+ */
+enum { LANES = 16, STRETCH = 256 };
 
-/* The brightest views / CUT of a place are left out. */
-enum { CUT = 4 };
+/* The brightest views / CUT of a place are left out, but not more than MOST_CUT. */
+enum { CUT = 4, MOST_CUT = 32 };
 
 /* A view's noise and background come from so many pixels. */
 enum { PROBES = 8192 };
@@ -26,17 +26,13 @@ struct v2v_carve {
     struct v2v_shifts shifts; /* a copy */
     int64_t height, width, ring;
     int64_t cut;
-    int threads;    /* as many as there is scratch for */
-    float *smooth;  /* [v,y+2*ring,x+2*ring] */
-    float *stretch; /* of a thread: sum, light, a view, brightest [cut] */
-    float *probes;  /* of a thread */
-    float *noise;   /* [v] */
+    int threads;        /* as many as there is scratch for */
+    float *smooth;      /* [v,y+2*ring,x+2*ring], and a vector that reaches beyond */
+    float *light;       /* of a thread: [STRETCH] */
+    const float **view; /* of a thread: [v] rows of a slice */
+    float *probes;      /* of a thread */
+    float *noise;       /* [v] */
 };
-
-static int64_t stretch_floats(const struct v2v_carve *carve)
-{
-    return (3 + carve->cut) * STRETCH;
-}
 
 enum v2v_status v2v_carve_create(struct v2v_carve **carve, const struct v2v_shifts *shifts,
                                  int64_t height, int64_t width)
@@ -48,12 +44,13 @@ enum v2v_status v2v_carve_create(struct v2v_carve **carve, const struct v2v_shif
     self->height = height;
     self->width = width;
     self->ring = v2v_shifts_reach(shifts);
-    self->cut = shifts->views / CUT;
+    self->cut = v2v_smaller(shifts->views / CUT, MOST_CUT);
     V2V_TRY(v2v_shifts_copy(&self->shifts, shifts));
-    V2V_TRY(
-        V2V_ALLOC(self->smooth, "carve",
-                  v2v_mem_product(shifts->views, height + 2 * self->ring, width + 2 * self->ring)));
-    V2V_TRY(V2V_ALLOC(self->stretch, "carve", self->threads * stretch_floats(self)));
+    int64_t smooth =
+        v2v_mem_product(shifts->views, height + 2 * self->ring, width + 2 * self->ring);
+    V2V_TRY(V2V_ALLOC(self->smooth, "carve", smooth < 0 ? smooth : smooth + LANES));
+    V2V_TRY(V2V_ALLOC(self->light, "carve", (int64_t)self->threads * STRETCH));
+    V2V_TRY(V2V_ALLOC(self->view, "carve", self->threads * shifts->views));
     V2V_TRY(V2V_ALLOC(self->probes, "carve", self->threads * PROBES));
     V2V_TRY(V2V_ALLOC(self->noise, "carve", shifts->views));
 done:
@@ -72,7 +69,8 @@ void v2v_carve_destroy(struct v2v_carve **carve)
     }
     v2v_shifts_fini(&self->shifts);
     v2v_mem_free(self->smooth);
-    v2v_mem_free(self->stretch);
+    v2v_mem_free(self->light);
+    v2v_mem_free((void *)self->view);
     v2v_mem_free(self->probes);
     v2v_mem_free(self->noise);
     v2v_mem_free(self);
@@ -210,38 +208,48 @@ static void prepare_view(struct v2v_carve *carve, int64_t v, const float *view)
 
 /* ---- the light of a stretch of pixels ---- */
 
-V2V_OPTICS_SIMD_CLONES
-static void see(float *restrict sum, float *restrict value, const float *restrict view,
-                int64_t count)
-{
-    for (int64_t x = 0; x < count; x++) {
-        sum[x] += view[x];
-        value[x] = view[x];
-    }
-}
+typedef float lanes __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
+typedef int32_t places __attribute__((vector_size(LANES * 4)));
 
-/* best = the larger, value = the smaller. */
-V2V_OPTICS_SIMD_CLONES
-static void keep_best(float *restrict best, float *restrict value, int64_t count)
+/* light becomes at least the mean of the views without the `cut` brightest of each pixel: one step
+ * of an insertion sort a view. Inline, so that with a constant `cut` all of it stays in registers.
+ */
+static inline __attribute__((always_inline)) void
+keep_most(float *light, const float *const *view, int64_t views, int64_t cut, int64_t count)
 {
-    for (int64_t x = 0; x < count; x++) {
-        float a = best[x], b = value[x];
-        best[x] = a > b ? a : b;
-        value[x] = a > b ? b : a;
-    }
-}
-
-V2V_OPTICS_SIMD_CLONES
-static void keep_most(float *restrict light, const float *restrict sum,
-                      const float *restrict brightest, int64_t cut, float share, int64_t count)
-{
-    for (int64_t x = 0; x < count; x++) {
-        float rest = sum[x];
+    float share = 1.0f / (float)(views - cut);
+    for (int64_t x = 0; x < count; x += LANES) {
+        lanes rest = {0}, brightest[MOST_CUT], *most = (lanes *)(light + x);
         for (int64_t k = 0; k < cut; k++) {
-            rest -= brightest[k * STRETCH + x];
+            brightest[k] = (lanes){0} - FLT_MAX;
+        }
+        for (int64_t v = 0; v < views; v++) {
+            lanes value = *(const lanes *)(view[v] + x);
+            rest += value;
+            for (int64_t k = 0; k < cut; k++) {
+                places best = (places)brightest[k], other = (places)value;
+                places is_best = brightest[k] > value;
+                brightest[k] = (lanes)((best & is_best) | (other & ~is_best));
+                value = (lanes)((other & is_best) | (best & ~is_best));
+            }
+        }
+        for (int64_t k = 0; k < cut; k++) {
+            rest -= brightest[k];
         }
         rest *= share;
-        light[x] = rest > light[x] ? rest : light[x];
+        places is_most = rest > *most;
+        *most = (lanes)(((places)rest & is_most) | ((places)*most & ~is_most));
+    }
+}
+
+V2V_OPTICS_SIMD_CLONES
+static void keep_most_of_all(float *light, const float *const *view, int64_t views, int64_t cut,
+                             int64_t count)
+{
+    if (cut == 3) {
+        keep_most(light, view, views, 3, count);
+    } else {
+        keep_most(light, view, views, cut, count);
     }
 }
 
@@ -257,26 +265,19 @@ static void carve_stretch(const struct v2v_carve *carve, float *light, int64_t y
                           int64_t count)
 {
     const struct v2v_shifts *shifts = &carve->shifts;
-    float *sum = carve->stretch + omp_get_thread_num() * stretch_floats(carve);
-    float *value = sum + 2 * STRETCH, *brightest = sum + 3 * STRETCH;
-    float share = 1.0f / (float)(shifts->views - carve->cut);
+    const float **view = carve->view + omp_get_thread_num() * shifts->views;
     for (int64_t z = 0; z < shifts->slices; z++) {
-        set(sum, count, 0.0f);
-        set(brightest, carve->cut * STRETCH, -FLT_MAX);
         for (int64_t v = 0; v < shifts->views; v++) {
             int64_t i = v * shifts->slices + z;
-            see(sum, value, smooth_row(carve, v, y + shifts->dy[i]) + x0 + shifts->dx[i], count);
-            for (int64_t k = 0; k < carve->cut; k++) {
-                keep_best(brightest + k * STRETCH, value, count);
-            }
+            view[v] = smooth_row(carve, v, y + shifts->dy[i]) + x0 + shifts->dx[i];
         }
-        keep_most(light, sum, brightest, carve->cut, share, count);
+        keep_most_of_all(light, view, shifts->views, carve->cut, count);
     }
 }
 
 static void carve_tiles(const struct v2v_carve *carve, float *tiles, int64_t row)
 {
-    float *light = carve->stretch + omp_get_thread_num() * stretch_floats(carve) + STRETCH;
+    float *light = carve->light + (int64_t)omp_get_thread_num() * STRETCH;
     int64_t end = v2v_within((row + 1) * TILE, 0, carve->height);
     for (int64_t x0 = 0; x0 < carve->width; x0 += STRETCH) {
         int64_t count = v2v_within(STRETCH, 0, carve->width - x0);
