@@ -316,6 +316,41 @@ static void add_input_gradient(const struct v2v_winograd *self, const struct chu
 
 /* ---- products, for every point ---- */
 
+/* What a pass of products reads: left[rows/8][step][8] and right[panel][channels][32], `depth` of
+ * its channels. */
+struct share {
+    const float *left, *right;
+    int64_t rows, step, channels, depth;
+};
+
+/* Ask memory for part `part` of `parts` of what a product takes of a panel: it went past the
+ * caches. Inline, or the compiler would take it for a function without effect. */
+static inline __attribute__((always_inline)) void fetch_part(const float *next, int64_t part,
+                                                             int64_t parts)
+{
+    enum { LINE = 16, LINES = DEPTH * TILES / LINE };
+    for (int64_t line = LINES * part / parts; line < LINES * (part + 1) / parts; line++) {
+        __builtin_prefetch(next + line * LINE, 0, 2);
+    }
+}
+
+/* sums[panel][rows][32] = (add: +=) left times right. Behind the last panel comes the first one's
+ * part of the next pass, the channels after these. */
+static void multiply_share(const struct v2v_winograd *self, const struct chunk *chunk, float *sums,
+                           const struct share *share, int add)
+{
+    for (int64_t panel = 0; panel < chunk->panels; panel++) {
+        const float *right = share->right + panel * share->channels * TILES;
+        const float *next = panel + 1 < chunk->panels ? right + share->channels * TILES
+                                                      : share->right + share->depth * TILES;
+        for (int64_t row = 0; row < share->rows; row += PANEL_ROWS) {
+            fetch_part(next, row / PANEL_ROWS, share->rows / PANEL_ROWS);
+            self->panel->product(sums + (panel * share->rows + row) * TILES,
+                                 share->left + row * share->step, right, share->depth, add);
+        }
+    }
+}
+
 static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
 {
     int64_t in = self->spec.in, out8 = self->out8;
@@ -325,13 +360,14 @@ static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, self->in8);
         float *output = chunk->output + point * v2v_rows_point(chunk->panels, out8);
         for (int64_t i = 0; i < in; i += DEPTH) {
-            for (int64_t panel = 0; panel < chunk->panels; panel++) {
-                for (int64_t o = 0; o < out8; o += PANEL_ROWS) {
-                    self->panel->product(
-                        output + (panel * out8 + o) * TILES, weights + filters_at(self, o, i),
-                        input + (panel * self->in8 + i) * TILES, v2v_smaller(DEPTH, in - i), i > 0);
-                }
-            }
+            int64_t depth = v2v_smaller(DEPTH, in - i);
+            struct share share = {.left = weights + filters_at(self, 0, i),
+                                  .right = input + i * TILES,
+                                  .rows = out8,
+                                  .step = depth,
+                                  .channels = self->in8,
+                                  .depth = depth};
+            multiply_share(self, chunk, output, &share, i > 0);
         }
     }
 }
@@ -367,15 +403,14 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
         float *input = chunk->dinput + point * v2v_rows_point(chunk->panels, in8);
         float *pack = thread_pack(self, chunk);
         for (int64_t o = 0; o < out; o += DEPTH) {
-            int64_t depth = v2v_smaller(DEPTH, self->out8 - o);
-            pack_filters(self, pack, weights, o, depth);
-            for (int64_t panel = 0; panel < chunk->panels; panel++) {
-                for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
-                    self->panel->product(input + (panel * in8 + i) * TILES, pack + i * depth,
-                                         output + (panel * self->out8 + o) * TILES,
-                                         v2v_smaller(DEPTH, out - o), o > 0);
-                }
-            }
+            struct share share = {.left = pack,
+                                  .right = output + o * TILES,
+                                  .rows = in8,
+                                  .step = v2v_smaller(DEPTH, self->out8 - o),
+                                  .channels = self->out8,
+                                  .depth = v2v_smaller(DEPTH, out - o)};
+            pack_filters(self, pack, weights, o, share.step);
+            multiply_share(self, chunk, input, &share, o > 0);
         }
     }
 }
