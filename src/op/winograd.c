@@ -212,26 +212,30 @@ void v2v_winograd_set_weights(struct v2v_winograd *self, const float *weight, co
  * values unless these are kept. */
 struct chunk {
     struct rows rows;
-    int64_t tiles, panels;
+    int64_t panels;
+    int64_t over; /* tiles of the last run that are left for the next chunk */
     float *packs;
     float *input, *dinput, *output, *gradient;
 };
 
-/* As many of these runs as a chunk holds. */
+/* The first `most` tiles of these runs; `begun` of the first one belong to the chunk before. */
 static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_tile_run *run,
-                             int64_t runs)
+                             int64_t runs, int64_t begun, int64_t most)
 {
     struct chunk chunk = {0};
     const struct v2v_winograd_spec *spec = &self->spec;
-    int64_t taken = 0;
-    while (taken < runs && chunk.tiles + run[taken].count <= self->chunk_tiles) {
+    int64_t taken = 0, tiles = -begun;
+    while (taken < runs && tiles < most) {
         V2V_ASSERT(run[taken].row < self->tiles.rows);
         V2V_ASSERT(run[taken].first + run[taken].count <= self->tiles.columns);
-        chunk.tiles += run[taken++].count;
+        tiles += run[taken++].count;
     }
+    chunk.over = tiles > most ? tiles - most : 0;
     chunk.rows = (struct rows){.kernel = self->kernel,
                                .run = run,
                                .runs = taken,
+                               .begun = begun,
+                               .tiles = tiles - chunk.over,
                                .tiles_x = self->tiles.columns,
                                .height = spec->height,
                                .width = spec->width,
@@ -240,7 +244,7 @@ static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_t
                                .pitch = spec->pitch,
                                .half = spec->half,
                                .line_floats = self->line_floats};
-    chunk.panels = (chunk.tiles + TILES - 1) / TILES;
+    chunk.panels = (chunk.rows.tiles + TILES - 1) / TILES;
     chunk.rows.panels = chunk.panels;
     (void)lay_out(self, spec->workspace->data, &chunk.rows.lines, &chunk.packs, &chunk.dinput,
                   &chunk.output, &chunk.gradient);
@@ -251,10 +255,10 @@ static struct chunk chunk_of(const struct v2v_winograd *self, const struct v2v_t
     return chunk;
 }
 
-/* From row of tiles `first` on. */
+/* Whole rows, from row of tiles `first` on. */
 static struct chunk chunk_at(const struct v2v_winograd *self, int64_t first)
 {
-    return chunk_of(self, self->tiles.run + first, self->tiles.rows - first);
+    return chunk_of(self, self->tiles.run + first, self->tiles.rows - first, 0, self->chunk_tiles);
 }
 
 static float *thread_pack(const struct v2v_winograd *self, const struct chunk *chunk)
@@ -468,7 +472,7 @@ static void multiply_weights(const struct v2v_winograd *self, const struct chunk
 static void clear_tail(const struct v2v_winograd *self, const struct chunk *chunk, float *values,
                        int64_t channels)
 {
-    int64_t used = chunk->tiles % TILES, rows = WINOGRAD_VALUES * channels;
+    int64_t used = chunk->rows.tiles % TILES, rows = WINOGRAD_VALUES * channels;
     if (used == 0) {
         return;
     }
@@ -483,20 +487,23 @@ static void clear_tail(const struct v2v_winograd *self, const struct chunk *chun
 
 /* ---- the three computations ---- */
 
+/* As many tiles at a time as fill all panels, unless they are kept: then whole rows. */
 void v2v_winograd_forward_part(struct v2v_winograd *self, float *out, const float *base,
                                const struct v2v_winograd_part *part)
 {
-    int64_t runs;
+    int64_t most = self->kept != NULL ? self->chunk_tiles : self->panels * TILES;
+    int64_t done = 0, begun = 0;
     self->is_kept = 0;
-    for (int64_t done = 0; done < part->runs; done += runs) {
-        struct chunk chunk = chunk_of(self, part->run + done, part->runs - done);
-        runs = chunk.rows.runs;
+    while (done < part->runs) {
+        struct chunk chunk = chunk_of(self, part->run + done, part->runs - done, begun, most);
         chunk.rows.shift = part->shift;
         chunk.rows.first_row = part->first_row;
         chunk.rows.beside = part->beside;
         transform_input(self, &chunk, base);
         multiply(self, &chunk);
         transform_output(self, &chunk, out);
+        done += chunk.rows.runs - (chunk.over > 0);
+        begun = chunk.over > 0 ? part->run[done].count - chunk.over : 0;
     }
 }
 

@@ -77,18 +77,17 @@ static int fills_panels(const struct rows *rows)
 static void set_batch(struct batch *batch, const struct rows *rows, const struct v2v_tile_run *run,
                       int64_t begun, int64_t place)
 {
-    const struct v2v_tile_run *end = rows->run + rows->runs;
-    int64_t most = BATCH - place % BATCH;
+    int64_t left = rows->tiles - place, most = v2v_smaller(BATCH - place % BATCH, left);
     batch->run = run;
     batch->begun = begun;
     batch->place = place;
-    if (run < end && run->count == rows->tiles_x && begun == 0 && fills_panels(rows)) {
+    if (left >= rows->tiles_x && run->count == rows->tiles_x && begun == 0 && fills_panels(rows)) {
         batch->runs = 1;
         batch->tiles = run->count;
         return;
     }
     batch->runs = batch->tiles = 0;
-    while (run + batch->runs < end && batch->tiles < most) {
+    while (batch->tiles < most) {
         batch->tiles += cut_run(batch, batch->runs, most - batch->tiles).count;
         batch->runs++;
     }
@@ -96,7 +95,7 @@ static void set_batch(struct batch *batch, const struct rows *rows, const struct
 
 static void set_first_batch(struct batch *batch, const struct rows *rows)
 {
-    set_batch(batch, rows, rows->run, 0, 0);
+    set_batch(batch, rows, rows->run, rows->begun, 0);
 }
 
 /* The tiles behind those of `batch`; none: an empty one. `next` may be `batch`. */

@@ -12,6 +12,8 @@ struct rows {
     const struct winograd_kernel *kernel;
     const struct v2v_tile_run *run;
     int64_t runs;
+    int64_t begun;         /**< tiles of the first run that are left out */
+    int64_t tiles;         /**< of all runs that are taken: the last one may be cut, too */
     int64_t tiles_x;       /**< most tiles of a run */
     int64_t panels;        /**< of the values */
     int64_t height, width; /**< convolved */

@@ -350,20 +350,21 @@ static void shifted_planes_of_one_owner_read_and_add_up(void **state)
 }
 
 /* Some runs of tiles, in an image whose memory begins at the second row of tiles. */
-static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **state)
+static void check_parts(int64_t chunk_floats)
 {
-    (void)state;
-    enum { SIDE = 46, IN = 5, OUT = 9, ROW = 4 * SIDE };
-    static const struct problem problem = {.in = IN, .out = OUT, .height = SIDE, .width = SIDE};
-    static const struct v2v_tile_run runs[] = {{1, 0, 3}, {1, 5, 7}, {2, 11, 1}, {11, 0, 12}};
-    static uint8_t mask[12][12];
+    enum { SIDE = 46, IN = 5, OUT = 9, ROW = 4 * SIDE, RUNS = 6 };
+    const struct problem problem = {
+        .in = IN, .out = OUT, .height = SIDE, .width = SIDE, .chunk_floats = chunk_floats};
+    static const struct v2v_tile_run runs[RUNS] = {{1, 0, 3},  {1, 5, 7},  {2, 11, 1},
+                                                   {5, 0, 12}, {7, 1, 10}, {11, 0, 12}};
+    uint8_t mask[12][12] = {{0}};
     struct fixture f;
     fixture_init(&f, &problem);
-    struct v2v_winograd_part part = {.run = runs, .runs = 4, .first_row = 1};
+    struct v2v_winograd_part part = {.run = runs, .runs = RUNS, .first_row = 1};
     float *some = draw(f.out_floats, 11), *before = draw(f.out_floats, 11);
     v2v_winograd_forward(f.winograd, f.out, f.small);
     v2v_winograd_forward_part(f.winograd, some, f.small, &part);
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < RUNS; i++) {
         memset(&mask[runs[i].row][runs[i].first], 1, (size_t)runs[i].count);
     }
     for (int64_t i = 0; i < f.out_floats - ROW; i++) {
@@ -378,29 +379,39 @@ static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **sta
     fixture_fini(&f);
 }
 
-/* As if those values lay in memory; runs that begin or end with the frame, and one that is longer
- * than what goes through the transforms together. */
-static void what_is_beside_a_run_replaces_what_lies_there(void **state)
+/* At once, and 32 tiles at a time: then one run is cut. */
+static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **state)
 {
     (void)state;
-    enum { ROWS = 20, SIDE = 318, IN = 5, OUT = 9 };
-    static const struct problem problem = {.in = IN, .out = OUT, .height = ROWS, .width = SIDE};
-    static const struct v2v_tile_run runs[] = {{0, 0, 3}, {0, 5, 70}, {2, 70, 10}, {4, 11, 1}};
+    check_parts(0);
+    check_parts(1);
+}
+
+/* As if those values lay in memory; runs that begin or end with the frame, and one that is longer
+ * than what goes through the transforms together. */
+static void check_beside(int64_t chunk_floats)
+{
+    enum { ROWS = 20, SIDE = 318, IN = 5, OUT = 9, RUNS = 5 };
+    const struct problem problem = {
+        .in = IN, .out = OUT, .height = ROWS, .width = SIDE, .chunk_floats = chunk_floats};
+    static const struct v2v_tile_run runs[RUNS] = {
+        {0, 0, 3}, {0, 5, 70}, {2, 70, 10}, {3, 8, 50}, {4, 62, 1}};
     static const float beside[IN] = {3.0f, -2.0f, 0.5f, 7.0f, -4.0f};
     struct fixture f;
     fixture_init(&f, &problem);
-    struct v2v_winograd_part part = {.run = runs, .runs = 4};
+    struct v2v_winograd_part part = {.run = runs, .runs = RUNS};
     float *lying = draw(f.out_floats, 11), *given = draw(f.out_floats, 11);
     float *image = draw(f.small_floats, 1);
-    for (int64_t i = 0; i < IN * 4 * 4; i++) {
-        const struct v2v_tile_run *run = &runs[i % 4];
+    for (int64_t i = 0; i < IN * RUNS * 4; i++) {
+        const struct v2v_tile_run *run = &runs[i / 4 % RUNS];
         int64_t left = run->first * 4 - 1, right = (run->first + run->count) * 4;
-        float *row = image + (i / 16 * ROWS + run->row * 4 + i / 4 % 4) * SIDE;
+        int64_t channel = i / 4 / RUNS;
+        float *row = image + (channel * ROWS + run->row * 4 + i % 4) * SIDE;
         if (left >= 0) {
-            row[left] = beside[i / 16];
+            row[left] = beside[channel];
         }
         if (right < SIDE) {
-            row[right] = beside[i / 16];
+            row[right] = beside[channel];
         }
     }
     v2v_winograd_forward_part(f.winograd, lying, image, &part);
@@ -412,6 +423,14 @@ static void what_is_beside_a_run_replaces_what_lies_there(void **state)
     v2v_mem_free(lying);
     v2v_mem_free(given);
     fixture_fini(&f);
+}
+
+/* At once, and 96 tiles at a time: then one run is cut, beside which nothing lies there. */
+static void what_is_beside_a_run_replaces_what_lies_there(void **state)
+{
+    (void)state;
+    check_beside(0);
+    check_beside(1);
 }
 
 /* Whole rows behind a part of one: they share batches with it, or do not, but never its lines. */
