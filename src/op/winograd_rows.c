@@ -48,7 +48,8 @@ static struct scratch thread_scratch(const struct rows *rows)
     return scratch;
 }
 
-/* Of a whole row, or the tiles that fill two panels: then runs are cut where a panel ends. */
+/* A whole row, where rows fill panels; else as many tiles as fill two panels, the last run being
+ * cut there. */
 struct batch {
     const struct v2v_tile_run *run;
     int64_t runs, tiles;
