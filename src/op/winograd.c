@@ -21,6 +21,9 @@ _Static_assert((int)WINOGRAD_TILE == (int)V2V_TILE, "lists of tiles are lists of
  *  cache, all left rows' share in the second-level one. */
 enum { DEPTH = 128 };
 
+/** Floats of a cache's line. */
+enum { LINE = 16 };
+
 /** Values of a chunk: few enough not to be the job's memory, enough that the weights are not read
  *  from memory too often. */
 static const int64_t CHUNK_FLOATS = 16 << 20;
@@ -327,28 +330,29 @@ struct share {
     int64_t rows, step, channels, depth;
 };
 
-/* Ask memory for part `part` of `parts` of what a product takes of a panel: it went past the
- * caches. Inline, or the compiler would take it for a function without effect. */
-static inline __attribute__((always_inline)) void fetch_part(const float *next, int64_t part,
-                                                             int64_t parts)
+/* Ask memory for `lines` lines of a cache. Inline, or the compiler would take it for a function
+ * without effect. */
+static inline __attribute__((always_inline)) void fetch(const float *next, int64_t lines)
 {
-    enum { LINE = 16, LINES = DEPTH * TILES / LINE };
-    for (int64_t line = LINES * part / parts; line < LINES * (part + 1) / parts; line++) {
+    for (int64_t line = 0; line < lines; line++) {
         __builtin_prefetch(next + line * LINE, 0, 2);
     }
 }
 
-/* sums[panel][rows][32] = (add: +=) left times right. Behind the last panel comes the first one's
- * part of the next pass, the channels after these. */
+/* sums[panel][rows][32] = (add: +=) left times right. Every product asks for its part of what is
+ * taken of the next panel, for that went past the caches; behind the last panel comes the first
+ * one's part of the next pass, the channels after these. */
 static void multiply_share(const struct v2v_winograd *self, const struct chunk *chunk, float *sums,
                            const struct share *share, int add)
 {
+    int64_t products = share->rows / PANEL_ROWS;
+    int64_t lines = (DEPTH * TILES / LINE + products - 1) / products;
     for (int64_t panel = 0; panel < chunk->panels; panel++) {
         const float *right = share->right + panel * share->channels * TILES;
         const float *next = panel + 1 < chunk->panels ? right + share->channels * TILES
                                                       : share->right + share->depth * TILES;
-        for (int64_t row = 0; row < share->rows; row += PANEL_ROWS) {
-            fetch_part(next, row / PANEL_ROWS, share->rows / PANEL_ROWS);
+        for (int64_t row = 0; row < share->rows; row += PANEL_ROWS, next += lines * LINE) {
+            fetch(next, lines);
             self->panel->product(sums + (panel * share->rows + row) * TILES,
                                  share->left + row * share->step, right, share->depth, add);
         }
