@@ -299,13 +299,16 @@ static void transform_output_gradient(const struct v2v_winograd *self, const str
 }
 
 /* Planes of one owner overlap: one thread adds to them, in the list's order. Those that are set are
- * cleared by that thread, whose cache then holds them. */
+ * cleared by that thread, whose cache then holds them. Rows of tiles overlap, too: they are added
+ * in their order, so that the sums are the same in an image and in slabs of it. */
 static void add_input_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
                                float *base, int is_first)
 {
     int64_t in = self->spec.in, image = (self->spec.height >> self->spec.half) * self->spec.pitch;
     int clears = is_first && self->spec.sets;
     const struct v2v_plane *plane = self->plane;
+    struct rows rows = chunk->rows;
+    rows.in_order = 1;
 #pragma omp parallel for schedule(dynamic) num_threads(self->threads)
     for (int64_t first = 0; first < in; first++) {
         if (first > 0 && plane[first].owner == plane[first - 1].owner) {
@@ -315,8 +318,7 @@ static void add_input_gradient(const struct v2v_winograd *self, const struct chu
             if (clears) {
                 memset(base + plane[i].offset, 0, (size_t)image * sizeof *base);
             }
-            v2v_rows_input_turned(&chunk->rows, base, &plane[i], chunk->dinput + i * TILES,
-                                  self->in8);
+            v2v_rows_input_turned(&rows, base, &plane[i], chunk->dinput + i * TILES, self->in8);
         }
     }
 }

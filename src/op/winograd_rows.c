@@ -48,8 +48,8 @@ static struct scratch thread_scratch(const struct rows *rows)
     return scratch;
 }
 
-/* A whole row, where rows fill panels; else as many tiles as fill two panels, the last run being
- * cut there. */
+/* A whole row, where rows fill panels or must not mix; else as many tiles as fill two panels, the
+ * last run being cut there. */
 struct batch {
     const struct v2v_tile_run *run;
     int64_t runs, tiles;
@@ -69,9 +69,9 @@ static struct v2v_tile_run cut_run(const struct batch *batch, int64_t r, int64_t
     return run;
 }
 
-static int fills_panels(const struct rows *rows)
+static int stays_alone(const struct rows *rows, const struct v2v_tile_run *run)
 {
-    return rows->tiles_x % PANEL_COLUMNS == 0;
+    return run->count == rows->tiles_x && (rows->in_order || rows->tiles_x % PANEL_COLUMNS == 0);
 }
 
 /* Written in place: a copy would be read before the values' scattered stores are through. */
@@ -82,7 +82,7 @@ static void set_batch(struct batch *batch, const struct rows *rows, const struct
     batch->run = run;
     batch->begun = begun;
     batch->place = place;
-    if (left >= rows->tiles_x && run->count == rows->tiles_x && begun == 0 && fills_panels(rows)) {
+    if (left >= rows->tiles_x && begun == 0 && stays_alone(rows, run)) {
         batch->runs = 1;
         batch->tiles = run->count;
         return;

@@ -23,6 +23,7 @@ struct rows {
     int64_t shift;         /**< added to the planes' offsets */
     int64_t pitch;         /**< of the input planes */
     int half;
+    int in_order;        /**< whole rows are transformed one after the other */
     const float *beside; /**< v2v_winograd_part */
     float *lines;        /**< scratch of all threads */
     int64_t line_floats;
