@@ -215,6 +215,25 @@ static void gradient_of_the_data_is_set(void **state)
     }
 }
 
+/* Rows of tiles overlap, and behind repeated pixels up to four of their lines meet in one: they are
+ * added in the same order in an image and in a slab of it, whose chunks are others. */
+static void gradient_of_the_data_has_the_same_bits_whatever_the_chunks(void **state)
+{
+    (void)state;
+    const struct problem whole = {
+        .in = 5, .out = 9, .height = 48, .width = 64, .half = 1, .sets = 1};
+    struct problem rows = whole;
+    struct fixture f, one_by_one;
+    rows.chunk_floats = 1;
+    fixture_init(&f, &whole);
+    fixture_init(&one_by_one, &rows);
+    v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
+    v2v_winograd_backward(one_by_one.winograd, one_by_one.din, NULL, NULL, one_by_one.dout);
+    assert_memory_equal(f.din, one_by_one.din, (size_t)f.small_floats * sizeof *f.din);
+    fixture_free(&one_by_one);
+    fixture_fini(&f);
+}
+
 static void gradient_of_the_weights_is_added_and_equals_the_twin(void **state)
 {
     (void)state;
@@ -511,6 +530,7 @@ int main(void)
         cmocka_unit_test(forward_equals_the_twin),
         cmocka_unit_test(gradient_of_the_data_is_added_and_equals_the_twin),
         cmocka_unit_test(gradient_of_the_data_is_set),
+        cmocka_unit_test(gradient_of_the_data_has_the_same_bits_whatever_the_chunks),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
         cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
