@@ -21,9 +21,6 @@ _Static_assert((int)WINOGRAD_TILE == (int)V2V_TILE, "lists of tiles are lists of
  *  cache, all left rows' share in the second-level one. */
 enum { DEPTH = 128 };
 
-/** Floats of a cache's line. */
-enum { LINE = 16 };
-
 /** Values of a chunk: few enough not to be the job's memory, enough that the weights are not read
  *  from memory too often. */
 static const int64_t CHUNK_FLOATS = 16 << 20;
@@ -337,7 +334,7 @@ struct share {
 static inline __attribute__((always_inline)) void fetch(const float *next, int64_t lines)
 {
     for (int64_t line = 0; line < lines; line++) {
-        __builtin_prefetch(next + line * LINE, 0, 2);
+        __builtin_prefetch(next + line * WINOGRAD_LINE, 0, 2);
     }
 }
 
@@ -348,12 +345,12 @@ static void multiply_share(const struct v2v_winograd *self, const struct chunk *
                            const struct share *share, int add)
 {
     int64_t products = share->rows / PANEL_ROWS;
-    int64_t lines = (DEPTH * TILES / LINE + products - 1) / products;
+    int64_t lines = (DEPTH * TILES / WINOGRAD_LINE + products - 1) / products;
     for (int64_t panel = 0; panel < chunk->panels; panel++) {
         const float *right = share->right + panel * share->channels * TILES;
         const float *next = panel + 1 < chunk->panels ? right + share->channels * TILES
                                                       : share->right + share->depth * TILES;
-        for (int64_t row = 0; row < share->rows; row += PANEL_ROWS, next += lines * LINE) {
+        for (int64_t row = 0; row < share->rows; row += PANEL_ROWS, next += lines * WINOGRAD_LINE) {
             fetch(next, lines);
             self->panel->product(sums + (panel * share->rows + row) * TILES,
                                  share->left + row * share->step, right, share->depth, add);

@@ -9,8 +9,8 @@
 
 enum { TILE = WINOGRAD_TILE, POINTS = WINOGRAD_POINTS, BATCH = 2 * PANEL_COLUMNS };
 
-/* Floats of a cache's line; tiles that are copied one by one. */
-enum { LINE = 16, FEW_TILES = 8 };
+/* Tiles that are copied one by one. */
+enum { FEW_TILES = 8 };
 
 /* A batch is tiles that go through the transforms together. A line is one image row of every run,
  * from one pixel to the left of it on; phase j is every tile's pixel j, phase[j][t] = line[t * tile
@@ -252,7 +252,7 @@ fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
         }
         const float *row = piece_row(rows, reading, piece, i);
         int64_t last = (piece->start + piece->tiles * TILE + 1) >> rows->half;
-        for (int64_t x = piece->start >> rows->half; x < last; x += LINE) {
+        for (int64_t x = piece->start >> rows->half; x < last; x += WINOGRAD_LINE) {
             __builtin_prefetch(row + x);
         }
         __builtin_prefetch(row + last);
@@ -444,7 +444,7 @@ static inline __attribute__((always_inline)) void fetch_spots(const struct rows 
     for (int64_t r = 0; r < batch->runs; r++) {
         for (int64_t i = 0; i < spot[r].lines; i += 1 + rows->stride2) {
             const float *row = image + spot[r].at + (i >> rows->stride2) * rows->out_width;
-            for (int64_t x = 0; x < spot[r].count - 1; x += LINE) {
+            for (int64_t x = 0; x < spot[r].count - 1; x += WINOGRAD_LINE) {
                 __builtin_prefetch(row + x, 1);
             }
             __builtin_prefetch(row + spot[r].count - 1, 1);

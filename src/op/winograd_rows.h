@@ -8,6 +8,9 @@
 #include "op/winograd_kernel.h"
 #include "v2v3d/op/winograd.h"
 
+/** Floats of a cache's line. */
+enum { WINOGRAD_LINE = 16 };
+
 struct rows {
     const struct winograd_kernel *kernel;
     const struct v2v_tile_run *run;

@@ -253,13 +253,6 @@ static void keep_most_of_all(float *light, const float *const *view, int64_t vie
     }
 }
 
-static void set(float *x, int64_t count, float value)
-{
-    for (int64_t i = 0; i < count; i++) {
-        x[i] = value;
-    }
-}
-
 /* light[0 .. count) becomes at least the light of pixels (y, x0 ..) in any slice. */
 static void carve_stretch(const struct v2v_carve *carve, float *light, int64_t y, int64_t x0,
                           int64_t count)
@@ -281,7 +274,9 @@ static void carve_tiles(const struct v2v_carve *carve, float *tiles, int64_t row
     int64_t end = v2v_within((row + 1) * TILE, 0, carve->height);
     for (int64_t x0 = 0; x0 < carve->width; x0 += STRETCH) {
         int64_t count = v2v_within(STRETCH, 0, carve->width - x0);
-        set(light, count, -FLT_MAX);
+        for (int64_t x = 0; x < STRETCH; x++) {
+            light[x] = -FLT_MAX;
+        }
         for (int64_t y = row * TILE; y < end; y++) {
             carve_stretch(carve, light, y, x0, count);
         }
