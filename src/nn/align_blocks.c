@@ -88,41 +88,55 @@ static struct v2v_plane plane_of(const struct v2v_align_blocks *self, const stru
 }
 
 static enum v2v_status plan_winograd(struct v2v_align_blocks *self, const struct v2v_plane *plane,
-                                     const struct v2v_padded *like, int64_t out_rows, int training)
+                                     const struct v2v_align_conv_plan *plan)
 {
+    const struct v2v_padded *like = plan->like;
     struct v2v_winograd_spec filter = {.in = self->channels,
                                        .out = self->spec.out,
                                        .height = like->height,
-                                       .out_rows = out_rows,
+                                       .out_rows = plan->out_rows,
                                        .width = like->width,
                                        .plane = plane,
                                        .pitch = v2v_padded_pitch(like),
                                        .slope = self->spec.slope,
-                                       .training = training != V2V_TRAINING_OFF,
-                                       .keeps = training == V2V_TRAINING_KEEPS,
+                                       .training = plan->training != V2V_TRAINING_OFF,
+                                       .keeps = plan->training == V2V_TRAINING_KEEPS,
                                        .workspace = self->spec.method.workspace,
                                        .pool = self->spec.method.pool};
     v2v_winograd_destroy(&self->winograd);
     return v2v_winograd_create(&self->winograd, &filter);
 }
 
+static struct v2v_conv_spec conv_spec(const struct v2v_align_blocks *self, int64_t height,
+                                      int64_t width)
+{
+    return (struct v2v_conv_spec){.batch = 1,
+                                  .in = self->channels,
+                                  .out = self->spec.out,
+                                  .height = height,
+                                  .width = width,
+                                  .kernel = 3,
+                                  .stride = 1,
+                                  .slope = self->spec.slope,
+                                  .method = self->spec.method};
+}
+
+int v2v_align_blocks_takes_blocked(const struct v2v_align_blocks *self)
+{
+    struct v2v_conv_spec conv = conv_spec(self, 1, 1);
+    return v2v_conv_takes_blocked(&conv);
+}
+
 static enum v2v_status plan_gather(struct v2v_align_blocks *self, const struct v2v_plane *plane,
-                                   const struct v2v_padded *like, int training)
+                                   const struct v2v_align_conv_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_conv_spec conv = {.batch = 1,
-                                 .in = self->channels,
-                                 .out = self->spec.out,
-                                 .height = like->height,
-                                 .width = like->width,
-                                 .kernel = 3,
-                                 .stride = 1,
-                                 .slope = self->spec.slope,
-                                 .training = training != V2V_TRAINING_OFF,
-                                 .method = self->spec.method};
+    struct v2v_conv_spec conv = conv_spec(self, plan->like->height, plan->like->width);
+    conv.training = plan->training != V2V_TRAINING_OFF;
+    conv.out_form = plan->out_form;
     v2v_align_gather_destroy(&self->gather);
-    V2V_TRY(v2v_align_gather_create(&self->gather, &conv, plane, v2v_padded_pitch(like)));
-    if (training && self->gradient == NULL) {
+    V2V_TRY(v2v_align_gather_create(&self->gather, &conv, plane, v2v_padded_pitch(plan->like)));
+    if (conv.training && self->gradient == NULL) {
         V2V_TRY(V2V_ALLOC(self->gradient, "align_blocks.weights",
                           v2v_mem_product(conv.out, conv.in, PLACES)));
     }
@@ -135,10 +149,11 @@ static int gathers(const struct v2v_align_blocks *self)
     return self->spec.method.precision != V2V_PRECISION_F32;
 }
 
-enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struct v2v_padded *like,
-                                      int64_t out_rows, int training)
+enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self,
+                                      const struct v2v_align_conv_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_padded *like = plan->like;
     struct v2v_plane *plane = NULL;
     V2V_TRY(v2v_pool_take(&self->weight, self->spec.method.pool, "align_blocks.weights",
                           v2v_mem_product(self->spec.out, self->channels, PLACES)));
@@ -152,10 +167,10 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self, const struc
         }
     }
     if (gathers(self)) {
-        V2V_ASSERT(out_rows == like->height);
-        V2V_TRY(plan_gather(self, plane, like, training));
+        V2V_ASSERT(plan->out_rows == like->height);
+        V2V_TRY(plan_gather(self, plane, plan));
     } else {
-        V2V_TRY(plan_winograd(self, plane, like, out_rows, training));
+        V2V_TRY(plan_winograd(self, plane, plan));
     }
 done:
     v2v_mem_free(plane);

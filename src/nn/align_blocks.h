@@ -14,11 +14,10 @@ enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
                                         const struct v2v_align_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks);
 
-/* The rest as in align_conv.h; the gradient of the bias is not computed here. `like` has the sizes
- * of the features that will come. */
+/* The rest as in align_conv.h; the gradient of the bias is not computed here. */
+int v2v_align_blocks_takes_blocked(const struct v2v_align_blocks *blocks);
 enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *blocks,
-                                      const struct v2v_padded *like, int64_t out_rows,
-                                      int training) V2V_MUST_CHECK;
+                                      const struct v2v_align_conv_plan *plan) V2V_MUST_CHECK;
 void v2v_align_blocks_set_weights(struct v2v_align_blocks *blocks, const float *weight,
                                   const float *bias);
 void v2v_align_blocks_forward(struct v2v_align_blocks *blocks, float *out,

@@ -53,17 +53,22 @@ void v2v_align_conv_destroy(struct v2v_align_conv **conv)
     *conv = NULL;
 }
 
-enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv, const struct v2v_padded *like,
-                                    int64_t out_rows, int training)
+int v2v_align_conv_takes_blocked(const struct v2v_align_conv *conv)
+{
+    return conv->blocks != NULL && v2v_align_blocks_takes_blocked(conv->blocks);
+}
+
+enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv,
+                                    const struct v2v_align_conv_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
-    conv->height = like->height;
-    conv->width = like->width;
+    conv->height = plan->like->height;
+    conv->width = plan->like->width;
     if (conv->blocks != NULL) {
-        V2V_TRY(v2v_align_blocks_plan(conv->blocks, like, out_rows, training));
+        V2V_TRY(v2v_align_blocks_plan(conv->blocks, plan));
     }
     if (conv->taps != NULL) {
-        V2V_TRY(v2v_align_taps_plan(conv->taps, like->height, like->width, out_rows, training));
+        V2V_TRY(v2v_align_taps_plan(conv->taps, plan));
     }
 done:
     return rc;

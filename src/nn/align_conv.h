@@ -23,9 +23,19 @@ enum v2v_status v2v_align_conv_create(struct v2v_align_conv **conv, const struct
                                       const struct v2v_align_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_align_conv_destroy(struct v2v_align_conv **conv);
 
-/* Scratch for features of the sizes of `like`; the output array holds `out_rows` rows. */
-enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv, const struct v2v_padded *like,
-                                    int64_t out_rows, int training) V2V_MUST_CHECK;
+/* Can the next plan's output be blocked? Where the blocks can be computed so, not in training. */
+int v2v_align_conv_takes_blocked(const struct v2v_align_conv *conv);
+
+/* Scratch for features of the sizes of `like`. */
+struct v2v_align_conv_plan {
+    const struct v2v_padded *like;
+    int64_t out_rows; /* that the output array holds */
+    int training;
+    int out_form; /* enum v2v_form */
+};
+
+enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv,
+                                    const struct v2v_align_conv_plan *plan) V2V_MUST_CHECK;
 
 /* Merge the full weights [out,(view,feature,z),3,3]; bias [out] is borrowed. */
 void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight,

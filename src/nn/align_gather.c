@@ -10,7 +10,31 @@ struct v2v_align_gather {
     struct v2v_plane *plane; /* [in] */
     int64_t pitch;
     struct v2v_conv *conv;
+    int form; /* enum v2v_form: of what is gathered */
 };
+
+/* The pixels of the frame that a plane has: rows [y0,y1), columns [x0,x1). */
+static struct v2v_plane inside(const struct v2v_align_gather *gather, int64_t channel)
+{
+    struct v2v_plane plane = gather->plane[channel];
+    plane.y0 = v2v_within(plane.y0, 0, gather->spec.height);
+    plane.y1 = v2v_within(plane.y1, 0, gather->spec.height);
+    plane.x0 = v2v_within(plane.x0, 0, gather->spec.width);
+    plane.x1 = v2v_within(plane.x1, 0, gather->spec.width);
+    return plane;
+}
+
+/* Has every plane all columns of the frame? */
+static int rows_are_whole(const struct v2v_align_gather *gather)
+{
+    for (int64_t i = 0; i < gather->spec.in; i++) {
+        struct v2v_plane plane = inside(gather, i);
+        if (plane.x0 > 0 || plane.x1 < gather->spec.width) {
+            return 0;
+        }
+    }
+    return 1;
+}
 
 enum v2v_status v2v_align_gather_create(struct v2v_align_gather **gather,
                                         const struct v2v_conv_spec *spec,
@@ -26,7 +50,12 @@ enum v2v_status v2v_align_gather_create(struct v2v_align_gather **gather,
     memcpy(self->plane, plane, (size_t)spec->in * sizeof *plane);
     V2V_TRY(v2v_workspace_reserve(spec->method.workspace,
                                   v2v_mem_product(spec->in, spec->height, spec->width)));
-    V2V_TRY(v2v_conv_create(&self->conv, spec));
+    struct v2v_conv_spec inner = *spec;
+    inner.method.workspace = NULL; /* the shared one holds its input */
+    if (v2v_conv_takes_blocked(spec) && rows_are_whole(self)) {
+        inner.in_form = self->form = V2V_FORM_BLOCKED;
+    }
+    V2V_TRY(v2v_conv_create(&self->conv, &inner));
 done:
     if (rc != V2V_OK) {
         v2v_align_gather_destroy(&self);
@@ -52,17 +81,6 @@ void v2v_align_gather_set_weights(struct v2v_align_gather *gather, const float *
     v2v_conv_set_weights(gather->conv, weight, bias);
 }
 
-/* The pixels of the frame that a plane has: rows [y0,y1), columns [x0,x1). */
-static struct v2v_plane inside(const struct v2v_align_gather *gather, int64_t channel)
-{
-    struct v2v_plane plane = gather->plane[channel];
-    plane.y0 = v2v_within(plane.y0, 0, gather->spec.height);
-    plane.y1 = v2v_within(plane.y1, 0, gather->spec.height);
-    plane.x0 = v2v_within(plane.x0, 0, gather->spec.width);
-    plane.x1 = v2v_within(plane.x1, 0, gather->spec.width);
-    return plane;
-}
-
 static float *channel_of(const struct v2v_align_gather *gather, int64_t channel)
 {
     return gather->spec.method.workspace->data + channel * gather->spec.height * gather->spec.width;
@@ -84,6 +102,29 @@ static const float *take(const struct v2v_align_gather *gather, const float *bas
         }
     }
     return channel_of(gather, 0);
+}
+
+/* The same, blocked. */
+static const float *take_blocked(const struct v2v_align_gather *gather, const float *base)
+{
+    struct v2v_blocked image = {.data = gather->spec.method.workspace->data,
+                                .channels = gather->spec.in,
+                                .height = gather->spec.height,
+                                .width = gather->spec.width};
+    int64_t count = v2v_blocked_count(image.channels);
+#pragma omp parallel for schedule(static)
+    for (int64_t place = 0; place < count * image.height; place++) {
+        int64_t first = place / image.height * V2V_BLOCKED_CHANNELS, y = place % image.height;
+        const float *row[V2V_BLOCKED_CHANNELS] = {NULL};
+        for (int i = 0; i < V2V_BLOCKED_CHANNELS && first + i < image.channels; i++) {
+            const struct v2v_plane *plane = &gather->plane[first + i];
+            if (y >= plane->y0 && y < plane->y1) {
+                row[i] = base + plane->offset + y * gather->pitch;
+            }
+        }
+        v2v_blocked_set(&image, place / image.height, y, 0, row, image.width);
+    }
+    return image.data;
 }
 
 static void add_channel(const struct v2v_align_gather *gather, int64_t channel, float *base)
@@ -116,7 +157,9 @@ static void give(const struct v2v_align_gather *gather, float *base)
 
 void v2v_align_gather_forward(struct v2v_align_gather *gather, float *out, const float *base)
 {
-    v2v_conv_forward(gather->conv, out, take(gather, base));
+    v2v_conv_forward(gather->conv, out,
+                     gather->form == V2V_FORM_BLOCKED ? take_blocked(gather, base)
+                                                      : take(gather, base));
 }
 
 void v2v_align_gather_backward(struct v2v_align_gather *gather, float *dweight, float *dbase,

@@ -33,6 +33,7 @@ struct v2v_align_taps {
     int64_t slices;
     int64_t height, width;
     int64_t out_rows; /* that the output array holds */
+    int out_form;     /* enum v2v_form */
     int64_t columns;  /* taps*features of the largest region */
     int threads;
     const float *bias;
@@ -129,16 +130,18 @@ static int64_t gradient_floats(const struct v2v_align_taps *conv, int training)
     return training ? v2v_mem_product(conv->spec.out, all_columns(conv), 1) : 0;
 }
 
-enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height, int64_t width,
-                                    int64_t out_rows, int training)
+enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv,
+                                    const struct v2v_align_conv_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
+    int64_t height = plan->like->height, width = plan->like->width;
     const int64_t y[CLASSES + 1] = {0, 1, height - 1, height};
     const int64_t x[CLASSES + 1] = {0, 1, width - 1, width};
     int64_t out = conv->spec.out;
     conv->height = height;
     conv->width = width;
-    conv->out_rows = out_rows;
+    conv->out_rows = plan->out_rows;
+    conv->out_form = plan->out_form;
     for (int i = 0; i < REGIONS; i++) {
         struct region *region = &conv->region[i];
         region->y0 = y[i / CLASSES];
@@ -158,9 +161,9 @@ enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *conv, int64_t height,
     V2V_TRY(V2V_ALLOC(conv->patch, "align_taps.patch", v2v_mem_product(conv->columns, pixels, 1)));
     V2V_TRY(V2V_ALLOC(conv->strip, "align_taps.strip", v2v_mem_product(out, pixels, 1)));
     conv->threads = omp_get_max_threads();
-    V2V_TRY(
-        v2v_workspace_reserve(conv->spec.method.workspace, conv->threads * share_floats(conv) +
-                                                               gradient_floats(conv, training)));
+    V2V_TRY(v2v_workspace_reserve(conv->spec.method.workspace,
+                                  conv->threads * share_floats(conv) +
+                                      gradient_floats(conv, plan->training)));
 done:
     return rc;
 }
@@ -397,20 +400,48 @@ static void scatter(const struct v2v_align_taps *conv, const struct strip *strip
 
 /* ---- forward and backward ---- */
 
-static void finish_strip(const struct v2v_align_taps *conv, const struct strip *strip, float *out,
-                         int64_t first)
+/* Bias and activation, where the sums are. */
+static void activate_strip(const struct v2v_align_taps *conv, const struct strip *strip)
 {
     float slope = conv->spec.slope;
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < conv->spec.out; o++) {
+        float *sum = conv->strip + o * strip->pixels;
+        for (int64_t i = 0; i < strip->pixels; i++) {
+            float value = sum[i] + conv->bias[o];
+            sum[i] = value > 0.0f ? value : slope * value;
+        }
+    }
+}
+
+static void give_strip(const struct v2v_align_taps *conv, const struct strip *strip, float *out,
+                       int64_t first)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < conv->spec.out; o++) {
         const float *from = conv->strip + o * strip->pixels;
         for (int64_t y = strip->y0; y < strip->y1; y++) {
-            float *to = out + (o * conv->out_rows + y - first) * conv->width + strip->x0;
-            for (int64_t x = 0; x < strip->width; x++) {
-                float value = from[x] + conv->bias[o];
-                to[x] = value > 0.0f ? value : slope * value;
-            }
+            memcpy(out + (o * conv->out_rows + y - first) * conv->width + strip->x0, from,
+                   (size_t)strip->width * sizeof *out);
             from += strip->width;
+        }
+    }
+}
+
+static void give_strip_blocked(const struct v2v_align_taps *conv, const struct strip *strip,
+                               float *out)
+{
+    struct v2v_blocked image = {
+        .data = out, .channels = conv->spec.out, .height = conv->height, .width = conv->width};
+#pragma omp parallel for schedule(static)
+    for (int64_t block = 0; block < v2v_blocked_count(image.channels); block++) {
+        for (int64_t y = strip->y0; y < strip->y1; y++) {
+            const float *row[V2V_BLOCKED_CHANNELS] = {NULL};
+            int64_t o = block * V2V_BLOCKED_CHANNELS;
+            for (int i = 0; i < V2V_BLOCKED_CHANNELS && o + i < image.channels; i++) {
+                row[i] = conv->strip + (o + i) * strip->pixels + (y - strip->y0) * strip->width;
+            }
+            v2v_blocked_set(&image, block, y, strip->x0, row, strip->width);
         }
     }
 }
@@ -426,7 +457,12 @@ static void forward_rectangle(struct v2v_align_taps *conv, float *out,
         v2v_gemm(conv->spec.method.backend, 0, 0, conv->spec.out, strip.pixels, columns, 1.0f,
                  v2v_piece_data(&region->weight), columns, conv->patch, strip.pixels, 0.0f,
                  conv->strip, strip.pixels);
-        finish_strip(conv, &strip, out, first);
+        activate_strip(conv, &strip);
+        if (conv->out_form == V2V_FORM_BLOCKED) {
+            give_strip_blocked(conv, &strip, out);
+        } else {
+            give_strip(conv, &strip, out, first);
+        }
         y = strip.y1;
     }
 }

@@ -16,8 +16,8 @@ enum v2v_status v2v_align_taps_create(struct v2v_align_taps **taps, const struct
 void v2v_align_taps_destroy(struct v2v_align_taps **taps);
 
 /* The rest as in align_conv.h; the gradient of the bias is not computed here. */
-enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *taps, int64_t height, int64_t width,
-                                    int64_t out_rows, int training) V2V_MUST_CHECK;
+enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *taps,
+                                    const struct v2v_align_conv_plan *plan) V2V_MUST_CHECK;
 void v2v_align_taps_set_weights(struct v2v_align_taps *taps, const float *weight,
                                 const float *bias);
 void v2v_align_taps_forward(struct v2v_align_taps *taps, float *out,

@@ -28,8 +28,9 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
-                               int64_t width, const struct v2v_conv_method *method, int training)
+static struct v2v_conv_spec spec_of(const struct v2v_layer *layer, int64_t batch, int64_t height,
+                                    int64_t width, const struct v2v_conv_method *method,
+                                    int training)
 {
     struct v2v_conv_spec spec = {.batch = batch,
                                  .in = layer->in,
@@ -41,8 +42,24 @@ enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t h
                                  .slope = layer->slope,
                                  .upsample = layer->upsample,
                                  .method = *method,
-                                 .training = training != V2V_TRAINING_OFF};
+                                 .training = training != V2V_TRAINING_OFF,
+                                 .in_form = layer->in_form,
+                                 .out_form = layer->out_form};
     spec.method.keeps = training == V2V_TRAINING_KEEPS;
+    return spec;
+}
+
+int v2v_layer_takes_blocked(const struct v2v_layer *layer, const struct v2v_conv_method *method,
+                            int training)
+{
+    struct v2v_conv_spec spec = spec_of(layer, 1, 1, 1, method, training);
+    return v2v_conv_takes_blocked(&spec);
+}
+
+enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
+                               int64_t width, const struct v2v_conv_method *method, int training)
+{
+    struct v2v_conv_spec spec = spec_of(layer, batch, height, width, method, training);
     v2v_conv_destroy(&layer->conv);
     return v2v_conv_create(&layer->conv, &spec);
 }

@@ -11,6 +11,7 @@ struct v2v_layer {
     int kernel, stride;
     float slope;           /* negative slope of the activation after it, 1: none */
     int upsample;          /* 1: the input is repeated 2 x 2 before it */
+    int in_form, out_form; /* enum v2v_form of its images, for the next plan */
     struct v2v_conv *conv; /* NULL until planned */
 };
 
@@ -38,6 +39,11 @@ enum v2v_training { V2V_TRAINING_OFF, V2V_TRAINING_LEAN, V2V_TRAINING_KEEPS };
 enum v2v_status v2v_layer_plan(struct v2v_layer *layer, int64_t batch, int64_t height,
                                int64_t width, const struct v2v_conv_method *method,
                                int training) V2V_MUST_CHECK;
+
+/* Could its images be blocked, whatever their size? */
+int v2v_layer_takes_blocked(const struct v2v_layer *layer, const struct v2v_conv_method *method,
+                            int training);
+
 void v2v_layer_fini(struct v2v_layer *layer);
 
 /* The values of its parameters changed. A layer that is not planned has nothing to renew. */

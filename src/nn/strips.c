@@ -109,7 +109,8 @@ enum v2v_status v2v_strips_create(struct v2v_strips **strips, const struct v2v_s
     *self = laid_out(spec);
     V2V_TRY(v2v_tiles_init(&self->all, spec->height, spec->width));
     if (spec->align != NULL) {
-        V2V_TRY(v2v_align_conv_plan(spec->align, like, self->held[0], 0));
+        struct v2v_align_conv_plan plan = {.like = like, .out_rows = self->held[0]};
+        V2V_TRY(v2v_align_conv_plan(spec->align, &plan));
     }
     for (int64_t i = 0; i < self->steps; i++) {
         V2V_TRY(V2V_ALLOC(self->level[i], "strips", channels(self, i)));

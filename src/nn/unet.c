@@ -67,6 +67,37 @@ done:
     return rc;
 }
 
+/* ---- forms ---- */
+
+/* The full-size layers whose output the next layer alone reads. */
+static const int handing_on[] = {INIT2, INIT4, UP4, FINAL0, FINAL2};
+
+/* Without strips these hand on blocked images where they can. */
+static void choose_forms(struct v2v_unet *unet)
+{
+    const struct v2v_conv_method *method = &unet->spec.method;
+    int training = unet->size.training;
+    for (int i = 0; i < LAYERS; i++) {
+        unet->layer[i].in_form = unet->layer[i].out_form = V2V_FORM_PLAIN;
+    }
+    for (size_t i = 0; i < sizeof handing_on / sizeof *handing_on; i++) {
+        struct v2v_layer *from = &unet->layer[handing_on[i]], *to = from + 1;
+        if (v2v_layer_takes_blocked(from, method, training) &&
+            v2v_layer_takes_blocked(to, method, training)) {
+            from->out_form = to->in_form = V2V_FORM_BLOCKED;
+        }
+    }
+    if (!training && v2v_align_conv_takes_blocked(unet->align) &&
+        v2v_layer_takes_blocked(&unet->layer[INIT2], method, training)) {
+        unet->layer[INIT2].in_form = V2V_FORM_BLOCKED;
+    }
+}
+
+static int64_t image_floats(int form, int64_t channels, int64_t pixels)
+{
+    return form == V2V_FORM_BLOCKED ? v2v_blocked_floats(channels, pixels, 1) : channels * pixels;
+}
+
 /* ---- workspace ---- */
 
 static int64_t largest(const struct v2v_unet *unet)
@@ -158,7 +189,8 @@ static int64_t list_outer_slots(struct v2v_slot *slot, struct v2v_unet *unet)
                        chain == HEAD ? ALIGN : chain_table[chain].first, chain_table[chain].last);
         }
     } else {
-        int64_t aligned = channels(unet, 8) * pixels_at(unet, INIT2, 0);
+        int64_t aligned =
+            image_floats(unet->layer[INIT2].in_form, channels(unet, 8), pixels_at(unet, INIT2, 0));
         slot[n++] = needed(unet, &unet->aligned, aligned, ALIGN, INIT2);
     }
     if (!is_whole(unet)) {
@@ -174,7 +206,9 @@ static int64_t list_slots(struct v2v_slot *slot, struct v2v_unet *unet)
     for (int i = 0; i < LAYERS; i++) {
         int chain = chain_of(unet, i), first = chain == CHAINS ? i : chain_table[chain].first;
         if (is_kept(unet, i)) {
-            slot[n++] = needed(unet, &unet->out[i], out_count(unet, i), first, last_reader(i));
+            int64_t floats = image_floats(unet->layer[i].out_form,
+                                          channels(unet, layer_table[i].out), out_pixels(unet, i));
+            slot[n++] = needed(unet, &unet->out[i], floats, first, last_reader(i));
         }
     }
     for (int k = 0; k < LEVELS; k++) {
@@ -209,6 +243,7 @@ int64_t v2v_unet_workspace(struct v2v_unet *unet, const struct v2v_unet_size *si
 {
     struct v2v_slot slot[MAX_SLOTS];
     unet->size = *size;
+    choose_forms(unet);
     return v2v_slots_pack(slot, list_slots(slot, unet));
 }
 
@@ -248,7 +283,11 @@ enum v2v_status v2v_unet_plan(struct v2v_unet *unet, float *workspace,
         V2V_TRY(v2v_strips_create(&unet->chain[chain], &spec, like));
     }
     if (!v2v_unet_knows_scenes(unet)) {
-        V2V_TRY(v2v_align_conv_plan(unet->align, like, like->height, training));
+        struct v2v_align_conv_plan plan = {.like = like,
+                                           .out_rows = like->height,
+                                           .training = training,
+                                           .out_form = unet->layer[INIT2].in_form};
+        V2V_TRY(v2v_align_conv_plan(unet->align, &plan));
     }
     for (int i = 0; i < LAYERS; i++) {
         int half = layer_table[i].half;

@@ -119,11 +119,15 @@ static inline int64_t pixels_at(const struct v2v_unet *unet, int i, int half)
     return rows_at(unet, i, half) * (unet->size.width >> half);
 }
 
+static inline int64_t out_pixels(const struct v2v_unet *unet, int i)
+{
+    return pixels_at(unet, i, layer_table[i].half + (layer_table[i].stride == 2));
+}
+
 /* Output of layer i: channels * pixels. */
 static inline int64_t out_count(const struct v2v_unet *unet, int i)
 {
-    int half = layer_table[i].half + (layer_table[i].stride == 2);
-    return channels(unet, layer_table[i].out) * pixels_at(unet, i, half);
+    return channels(unet, layer_table[i].out) * out_pixels(unet, i);
 }
 
 static inline int64_t in_pixels(const struct v2v_unet *unet, int i)

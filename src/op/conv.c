@@ -1,3 +1,4 @@
+#include "op/amx.h"
 #include "op/conv_backend.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
@@ -41,7 +42,7 @@ static int bf16_pays(const struct v2v_conv_spec *spec)
 const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
 {
     if (bf16_pays(spec)) {
-        return &v2v_conv_bf16;
+        return v2v_amx_usable() ? &v2v_conv_amx : &v2v_conv_bf16;
     }
     if (spec->stride == 1 && spec->in * spec->out <= DIRECT_LIMIT) {
         return &v2v_conv_direct;
@@ -52,10 +53,16 @@ const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
     return spec->method.backend == V2V_BACKEND_OPENBLAS ? &v2v_conv_openblas : &v2v_conv_onednn;
 }
 
+int v2v_conv_takes_blocked(const struct v2v_conv_spec *spec)
+{
+    return v2v_conv_choose(spec) == &v2v_conv_amx && spec->batch == 1 && !spec->training;
+}
+
 static enum v2v_status check_spec(const struct v2v_conv_spec *spec)
 {
     V2V_ASSERT(spec->kernel == 1 || spec->kernel == 3);
     V2V_ASSERT(spec->stride == 1 || spec->stride == 2);
+    V2V_ASSERT((spec->in_form | spec->out_form) == V2V_FORM_PLAIN || v2v_conv_takes_blocked(spec));
     int64_t channels = spec->in > spec->out ? spec->in : spec->out;
     int64_t weights = v2v_mem_product(spec->in, spec->out, (int64_t)spec->kernel * spec->kernel);
     int64_t pixels = v2v_mem_product(spec->height, spec->width, 1);
@@ -75,6 +82,7 @@ static enum v2v_status make_room(struct v2v_conv *conv)
     enum v2v_status rc = V2V_OK;
     const struct v2v_conv_spec *spec = &conv->spec;
     if (spec->upsample && conv->backend != &v2v_conv_winograd) {
+        V2V_ASSERT(spec->in_form == V2V_FORM_PLAIN);
         V2V_ASSERT(spec->stride == 1 && spec->height % 2 == 0 && spec->width % 2 == 0);
         V2V_TRY(V2V_ALLOC(conv->repeated, "conv.upsampled",
                           spec->batch * spec->in * spec->height * spec->width));

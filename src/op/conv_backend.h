@@ -24,7 +24,8 @@ struct v2v_conv_backend {
 };
 
 extern const struct v2v_conv_backend v2v_conv_onednn;
-extern const struct v2v_conv_backend v2v_conv_bf16;
+extern const struct v2v_conv_backend v2v_conv_bf16; /**< by oneDNN */
+extern const struct v2v_conv_backend v2v_conv_amx;  /**< bf16 by our own kernel */
 extern const struct v2v_conv_backend v2v_conv_openblas;
 extern const struct v2v_conv_backend v2v_conv_direct;
 extern const struct v2v_conv_backend v2v_conv_winograd;

@@ -22,6 +22,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/op/blocked.h"
 #include "v2v3d/op/lines.h"
 #include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
@@ -40,8 +41,8 @@ struct v2v_conv_method {
     struct v2v_workspace *workspace; /**< of all operators; winograd and the alignment need it */
     struct v2v_pool *pool; /**< of packed weights, which winograd and the alignment use; or NULL */
     int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round
-                        images and weights to bf16 and add up in float32, through oneDNN whatever
-                        the backend; needs v2v_op_bf16 */
+                        images and weights to bf16 and add up in float32, whatever the backend;
+                        needs v2v_op_bf16 */
     int keeps;     /**< 1: backward is always for the input of the forward pass before it; what that
                         made of one may be kept, for more memory */
 };
@@ -57,6 +58,7 @@ struct v2v_conv_spec {
     int upsample;          /**< 1: the input has half the rows and columns, each pixel of it is
                                 repeated 2 x 2 (stride 1, even sizes) */
     struct v2v_conv_method method;
+    int in_form, out_form; /**< enum v2v_form: of images; blocked where v2v_conv_takes_blocked */
 };
 
 struct v2v_conv;
@@ -68,13 +70,17 @@ enum v2v_status v2v_conv_create(struct v2v_conv **conv,
                                 const struct v2v_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_conv_destroy(struct v2v_conv **conv);
 
+/** Can its images be blocked? One image of an inference in bf16 by the tile unit; what is upsampled
+ *  comes plain. @kind Local. */
+int v2v_conv_takes_blocked(const struct v2v_conv_spec *spec);
+
 /** Pack weights for the primitives; once after every change. The arrays are borrowed until the next
  *  call. @kind Local. @param weight [out,in,k,k] @param bias [out] */
 void v2v_conv_set_weights(struct v2v_conv *conv, const float *weight, const float *bias);
 
 /** out = leaky(conv(in) + bias) with the negative slope of the specification.
  *  @kind Local. @param out [batch,out,oy,ox], @param in [batch,in,y,x], with upsample
- *  [batch,in,y/2,x/2]; no overlap */
+ *  [batch,in,y/2,x/2]; or blocked, by the forms of the specification; no overlap */
 void v2v_conv_forward(struct v2v_conv *conv, float *out, const float *in);
 
 /** These tiles of the output alone, to the bits of all; the rest of it is left as it is, or

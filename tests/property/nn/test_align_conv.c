@@ -110,7 +110,8 @@ static void setup(struct layer_case *c, const struct way *how)
         v2v_padded_put_rows(&c->features, v, c->f + v * FEATURES * PIXELS, HEIGHT, 0, HEIGHT);
     }
     assert_ok(v2v_align_conv_create(&c->conv, &c->shifts, &spec));
-    assert_ok(v2v_align_conv_plan(c->conv, &c->features, HEIGHT, 1));
+    struct v2v_align_conv_plan plan = {.like = &c->features, .out_rows = HEIGHT, .training = 1};
+    assert_ok(v2v_align_conv_plan(c->conv, &plan));
     v2v_align_conv_set_weights(c->conv, c->w, c->b);
     v2v_align_conv_forward(c->conv, c->out, &c->features, NULL);
 }

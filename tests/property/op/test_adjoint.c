@@ -1,4 +1,5 @@
 /* <A x, y> = <x, A^T y> for everything linear in the room, and the same bits on repetition. */
+#include "op/amx.h"
 #include "op/conv_backend.h"
 #include "support.h"
 #include "v2v3d/base/memory.h"
@@ -123,11 +124,13 @@ static void max_pooling_has_its_adjoint(void **unused)
     }
 }
 
-static const struct v2v_conv_spec layers[] = {
-    {13, 1, 4, 40, 48, 3, 1, 1.0f, 1, 0, {0}},  {3, 28, 16, 37, 21, 3, 1, 1.0f, 1, 0, {0}},
-    {2, 16, 4, 19, 70, 1, 1, 1.0f, 1, 0, {0}},  {1, 64, 48, 37, 21, 3, 1, 1.0f, 1, 0, {0}},
-    {2, 40, 24, 37, 21, 3, 2, 1.0f, 1, 0, {0}}, {1, 256, 128, 32, 32, 3, 2, 1.0f, 1, 0, {0}},
-    {1, 96, 128, 4, 4, 3, 1, 1.0f, 1, 0, {0}}};
+static const struct v2v_conv_spec layers[] = {{13, 1, 4, 40, 48, 3, 1, 1.0f, 1, 0, {0}, 0, 0},
+                                              {3, 28, 16, 37, 21, 3, 1, 1.0f, 1, 0, {0}, 0, 0},
+                                              {2, 16, 4, 19, 70, 1, 1, 1.0f, 1, 0, {0}, 0, 0},
+                                              {1, 64, 48, 37, 21, 3, 1, 1.0f, 1, 0, {0}, 0, 0},
+                                              {2, 40, 24, 37, 21, 3, 2, 1.0f, 1, 0, {0}, 0, 0},
+                                              {1, 256, 128, 32, 32, 3, 2, 1.0f, 1, 0, {0}, 0, 0},
+                                              {1, 96, 128, 4, 4, 3, 1, 1.0f, 1, 0, {0}, 0, 0}};
 static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
                                                           &v2v_conv_openblas};
 
@@ -246,10 +249,13 @@ static void for_all_bf16(void (*check)(struct layer *))
         print_message("no bf16 convolutions on this processor\n");
         skip();
     }
+    static const struct v2v_conv_backend *const bf16_backends[] = {&v2v_conv_bf16, &v2v_conv_amx};
     for (size_t i = 0; i < sizeof layers / sizeof *layers; i++) {
-        struct layer l = layer_init(&layers[i], &v2v_conv_bf16);
-        check(&l);
-        layer_fini(&l);
+        for (int j = 0; j < (v2v_amx_usable() ? 2 : 1); j++) {
+            struct layer l = layer_init(&layers[i], bf16_backends[j]);
+            check(&l);
+            layer_fini(&l);
+        }
     }
 }
 

@@ -86,7 +86,8 @@ static void setup(struct chain *c)
     declare(c);
     fill_features(c);
     assert_ok(v2v_align_conv_create(&c->align, &c->shifts, &spec));
-    assert_ok(v2v_align_conv_plan(c->align, &c->features, HEIGHT, 0));
+    struct v2v_align_conv_plan plan = {.like = &c->features, .out_rows = HEIGHT};
+    assert_ok(v2v_align_conv_plan(c->align, &plan));
     set_align_weights(c);
     for (int i = 0; i < DEPTH; i++) {
         c->whole[i] = small_draw(table[i].channels * table[i].pixels, 9, 0.3);

@@ -1,4 +1,5 @@
 /* Every backend against plain loops in double precision, over one table of layers. */
+#include "op/amx.h"
 #include "op/conv_backend.h"
 #include "support.h"
 #include "twin_conv.h"
@@ -11,15 +12,21 @@
 
 /** Channels that are and are not multiples of a vector, odd sizes, one pixel; runs of several
  * strips for each backend (the direct kernel's and the strips of OpenBLAS hold few rows). */
-static const struct v2v_conv_spec cases[] = {
-    {1, 1, 4, 37, 21, 3, 1, 0.01f, 1, 0, {0}},   {3, 4, 4, 16, 16, 3, 1, 0.01f, 1, 0, {0}},
-    {3, 4, 8, 21, 37, 1, 1, 1.0f, 1, 0, {0}},    {2, 8, 16, 9, 70, 3, 1, 0.05f, 1, 0, {0}},
-    {1, 28, 16, 13, 33, 3, 1, 0.01f, 1, 0, {0}}, {3, 16, 4, 8, 8, 1, 1, 0.01f, 1, 0, {0}},
-    {1, 5, 3, 1, 1, 3, 1, 0.01f, 1, 0, {0}},     {1, 3, 7, 2, 5, 3, 1, 0.5f, 1, 0, {0}},
-    {1, 17, 33, 37, 21, 3, 1, 0.01f, 1, 0, {0}}, {1, 32, 48, 16, 16, 3, 1, 0.01f, 1, 0, {0}},
-    {1, 2, 3, 40, 520, 3, 1, 0.01f, 1, 0, {0}},  {3, 16, 8, 16, 16, 3, 2, 0.01f, 1, 0, {0}},
-    {1, 19, 5, 37, 21, 3, 2, 0.01f, 1, 0, {0}},  {2, 6, 6, 12, 7, 1, 2, 0.01f, 1, 0, {0}},
-    {1, 64, 39, 12, 12, 3, 1, 0.01f, 1, 0, {0}}};
+static const struct v2v_conv_spec cases[] = {{1, 1, 4, 37, 21, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {3, 4, 4, 16, 16, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {3, 4, 8, 21, 37, 1, 1, 1.0f, 1, 0, {0}, 0, 0},
+                                             {2, 8, 16, 9, 70, 3, 1, 0.05f, 1, 0, {0}, 0, 0},
+                                             {1, 28, 16, 13, 33, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {3, 16, 4, 8, 8, 1, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 5, 3, 1, 1, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 3, 7, 2, 5, 3, 1, 0.5f, 1, 0, {0}, 0, 0},
+                                             {1, 17, 33, 37, 21, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 32, 48, 16, 16, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 2, 3, 40, 520, 3, 1, 0.01f, 1, 0, {0}, 0, 0},
+                                             {3, 16, 8, 16, 16, 3, 2, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 19, 5, 37, 21, 3, 2, 0.01f, 1, 0, {0}, 0, 0},
+                                             {2, 6, 6, 12, 7, 1, 2, 0.01f, 1, 0, {0}, 0, 0},
+                                             {1, 64, 39, 12, 12, 3, 1, 0.01f, 1, 0, {0}, 0, 0}};
 
 static const struct v2v_conv_backend *const backends[] = {&v2v_conv_direct, &v2v_conv_onednn,
                                                           &v2v_conv_openblas};
@@ -206,7 +213,7 @@ static void weight_gradient_matches_plain_loops_and_is_added(void **unused)
 static void frames_of_several_strips_match_plain_loops(void **unused)
 {
     (void)unused;
-    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 1, 0, {0}};
+    static const struct v2v_conv_spec wide = {1, 2, 2, 7, 320000, 3, 1, 0.01f, 1, 0, {0}, 0, 0};
     static const check checks[] = {check_forward, check_data, check_weights};
     for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
         for_one(&wide, checks[i]);
@@ -221,13 +228,17 @@ static void round_everything(struct fixture *f)
     f->factor_unit = f->image_unit = bf16_unit;
 }
 
+/** By oneDNN, and by our own kernel where there are tiles. */
 static void for_one_bf16(const struct v2v_conv_spec *spec, check check_one,
                          void (*prepare)(struct fixture *f))
 {
-    struct fixture f = fixture_init(spec);
-    prepare(&f);
-    run_check(&f, check_one, &v2v_conv_bf16);
-    fixture_fini(&f);
+    static const struct v2v_conv_backend *const bf16_backends[] = {&v2v_conv_bf16, &v2v_conv_amx};
+    for (int i = 0; i < (v2v_amx_usable() ? 2 : 1); i++) {
+        struct fixture f = fixture_init(spec);
+        prepare(&f);
+        run_check(&f, check_one, bf16_backends[i]);
+        fixture_fini(&f);
+    }
 }
 
 static void skip_without_bf16(void)
@@ -269,7 +280,7 @@ static void weight_gradient_in_bf16_errs_by_rounding_factors_alone(void **unused
 static void frames_of_several_strips_in_bf16_err_by_rounding(void **unused)
 {
     (void)unused;
-    static const struct v2v_conv_spec wide = {1, 2, 2, 5, 640000, 3, 1, 0.01f, 1, 0, {0}};
+    static const struct v2v_conv_spec wide = {1, 2, 2, 5, 640000, 3, 1, 0.01f, 1, 0, {0}, 0, 0};
     static const check checks[] = {check_forward, check_data, check_weights};
     skip_without_bf16();
     for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
@@ -320,7 +331,9 @@ static void both_gradients_at_once_are_those_one_by_one(void **state)
                                      1,
                                      1,
                                      upsample,
-                                     {.winograd = 1, .workspace = &workspace}};
+                                     {.winograd = 1, .workspace = &workspace},
+                                     0,
+                                     0};
         float *in = draw(inputs, 1), *dout = draw(BATCH * OUT * SIDE * SIDE, 2);
         float *weight = draw(WEIGHTS, 3), *bias = draw(OUT, 4);
         float *din[] = {draw(inputs, 5), draw(inputs, 6)};
@@ -397,9 +410,10 @@ static void bf16_takes_large_layers_of_3_x_3_alone(void **unused)
                                  .kernel = 3,
                                  .stride = 2,
                                  .method.precision = V2V_PRECISION_BF16};
-    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_bf16);
+    const struct v2v_conv_backend *chosen = v2v_amx_usable() ? &v2v_conv_amx : &v2v_conv_bf16;
+    assert_ptr_equal(v2v_conv_choose(&spec), chosen);
     spec.method.backend = V2V_BACKEND_OPENBLAS;
-    assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_bf16);
+    assert_ptr_equal(v2v_conv_choose(&spec), chosen);
     spec.kernel = 1;
     assert_ptr_equal(v2v_conv_choose(&spec), &v2v_conv_openblas);
     spec.kernel = 3;

@@ -27,7 +27,7 @@ static struct fixture *fixture_create(int kernel)
 {
     struct fixture *f = v2v_mem_alloc("test", 1, sizeof *f);
     assert_non_null(f);
-    f->spec = (struct v2v_conv_spec){1, IN, OUT, HEIGHT, WIDTH, kernel, 1, 0.5f, 1, 0, {0}};
+    f->spec = (struct v2v_conv_spec){1, IN, OUT, HEIGHT, WIDTH, kernel, 1, 0.5f, 1, 0, {0}, 0, 0};
     int pad = (kernel - 1) / 2, taps = kernel * kernel;
     for (int64_t i = 0; i < IN * HEIGHT * WIDTH; i++) {
         int64_t c = i / (HEIGHT * WIDTH), y = i / WIDTH % HEIGHT, x = i % WIDTH;
