@@ -23,7 +23,7 @@ _Static_assert((int)VARIANTS <= (int)V2V_BENCH_MOST_ROWS, "a result holds every 
 /* The time of emulated bf16 would say nothing about bf16. */
 static int can_run(const struct v2v_variant *variant)
 {
-    return variant->precision == V2V_PRECISION_F32 || v2v_op_bf16() == V2V_BF16_NATIVE;
+    return variant->precision == V2V_PRECISION_F32 || v2v_op_bf16() >= V2V_BF16_NATIVE;
 }
 
 int64_t v2v_variants_list(struct v2v_variant *variants, const struct v2v_bench_job *job)

@@ -8,6 +8,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/fft/fft2.h"
+#include "v2v3d/op/bf16.h"
 #include "v2v3d/op/conv.h"
 #include <float.h>
 #include <math.h>
@@ -241,9 +242,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (on_root) {
         v2v_cli_processor(&processor);
         printf("v2v3d %s\n%d ranks x %d threads; %lld cores for %lld ranks of a host\n%s\n"
-               "instruction sets: %s\n",
+               "instruction sets: %s\nconvolutions in bf16: %s\n",
                V2V_VERSION, v2v_comm_size(session->world), session->threads, (long long)cores[0],
-               (long long)cores[1], V2V_LIBRARY_VERSIONS, processor.instructions);
+               (long long)cores[1], V2V_LIBRARY_VERSIONS, processor.instructions,
+               v2v_op_bf16_text());
     }
     for (int i = 0; i < CHECKS; i++) {
         double error = 0.0;

@@ -9,14 +9,13 @@
 enum v2v_status v2v_precision_agree(int *precision, int wanted, const struct v2v_comm *comm)
 {
     int least = wanted == V2V_PRECISION_BF16_ALWAYS ? V2V_BF16_EMULATED : V2V_BF16_NATIVE;
-    int64_t without = v2v_op_bf16() < least, emulating = v2v_op_bf16() < V2V_BF16_NATIVE;
+    int64_t without = v2v_op_bf16() < least;
     int ranks = v2v_comm_size(comm);
     *precision = V2V_PRECISION_F32;
     if (wanted == V2V_PRECISION_F32) {
         return V2V_OK;
     }
     v2v_par_sum_i64(comm, &without, 1);
-    v2v_par_sum_i64(comm, &emulating, 1);
     if (without > 0 && wanted == V2V_PRECISION_BF16_ALWAYS) {
         return V2V_FAIL(V2V_E_CONFIG,
                         "precision bf16-always: the processors of %lld of %d ranks have no "
@@ -33,7 +32,6 @@ enum v2v_status v2v_precision_agree(int *precision, int wanted, const struct v2v
         return V2V_OK;
     }
     *precision = V2V_PRECISION_BF16;
-    v2v_log(V2V_LOG_INFO, "convolutions in bf16%s",
-            emulating > 0 ? ", emulated: slower than float32" : "");
+    v2v_log(V2V_LOG_INFO, "convolutions in bf16: %s", v2v_op_bf16_text());
     return V2V_OK;
 }

@@ -1,5 +1,7 @@
 #include "v2v3d/op/bf16.h"
 
+#include "op/amx.h"
+
 #include <oneapi/dnnl/dnnl.h>
 
 /* An instruction set's number has the bits of all the sets that it contains; 0 elsewhere than on
@@ -12,8 +14,20 @@ static int contains(dnnl_cpu_isa_t isa, dnnl_cpu_isa_t part)
 int v2v_op_bf16(void)
 {
     dnnl_cpu_isa_t isa = dnnl_get_effective_cpu_isa();
+    if (v2v_amx_usable()) {
+        return V2V_BF16_TILES;
+    }
     if (contains(isa, dnnl_cpu_isa_avx512_core_bf16)) {
         return V2V_BF16_NATIVE;
     }
     return contains(isa, dnnl_cpu_isa_avx512_core) ? V2V_BF16_EMULATED : V2V_BF16_NONE;
+}
+
+const char *v2v_op_bf16_text(void)
+{
+    static const char *const text[] = {[V2V_BF16_NONE] = "none",
+                                       [V2V_BF16_EMULATED] = "emulated, slower than float32",
+                                       [V2V_BF16_NATIVE] = "by oneDNN",
+                                       [V2V_BF16_TILES] = "by the tile unit (AMX)"};
+    return text[v2v_op_bf16()];
 }

@@ -1,5 +1,7 @@
 #include "v2v3d/op/instructions.h"
 
+#include "op/amx.h"
+
 #include <oneapi/dnnl/dnnl.h>
 
 /* The levels that this room's own kernels are built for. */
@@ -10,5 +12,6 @@ static int64_t own_level(void)
 
 int64_t v2v_op_instructions(void)
 {
-    return (int64_t)(uint32_t)dnnl_get_effective_cpu_isa() * 4 + own_level();
+    int64_t levels = v2v_amx_usable() * 4 + own_level();
+    return (int64_t)(uint32_t)dnnl_get_effective_cpu_isa() * 8 + levels;
 }

@@ -9,12 +9,16 @@ extern "C" {
 enum v2v_bf16 {
     V2V_BF16_NONE,     /**< not at all */
     V2V_BF16_EMULATED, /**< with the same rounding by float32 instructions: slower than float32 */
-    V2V_BF16_NATIVE    /**< with its own instructions */
+    V2V_BF16_NATIVE,   /**< with its own instructions, by oneDNN */
+    V2V_BF16_TILES     /**< by our own kernels on the tile unit (AMX) */
 };
 
-/** What oneDNN will do here, asked at run time: it knows the processor, and DNNL_MAX_CPU_ISA.
- *  @kind Local. @return enum v2v_bf16 */
+/** What convolutions will do here, asked at run time of the processor and the system;
+ *  DNNL_MAX_CPU_ISA takes instructions away from both kinds. @kind Local. @return enum v2v_bf16 */
 int v2v_op_bf16(void);
+
+/** The same in words, for people. @kind Local. */
+const char *v2v_op_bf16_text(void);
 
 #ifdef __cplusplus
 }
