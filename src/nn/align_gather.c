@@ -48,13 +48,14 @@ enum v2v_status v2v_align_gather_create(struct v2v_align_gather **gather,
     self->pitch = pitch;
     V2V_TRY(V2V_ALLOC(self->plane, "align_gather.planes", spec->in));
     memcpy(self->plane, plane, (size_t)spec->in * sizeof *plane);
-    V2V_TRY(v2v_workspace_reserve(spec->method.workspace,
-                                  v2v_mem_product(spec->in, spec->height, spec->width)));
     struct v2v_conv_spec inner = *spec;
     inner.method.workspace = NULL; /* the shared one holds its input */
+    int64_t floats = v2v_mem_product(spec->in, spec->height, spec->width);
     if (v2v_conv_takes_blocked(spec) && rows_are_whole(self)) {
         inner.in_form = self->form = V2V_FORM_BLOCKED;
+        floats = v2v_blocked_floats(spec->in, spec->height, spec->width);
     }
+    V2V_TRY(v2v_workspace_reserve(spec->method.workspace, floats));
     V2V_TRY(v2v_conv_create(&self->conv, &inner));
 done:
     if (rc != V2V_OK) {

@@ -8,6 +8,7 @@
 #include "v2v3d/op/bf16.h"
 
 #include <math.h>
+#include <string.h>
 
 enum {
     VIEWS = 4,
@@ -238,11 +239,58 @@ static void gradients_satisfy_the_inner_product_identities(void **state)
     }
 }
 
+/* To the nearest of 8 significant bits, ties to even, as its upper half. */
+static unsigned rounded(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return (bits + 0x7fff + (bits >> 16 & 1)) >> 16;
+}
+
+static float *output(struct layer_case *c, int form, int64_t floats)
+{
+    struct v2v_align_conv_plan plan = {.like = &c->features, .out_rows = HEIGHT, .out_form = form};
+    float *out = v2v_mem_alloc("test", floats, sizeof *out);
+    assert_non_null(out);
+    assert_ok(v2v_align_conv_plan(c->conv, &plan));
+    v2v_align_conv_set_weights(c->conv, c->w, c->b);
+    v2v_align_conv_forward(c->conv, out, &c->features, NULL);
+    return out;
+}
+
+/* Inside, where blocks are convolved, and in the ring of the taps. */
+static void a_blocked_output_is_the_plain_one_rounded(void **state)
+{
+    enum { BF16_MERGED = 4 };
+    struct layer_case c;
+    (void)state;
+    if (!can_run(&ways[BF16_MERGED])) {
+        skip();
+    }
+    setup(&c, &ways[BF16_MERGED]);
+    if (v2v_align_conv_takes_blocked(c.conv)) {
+        float *plain = output(&c, V2V_FORM_PLAIN, OUT * PIXELS);
+        float *blocked = output(&c, V2V_FORM_BLOCKED, v2v_blocked_floats(OUT, HEIGHT, WIDTH));
+        for (int64_t i = 0; i < OUT * PIXELS; i++) {
+            int64_t o = i / PIXELS, place = (o / 32 * PIXELS + i % PIXELS) * 32 + o % 32;
+            uint16_t value;
+            memcpy(&value, (const char *)blocked + place * 2, sizeof value);
+            assert_int_equal(value, rounded(plain[i]));
+        }
+        v2v_mem_free(plain);
+        v2v_mem_free(blocked);
+    } else {
+        print_message("no blocked images on this processor\n");
+    }
+    teardown(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_way_equals_shift_pad_convolve_everywhere),
         cmocka_unit_test(gradients_satisfy_the_inner_product_identities),
+        cmocka_unit_test(a_blocked_output_is_the_plain_one_rounded),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
