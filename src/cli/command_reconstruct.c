@@ -35,7 +35,7 @@ static const struct v2v_option options[] = {
                    "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET(
         "skip", "recon.skip", "off|auto|N",
-        "leave out tiles with less light than N (auto: 0.1) of the brightest, or than noise"),
+        "leave out tiles with less light than N (auto: 0.085) of the brightest, or than noise"),
     V2V_OPTION_OFFSET,
     V2V_OPTION_GAIN,
     V2V_OPTION_NORMALIZE,

@@ -428,6 +428,23 @@ static void give_strip(const struct v2v_align_taps *conv, const struct strip *st
     }
 }
 
+/* To the tiles of a list, of which those from row `first` of tiles on are held. */
+static void give_strip_listed(const struct v2v_align_taps *conv, const struct strip *strip,
+                              float *out, const struct v2v_tiles *list, int64_t first)
+{
+    enum { TILE = V2V_TILE };
+#pragma omp parallel for schedule(static)
+    for (int64_t o = 0; o < conv->spec.out; o++) {
+        const float *from = conv->strip + o * strip->pixels;
+        float *channel = out + o * conv->out_rows * conv->width;
+        for (int64_t i = 0; i < strip->pixels; i++) {
+            int64_t y = strip->y0 + i / strip->width, x = strip->x0 + i % strip->width;
+            int64_t tile = list->number[y / TILE * list->columns + x / TILE] - list->before[first];
+            channel[(tile * TILE + y % TILE) * TILE + x % TILE] = from[i];
+        }
+    }
+}
+
 static void give_strip_blocked(const struct v2v_align_taps *conv, const struct strip *strip,
                                float *out)
 {
@@ -446,9 +463,22 @@ static void give_strip_blocked(const struct v2v_align_taps *conv, const struct s
     }
 }
 
+static void give(const struct v2v_align_taps *conv, const struct strip *strip, float *out,
+                 const struct v2v_winograd_part *part)
+{
+    if (conv->out_form == V2V_FORM_BLOCKED) {
+        give_strip_blocked(conv, strip, out);
+    } else if (part != NULL && part->out_list != NULL) {
+        give_strip_listed(conv, strip, out, part->out_list, part->first_row);
+    } else {
+        give_strip(conv, strip, out, part != NULL ? part->first_row * V2V_TILE : 0);
+    }
+}
+
 static void forward_rectangle(struct v2v_align_taps *conv, float *out,
                               const struct v2v_padded *features, const struct region *region,
-                              const struct rectangle *rectangle, int64_t first)
+                              const struct rectangle *rectangle,
+                              const struct v2v_winograd_part *part)
 {
     int64_t columns = region->taps.count * conv->spec.features;
     for (int64_t y = rectangle->y0; y < rectangle->y1;) {
@@ -458,11 +488,7 @@ static void forward_rectangle(struct v2v_align_taps *conv, float *out,
                  v2v_piece_data(&region->weight), columns, conv->patch, strip.pixels, 0.0f,
                  conv->strip, strip.pixels);
         activate_strip(conv, &strip);
-        if (conv->out_form == V2V_FORM_BLOCKED) {
-            give_strip_blocked(conv, &strip, out);
-        } else {
-            give_strip(conv, &strip, out, first);
-        }
+        give(conv, &strip, out, part);
         y = strip.y1;
     }
 }
@@ -482,12 +508,12 @@ void v2v_align_taps_forward(struct v2v_align_taps *conv, float *out,
             continue;
         }
         if (part == NULL) {
-            forward_rectangle(conv, out, features, region, &rectangle, 0);
+            forward_rectangle(conv, out, features, region, &rectangle, NULL);
             continue;
         }
         for (int64_t run = 0; run < part->runs;) {
             rectangle = next_rectangle(&run, region, part);
-            forward_rectangle(conv, out, features, region, &rectangle, part->first_row * V2V_TILE);
+            forward_rectangle(conv, out, features, region, &rectangle, part);
         }
     }
 }

@@ -8,9 +8,9 @@
 
 _Static_assert((int)V2V_TILE == (int)V2V_CARVE_TILE, "light is looked up by tile");
 
-/* Noise alone: of 4096 tiles of 13 views x 39 slices of white noise the brightest showed 3.7
- * standard deviations, one in a hundred 2.8. */
-static const double noise_deviations = 4.0;
+/* Noise alone: of 4096 tiles of 13 views x 39 slices of white noise the brightest showed 2.8 to 3.4
+ * standard deviations, one in a hundred 2.0. */
+static const double noise_deviations = 3.0;
 
 /* Brightest: a hundredth of the tiles is brighter still, so that a hot pixel is not the measure. */
 static const double brightest_share = 0.99;
@@ -22,7 +22,7 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
                                int64_t height, int64_t width, const struct v2v_slab *slab)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->above, &scene->below, &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->dark};
     *scene = (struct v2v_scene){0};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         V2V_TRY(v2v_tiles_init(lists[i], v2v_slab_computed(slab), width));
@@ -31,7 +31,7 @@ enum v2v_status v2v_scene_init(struct v2v_scene *scene, const struct v2v_shifts 
     scene->tiles = (height + V2V_TILE - 1) / V2V_TILE * columns;
     V2V_TRY(V2V_ALLOC(scene->light, "scene", 2 * scene->tiles));
     scene->own_light = scene->light + v2v_slab_start(slab) / V2V_TILE * columns;
-    V2V_TRY(V2V_ALLOC(scene->mask, "scene", 2 * scene->computed.rows * columns));
+    V2V_TRY(V2V_ALLOC(scene->mask, "scene", scene->computed.rows * columns));
     V2V_TRY(v2v_scene_half_init(&scene->half, &scene->computed));
     V2V_TRY(v2v_carve_create(&scene->carve, shifts, height, width));
 done:
@@ -40,7 +40,7 @@ done:
 
 void v2v_scene_fini(struct v2v_scene *scene)
 {
-    struct v2v_tiles *lists[] = {&scene->computed, &scene->above, &scene->below, &scene->dark};
+    struct v2v_tiles *lists[] = {&scene->computed, &scene->dark};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         v2v_tiles_fini(lists[i]);
     }
@@ -90,18 +90,6 @@ static float find_sample(struct v2v_scene *scene)
     return least;
 }
 
-/* Is a tile of the row marked, within one of `column`? */
-static int touches(const uint8_t *mask, const struct v2v_tiles *tiles, int64_t row, int64_t column)
-{
-    for (int64_t x = column - 1; x <= column + 1; x++) {
-        if (row >= 0 && row < tiles->rows && x >= 0 && x < tiles->columns &&
-            mask[row * tiles->columns + x]) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* Mark the tiles that hold light, or with `dark` those that do not. */
 static void mark(struct v2v_scene *scene, float least, int dark)
 {
@@ -120,18 +108,6 @@ static void mark_sample(struct v2v_scene *scene)
     }
 }
 
-/* The tiles that are not marked, but touch marked ones in the row `apart` from theirs. */
-static void list_touching(struct v2v_scene *scene, struct v2v_tiles *list, int64_t apart)
-{
-    int64_t rows = list->rows, columns = list->columns;
-    uint8_t *touching = scene->mask + rows * columns;
-    for (int64_t i = 0; i < rows * columns; i++) {
-        touching[i] = !scene->mask[i] &&
-                      touches(scene->mask, &scene->computed, i / columns + apart, i % columns);
-    }
-    v2v_tiles_set(list, touching);
-}
-
 int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance)
 {
     int64_t tiles = scene->computed.rows * scene->computed.columns;
@@ -147,8 +123,6 @@ int v2v_scene_look(struct v2v_scene *scene, const float *views, double tolerance
     mark(scene, least, 0);
     mark_sample(scene);
     v2v_tiles_set(&scene->computed, scene->mask);
-    list_touching(scene, &scene->above, 1);
-    list_touching(scene, &scene->below, -1);
     v2v_scene_half_set(&scene->half, &scene->computed, &scene->dark, scene->sample_row,
                        scene->sample_column);
     return (double)scene->computed.count <= most_share * (double)tiles;

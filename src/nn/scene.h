@@ -17,9 +17,8 @@ struct v2v_scene {
     int64_t tiles;                     /* of the frame */
     float *light;                      /* [rows of the frame,columns] of tiles */
     const float *own_light;            /* those of the slab [rows,columns] */
-    uint8_t *mask;                     /* [rows,columns] */
+    uint8_t *mask;                     /* [rows,columns] of what is computed */
     struct v2v_tiles computed;         /* may hold light, or are the sample */
-    struct v2v_tiles above, below;     /* others that touch them, whose nearest line they read */
     struct v2v_tiles dark;             /* hold no light: all others and the sample */
     int64_t sample_row, sample_column; /* of the sample's first tile */
     struct v2v_scene_half half;        /* the same for images of half the sides */

@@ -120,6 +120,6 @@ void v2v_scene_half_level(const struct v2v_scene_half *half, float *images, int6
                                     .width = width,
                                     .last = rows,
                                     .size = TILE};
-    v2v_tiles_fill(&half->even, &image, 0, TILE, images + (half->row * width + half->column) * TILE,
+    v2v_tiles_fill(&half->even, &image, images + (half->row * width + half->column) * TILE,
                    rows * TILE * width);
 }

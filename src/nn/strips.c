@@ -6,8 +6,8 @@
 
 #include <string.h>
 
-/* Strips are multiples of UNIT rows: each sample lies in one of them. */
-enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = V2V_SAMPLE_TILES * TILE };
+/* Strips are multiples of UNIT rows. */
+enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = 8 * TILE };
 
 /* A step is the alignment or a layer; behind every step but the last there is a strip. To have the
  * same bits whatever the strips' rows, but for the round-off of the alignment's border ring, a
@@ -20,7 +20,7 @@ struct v2v_strips {
     struct v2v_tiles all;
     int64_t rows;        /* of the frame a strip, without those at its ends */
     int64_t held[STEPS]; /* rows of the strip behind each step */
-    float *level[STEPS]; /* [out] background behind each step */
+    float *level;        /* [out] background behind the last step */
 };
 
 /* Rows that step i computes at either end beyond the strip. */
@@ -112,8 +112,8 @@ enum v2v_status v2v_strips_create(struct v2v_strips **strips, const struct v2v_s
         struct v2v_align_conv_plan plan = {.like = like, .out_rows = self->held[0]};
         V2V_TRY(v2v_align_conv_plan(spec->align, &plan));
     }
+    V2V_TRY(V2V_ALLOC(self->level, "strips", channels(self, self->steps - 1)));
     for (int64_t i = 0; i < self->steps; i++) {
-        V2V_TRY(V2V_ALLOC(self->level[i], "strips", channels(self, i)));
         if (layer_of(self, i) != NULL) {
             v2v_layer_fini(layer_of(self, i));
             V2V_TRY(create_layer(self, i));
@@ -135,8 +135,8 @@ void v2v_strips_destroy(struct v2v_strips **strips)
     }
     for (int i = 0; i < STEPS; i++) {
         v2v_winograd_destroy(&self->filter[i]);
-        v2v_mem_free(self->level[i]);
     }
+    v2v_mem_free(self->level);
     v2v_tiles_fini(&self->all);
     v2v_mem_free(self);
     *strips = NULL;
@@ -195,24 +195,72 @@ static struct v2v_tiles_image behind(const struct v2v_strips *self,
     return image;
 }
 
-/* Compute the tiles of step i in the rows of `image` from what the step before left; beside a
- * scene's tiles there is background. */
+/* Floats of a strip's channel before a row of tiles of the frame. */
+static int64_t offset_of(const struct v2v_strips *self, const struct v2v_scene *scene, int64_t row)
+{
+    return scene != NULL ? scene->computed.before[row] * TILE * TILE
+                         : row * TILE * self->spec.width;
+}
+
+/* Compute the tiles of step i in the rows of `image` from what the step before left. Of a scene's
+ * strips only the computed tiles exist. They do not see the background about them as it is: to them
+ * their own edges go on. Level background would end the haze about bright structures too early. */
 static void compute(const struct v2v_strips *self, const struct v2v_strips_data *data, int64_t i,
                     const struct v2v_scene *scene, const struct v2v_tiles_image *image,
                     const struct v2v_tiles_image *before)
 {
-    const struct v2v_tiles *tiles = scene != NULL ? &scene->computed : &self->all;
+    const struct v2v_tiles *list = scene != NULL ? &scene->computed : NULL;
+    const struct v2v_tiles *tiles = list != NULL ? list : &self->all;
     struct v2v_winograd_part part = {.run = tiles->run + tiles->first[image->first],
                                      .runs = tiles->first[image->last] - tiles->first[image->first],
-                                     .first_row = image->begin};
+                                     .first_row = image->begin,
+                                     .in_list = i > 0 ? list : NULL,
+                                     .out_list = i < self->steps - 1 ? list : NULL};
     if (self->filter[i] == NULL) {
         v2v_align_conv_forward(self->spec.align, image->data, data->features, &part);
         return;
     }
     const float *in = i > 0 ? before->data : data->images;
-    part.shift = i > 0 ? -before->begin * TILE * self->spec.width : 0;
-    part.beside = i > 0 && scene != NULL ? self->level[i - 1] : NULL;
+    part.shift = i > 0 ? -offset_of(self, scene, before->begin) : 0;
     v2v_winograd_forward_part(self->filter[i], image->data, in, &part);
+}
+
+/* Rows of the strip above that `image` begins with move there; the others are to be computed. */
+static void keep_rows(const struct v2v_strips *self, const struct v2v_scene *scene,
+                      struct v2v_tiles_image *image, const struct v2v_tiles_image *above)
+{
+    if (image->begin < above->begin || image->begin >= above->last) {
+        return;
+    }
+    int64_t begin = offset_of(self, scene, image->begin);
+    int64_t from = begin - offset_of(self, scene, above->begin);
+    int64_t floats = offset_of(self, scene, above->last) - begin;
+#pragma omp parallel for schedule(static)
+    for (int64_t c = 0; c < image->channels; c++) {
+        float *channel = image->data + c * image->rows_held * image->width;
+        memmove(channel, channel + from, (size_t)floats * sizeof *channel);
+    }
+    image->first = above->last;
+}
+
+/* Rows [y,end) of the frame. `left` [steps]: what the strip computed before this one left, and then
+ * what this one leaves. */
+static void compute_strip(const struct v2v_strips *self, const struct v2v_strips_data *data,
+                          const struct v2v_scene *scene, int64_t y, int64_t end,
+                          struct v2v_tiles_image *left)
+{
+    int64_t height = self->spec.height;
+    for (int64_t i = 0; i < self->steps; i++) {
+        int64_t first = v2v_within(y - margin(self, i), 0, height);
+        int64_t last = v2v_within(end + margin(self, i), 0, height);
+        struct v2v_tiles_image image =
+            behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
+        if (i < self->steps - 1) {
+            keep_rows(self, scene, &image, &left[i]);
+        }
+        compute(self, data, i, scene, &image, i > 0 ? &left[i - 1] : NULL);
+        left[i] = image;
+    }
 }
 
 /* The mean inside the sample. */
@@ -237,70 +285,24 @@ static void measure_level(float *level, const struct v2v_tiles_image *image,
     }
 }
 
-/* What computed tiles read above and below them, of a step that is not the last. */
-static void fill_lines(const struct v2v_scene *scene, const struct v2v_tiles_image *image,
-                       const float *level)
+/* All of a scene whose tiles fit into one strip. */
+static int64_t rows_at_once(const struct v2v_strips *self, const struct v2v_scene *scene)
 {
-    v2v_tiles_fill(&scene->above, image, TILE - 1, TILE, level, 1);
-    v2v_tiles_fill(&scene->below, image, 0, 1, level, 1);
+    int64_t fit = self->held[self->steps - 2] * self->spec.width / (TILE * TILE);
+    return scene != NULL && scene->computed.count <= fit ? self->spec.height : self->rows;
 }
 
-/* Rows of the strip above that `image` begins with move there; the others are to be computed. */
-static void keep_rows(struct v2v_tiles_image *image, const struct v2v_tiles_image *above)
-{
-    if (image->begin < above->begin || image->begin >= above->last) {
-        return;
-    }
-    int64_t from = (image->begin - above->begin) * image->size * image->width;
-    int64_t floats = (above->last - image->begin) * image->size * image->width;
-#pragma omp parallel for schedule(static)
-    for (int64_t c = 0; c < image->channels; c++) {
-        float *channel = image->data + c * image->rows_held * image->width;
-        memmove(channel, channel + from, (size_t)floats * sizeof *channel);
-    }
-    image->first = above->last;
-}
-
-/* `left` [steps]: what the strip computed before this one left, and then what this one leaves.
- * `measure`: the strip holds the sample, whose level is not known yet. */
-static void compute_strip(struct v2v_strips *self, const struct v2v_strips_data *data,
-                          const struct v2v_scene *scene, int64_t y, int measure,
-                          struct v2v_tiles_image *left)
-{
-    int64_t height = self->spec.height, end = v2v_within(y + self->rows, 0, height);
-    for (int64_t i = 0; i < self->steps; i++) {
-        int is_strip = i < self->steps - 1;
-        int64_t first = v2v_within(y - margin(self, i), 0, height);
-        int64_t last = v2v_within(end + margin(self, i), 0, height);
-        struct v2v_tiles_image image =
-            behind(self, data, i, first / TILE, (last + TILE - 1) / TILE);
-        if (is_strip) {
-            keep_rows(&image, &left[i]);
-        }
-        compute(self, data, i, scene, &image, i > 0 ? &left[i - 1] : NULL);
-        if (measure) {
-            measure_level(self->level[i], &image, scene);
-        }
-        if (scene != NULL && is_strip) {
-            fill_lines(scene, &image, self->level[i]);
-        }
-        left[i] = image;
-    }
-}
-
-/* From the strip that holds the sample downwards, then from the first one on. */
 void v2v_strips_forward(struct v2v_strips *self, const struct v2v_strips_data *data,
                         const struct v2v_scene *scene)
 {
     struct v2v_tiles_image left[STEPS] = {0};
-    int64_t strips = (self->spec.height + self->rows - 1) / self->rows, end = self->steps - 1;
-    int64_t sampled = scene != NULL ? scene->sample_row * TILE / self->rows : 0;
-    for (int64_t i = 0; i < strips; i++) {
-        int64_t strip = (sampled + i) % strips;
-        compute_strip(self, data, scene, strip * self->rows, scene != NULL && i == 0, left);
+    int64_t height = self->spec.height, rows = rows_at_once(self, scene);
+    for (int64_t y = 0; y < height; y += rows) {
+        compute_strip(self, data, scene, y, v2v_smaller(y + rows, height), left);
     }
     if (scene != NULL) {
-        struct v2v_tiles_image out = behind(self, data, end, 0, self->all.rows);
-        v2v_tiles_fill(&scene->dark, &out, 0, out.size, self->level[end], 1);
+        struct v2v_tiles_image out = behind(self, data, self->steps - 1, 0, self->all.rows);
+        measure_level(self->level, &out, scene);
+        v2v_tiles_fill(&scene->dark, &out, self->level, 1);
     }
 }

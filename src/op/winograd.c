@@ -496,12 +496,15 @@ void v2v_winograd_forward_part(struct v2v_winograd *self, float *out, const floa
 {
     int64_t most = self->kept != NULL ? self->chunk_tiles : self->panels * TILES;
     int64_t done = 0, begun = 0;
+    V2V_ASSERT(part->in_list == NULL || !self->spec.half);
+    V2V_ASSERT(part->out_list == NULL || !self->spec.stride2);
     self->is_kept = 0;
     while (done < part->runs) {
         struct chunk chunk = chunk_of(self, part->run + done, part->runs - done, begun, most);
         chunk.rows.shift = part->shift;
         chunk.rows.first_row = part->first_row;
-        chunk.rows.beside = part->beside;
+        chunk.rows.in_list = part->in_list;
+        chunk.rows.out_list = part->out_list;
         transform_input(self, &chunk, base);
         multiply(self, &chunk);
         transform_output(self, &chunk, out);

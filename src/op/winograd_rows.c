@@ -144,9 +144,9 @@ static void load_pixels(const struct rows *rows, float *line, int64_t start, int
 
 /* Where a run of a batch lies in a plane: pixels [start, start + 4 * tiles + 2) of six rows. */
 struct piece {
-    int64_t row, start, tiles;
-    int inside;      /* the plane */
-    int left, right; /* the run ends here, and the plane does not */
+    struct v2v_tile_run run; /* cut */
+    int64_t row, start;
+    int inside; /* the plane */
 };
 
 /* What a batch reads of a plane. */
@@ -154,7 +154,6 @@ struct reading {
     struct batch batch;
     const float *pixels; /* of the plane */
     const struct v2v_plane *plane;
-    const float *beside; /* of its channel; NULL: what lies there */
     struct piece piece[BATCH];
 };
 
@@ -167,19 +166,15 @@ static void read_from(struct reading *reading, const struct rows *rows, const fl
     int64_t tile = 0;
     reading->pixels = base + plane->offset + rows->shift;
     reading->plane = plane;
-    reading->beside = rows->beside != NULL ? &rows->beside[channel] : NULL;
     for (int64_t r = 0; r < batch->runs; r++) {
         struct v2v_tile_run run = cut_run(batch, r, batch->tiles - tile);
-        const struct v2v_tile_run *whole = &batch->run[r];
         int64_t y = run.row * TILE - 1, x = run.first * TILE - 1;
-        int left = x >= plane->x0, right = x + run.count * TILE + 2 <= plane->x1;
         reading->piece[r] =
-            (struct piece){.row = y,
+            (struct piece){.run = run,
+                           .row = y,
                            .start = x,
-                           .tiles = run.count,
-                           .inside = y >= plane->y0 && y + POINTS <= plane->y1 && left && right,
-                           .left = left && run.first == whole->first,
-                           .right = right && run.first + run.count == whole->first + whole->count};
+                           .inside = y >= plane->y0 && y + POINTS <= plane->y1 && x >= plane->x0 &&
+                                     x + run.count * TILE + 2 <= plane->x1};
         tile += run.count;
     }
 }
@@ -190,14 +185,21 @@ static const float *piece_row(const struct rows *rows, const struct reading *rea
     return reading->pixels + ((piece->row + i) >> rows->half) * rows->pitch;
 }
 
-/* The tiles' own lines: those above and below them lie in memory. */
-static void set_beside(float *line, const struct piece *piece, float value)
+static void load_piece(const struct rows *rows, float *line, const struct reading *reading,
+                       const struct piece *piece, int64_t i)
 {
-    if (piece->left) {
-        line[0] = value;
-    }
-    if (piece->right) {
-        line[piece->tiles * TILE + 1] = value;
+    const float *row = piece_row(rows, reading, piece, i);
+    int64_t y = piece->row + i, length = piece->run.count * TILE + 2;
+    if (rows->in_list != NULL) {
+        v2v_tiles_line(line, rows->in_list, reading->pixels, &piece->run, i);
+    } else if (piece->inside && rows->half) {
+        v2v_pixels_repeat(line, row, piece->start, piece->start + length);
+    } else if (piece->inside) {
+        copy_tiles(line, row + piece->start, piece->run.count, 1);
+    } else if (y < reading->plane->y0 || y >= reading->plane->y1) {
+        memset(line, 0, (size_t)length * sizeof *line);
+    } else {
+        load_pixels(rows, line, piece->start, length, row, reading->plane);
     }
 }
 
@@ -211,21 +213,8 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
     float beyond[BATCH][2];
     for (int64_t r = 0; r < batch->runs; r++) {
         const struct piece *piece = &reading->piece[r];
-        const float *row = piece_row(rows, reading, piece, i);
-        int64_t y = piece->row + i, length = piece->tiles * TILE + 2;
-        if (piece->inside && rows->half) {
-            v2v_pixels_repeat(line, row, piece->start, piece->start + length);
-        } else if (piece->inside) {
-            copy_tiles(line, row + piece->start, piece->tiles, 1);
-        } else if (y < reading->plane->y0 || y >= reading->plane->y1) {
-            memset(line, 0, (size_t)length * sizeof *line);
-        } else {
-            load_pixels(rows, line, piece->start, length, row, reading->plane);
-        }
-        if (reading->beside != NULL && i > 0 && i <= TILE) {
-            set_beside(line, piece, *reading->beside);
-        }
-        line += piece->tiles * TILE;
+        load_piece(rows, line, reading, piece, i);
+        line += piece->run.count * TILE;
         memcpy(beyond[r], line, sizeof beyond[r]);
     }
     v2v_pixels_split(phase, step, scratch->line, batch->tiles);
@@ -234,7 +223,7 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
                (size_t)batch->tiles * sizeof *phase);
     }
     for (int64_t r = 0, last = -1; r < batch->runs; r++) {
-        last += reading->piece[r].tiles;
+        last += reading->piece[r].run.count;
         phase[TILE * step + last] = beyond[r][0];
         phase[(TILE + 1) * step + last] = beyond[r][1];
     }
@@ -247,11 +236,11 @@ fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
 {
     for (int64_t r = 0; r < reading->batch.runs; r++) {
         const struct piece *piece = &reading->piece[r];
-        if (!piece->inside) {
+        if (!piece->inside || rows->in_list != NULL) {
             continue;
         }
         const float *row = piece_row(rows, reading, piece, i);
-        int64_t last = (piece->start + piece->tiles * TILE + 1) >> rows->half;
+        int64_t last = (piece->start + piece->run.count * TILE + 1) >> rows->half;
         for (int64_t x = piece->start >> rows->half; x < last; x += WINOGRAD_LINE) {
             __builtin_prefetch(row + x);
         }
@@ -452,6 +441,20 @@ static inline __attribute__((always_inline)) void fetch_spots(const struct rows 
     }
 }
 
+/* Line i of a batch, lying in the scratch, to the list, where the batch's tiles follow each other.
+ */
+static void list_line(const struct rows *rows, const struct scratch *scratch,
+                      const struct batch *batch, int64_t i, float *channel)
+{
+    const struct v2v_tiles *list = rows->out_list;
+    struct v2v_tile_run run = cut_run(batch, 0, batch->tiles);
+    int64_t number = list->number[run.row * list->columns + run.first];
+    float *to = channel + (number - list->before[rows->first_row]) * TILE * TILE + i * TILE;
+    for (int64_t t = 0; t < batch->tiles; t++) {
+        memcpy(to + t * TILE * TILE, scratch->line + t * TILE, TILE * sizeof *to);
+    }
+}
+
 /* Line i of every run, lying in the scratch, to the image. */
 static void store_line(const struct rows *rows, const struct scratch *scratch,
                        const struct batch *batch, const struct spot *spot, int64_t i, float *image)
@@ -477,8 +480,10 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
     struct spot spot[BATCH];
     for (set_first_batch(&batch, rows); batch.runs > 0; set_next_batch(&batch, rows, &batch)) {
         int64_t pixels = batch.tiles * TILE;
-        find_spots(rows, &batch, spot);
-        if (!is_whole(rows, &batch)) {
+        if (rows->out_list == NULL) {
+            find_spots(rows, &batch, spot);
+        }
+        if (rows->out_list == NULL && !is_whole(rows, &batch)) {
             fetch_spots(rows, &batch, spot, image);
         }
         values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);
@@ -490,7 +495,11 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
                 v2v_pixels_drop_odd(scratch.line, pixels);
             }
             v2v_pixels_activate(scratch.line, pixels >> rows->stride2, bias, slope);
-            store_line(rows, &scratch, &batch, spot, i, image);
+            if (rows->out_list != NULL) {
+                list_line(rows, &scratch, &batch, i, image);
+            } else {
+                store_line(rows, &scratch, &batch, spot, i, image);
+            }
         }
     }
 }

@@ -26,9 +26,9 @@ struct rows {
     int64_t shift;         /**< added to the planes' offsets */
     int64_t pitch;         /**< of the input planes */
     int half;
-    int in_order;        /**< whole rows are transformed one after the other */
-    const float *beside; /**< v2v_winograd_part */
-    float *lines;        /**< scratch of all threads */
+    int in_order; /**< whole rows are transformed one after the other */
+    const struct v2v_tiles *in_list, *out_list; /**< v2v_winograd_part */
+    float *lines;                               /**< scratch of all threads */
     int64_t line_floats;
 };
 

@@ -17,7 +17,7 @@ enum { TILE = V2V_CARVE_TILE, BOX = V2V_CARVE_BOX, HALF = BOX / 2 };
 enum { LANES = 16, STRETCH = 256 };
 
 /* The brightest views / CUT of a place are left out, but not more than MOST_CUT. */
-enum { CUT = 4, MOST_CUT = 32 };
+enum { CUT = 2, MOST_CUT = 32 };
 
 /* A view's noise and background come from so many pixels. */
 enum { PROBES = 8192 };
@@ -246,8 +246,8 @@ V2V_OPTICS_SIMD_CLONES
 static void keep_most_of_all(float *light, const float *const *view, int64_t views, int64_t cut,
                              int64_t count)
 {
-    if (cut == 3) {
-        keep_most(light, view, views, 3, count);
+    if (cut == 6) {
+        keep_most(light, view, views, 6, count);
     } else {
         keep_most(light, view, views, cut, count);
     }

@@ -23,6 +23,8 @@ struct v2v_tiles {
     int64_t count;            /**< tiles listed */
     struct v2v_tile_run *run; /**< those of row r: run[first[r]] .. run[first[r + 1] - 1] */
     int64_t *first;           /**< [rows + 1] */
+    int64_t *before;          /**< [rows + 1] tiles listed in the rows above */
+    int32_t *number;          /**< [rows,columns] of a tile in the list; -1: it is not there */
 };
 
 /** All tiles of a frame of [height,width] pixels. @kind Local. @return V2V_OK | V2V_E_MEMORY */
@@ -42,10 +44,18 @@ struct v2v_tiles_image {
     int64_t size; /**< pixels of a tile's side in this image: V2V_TILE or half of it */
 };
 
-/** Lines [y0,y1) of the listed tiles become value[channel * step]; these may lie in the image, in
- *  other tiles. @kind Local. */
-void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image, int64_t y0,
-                    int64_t y1, const float *value, int64_t step);
+/** The listed tiles become value[channel * step]; these may lie in the image, in other tiles.
+ *  @kind Local. */
+void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
+                    const float *value, int64_t step);
+
+/** A channel of listed tiles alone, each with its V2V_TILE x V2V_TILE pixels in a row, in the
+ * list's order: nothing of other tiles is kept. Line i of `run` (0: the line above it, V2V_TILE +
+ * 1: the one below) becomes line[V2V_TILE * count + 2], from the pixel to its left on. A pixel of a
+ * tile that is not listed is the nearest one of the run, one beyond the frame 0. The frame is whole
+ *  tiles. @kind Local. @param run listed tiles side by side */
+void v2v_tiles_line(float *line, const struct v2v_tiles *tiles, const float *channel,
+                    const struct v2v_tile_run *run, int64_t i);
 
 #ifdef __cplusplus
 }

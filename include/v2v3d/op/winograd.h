@@ -58,10 +58,11 @@ void v2v_winograd_forward(struct v2v_winograd *winograd, float *out, const float
 struct v2v_winograd_part {
     const struct v2v_tile_run *run; /**< [runs], no tile twice, row after row */
     int64_t runs;
-    int64_t first_row;   /**< row of tiles that comes first in out [out,out_rows,x] */
-    int64_t shift;       /**< planes are read so many floats from their offsets */
-    const float *beside; /**< [in] for the pixels to the left and right of a run, unless they are
-                              beyond the plane; NULL: those that lie there */
+    int64_t first_row; /**< row of tiles that comes first in out [out,out_rows,x] */
+    int64_t shift;     /**< planes are read so many floats from their offsets */
+    const struct v2v_tiles *in_list, *out_list; /**< planes, or channels of out, are of these tiles
+                              alone (v2v_tiles_line); these images have no stride and no `half`.
+                              NULL: whole images */
 };
 
 /** The same for these tiles alone; the rest of out is left as it is. @kind Local. */

@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 /** Space carving: a place of the volume can hold light only where the views, shifted to its depth,
- *  show some. Its light is the mean over the views without the brightest quarter, which may owe
+ *  show some. Its light is the mean over the views without the brightest half, which may owe
  *  theirs to something else; views are smoothed over V2V_CARVE_BOX pixels and are counted from
  * their own background. */
 struct v2v_carve;

@@ -406,50 +406,113 @@ static void parts_have_the_bits_of_the_whole_and_leave_the_rest_alone(void **sta
     check_parts(1);
 }
 
-/* As if those values lay in memory; runs that begin or end with the frame, and one that is longer
- * than what goes through the transforms together. */
-static void check_beside(int64_t chunk_floats)
+/* ---- lists of tiles ---- */
+
+enum {
+    LIST_ROWS = 5,
+    LIST_COLUMNS = 79,
+    LIST_HEIGHT = 4 * LIST_ROWS,
+    LIST_WIDTH = 4 * LIST_COLUMNS
+};
+enum { LIST_IN = 5, LIST_OUT = 9, LIST_PIXELS = LIST_HEIGHT * LIST_WIDTH };
+
+/* Runs that begin or end with the frame, that touch others by an edge, a corner or not at all, and
+ * one that is longer than what goes through the transforms together. */
+static const struct v2v_tile_run listed[] = {{0, 0, 3},  {0, 5, 70}, {1, 0, 1},  {1, 40, 6},
+                                             {2, 66, 1}, {2, 70, 9}, {3, 8, 50}, {4, 62, 1}};
+enum { LISTED = sizeof listed / sizeof *listed };
+
+static void list_tiles(struct v2v_tiles *tiles)
 {
-    enum { ROWS = 20, SIDE = 318, IN = 5, OUT = 9, RUNS = 5 };
-    const struct problem problem = {
-        .in = IN, .out = OUT, .height = ROWS, .width = SIDE, .chunk_floats = chunk_floats};
-    static const struct v2v_tile_run runs[RUNS] = {
-        {0, 0, 3}, {0, 5, 70}, {2, 70, 10}, {3, 8, 50}, {4, 62, 1}};
-    static const float beside[IN] = {3.0f, -2.0f, 0.5f, 7.0f, -4.0f};
-    struct fixture f;
-    fixture_init(&f, &problem);
-    struct v2v_winograd_part part = {.run = runs, .runs = RUNS};
-    float *lying = draw(f.out_floats, 11), *given = draw(f.out_floats, 11);
-    float *image = draw(f.small_floats, 1);
-    for (int64_t i = 0; i < IN * RUNS * 4; i++) {
-        const struct v2v_tile_run *run = &runs[i / 4 % RUNS];
-        int64_t left = run->first * 4 - 1, right = (run->first + run->count) * 4;
-        int64_t channel = i / 4 / RUNS;
-        float *row = image + (channel * ROWS + run->row * 4 + i % 4) * SIDE;
-        if (left >= 0) {
-            row[left] = beside[channel];
-        }
-        if (right < SIDE) {
-            row[right] = beside[channel];
+    uint8_t mask[LIST_ROWS * LIST_COLUMNS] = {0};
+    for (int r = 0; r < LISTED; r++) {
+        memset(mask + listed[r].row * LIST_COLUMNS + listed[r].first, 1, (size_t)listed[r].count);
+    }
+    assert_ok(v2v_tiles_init(tiles, LIST_HEIGHT, LIST_WIDTH));
+    v2v_tiles_set(tiles, mask);
+}
+
+/* Pixel i of an image as it lies among the listed tiles; -1: it does not. */
+static int64_t place_in_list(const struct v2v_tiles *tiles, int64_t i)
+{
+    int64_t y = i / LIST_WIDTH, x = i % LIST_WIDTH;
+    int64_t number = tiles->number[y / 4 * LIST_COLUMNS + x / 4];
+    return number < 0 ? -1 : number * 16 + y % 4 * 4 + x % 4;
+}
+
+static int64_t within(int64_t i, int64_t least, int64_t most)
+{
+    return i < least ? least : i > most ? most : i;
+}
+
+/* The pixels about one run become what the list says that it sees. */
+static void surround(float *image, const float *from, const struct v2v_tiles *tiles,
+                     const struct v2v_tile_run *run)
+{
+    int64_t y0 = run->row * 4, x0 = run->first * 4, y1 = y0 + 3, x1 = x0 + run->count * 4 - 1;
+    for (int64_t y = y0 - 1; y <= y1 + 1; y++) {
+        for (int64_t x = x0 - 1; x <= x1 + 1; x++) {
+            int64_t i = y * LIST_WIDTH + x;
+            if (y < 0 || y >= LIST_HEIGHT || x < 0 || x >= LIST_WIDTH ||
+                place_in_list(tiles, i) >= 0) {
+                continue;
+            }
+            int64_t nearest = within(y, y0, y1) * LIST_WIDTH + within(x, x0, x1);
+            for (int64_t c = 0; c < LIST_IN; c++) {
+                image[c * LIST_PIXELS + i] = from[c * LIST_PIXELS + nearest];
+            }
         }
     }
-    v2v_winograd_forward_part(f.winograd, lying, image, &part);
-    part.beside = beside;
-    v2v_winograd_forward_part(f.winograd, given, f.small, &part);
-    assert_memory_equal(lying, given, (size_t)f.out_floats * sizeof *given);
-    assert_memory_not_equal(image, f.small, (size_t)f.small_floats * sizeof *image);
+}
+
+/* Every run by itself in an image, against the list of all. */
+static void check_list(int64_t chunk_floats)
+{
+    const struct problem problem = {.in = LIST_IN,
+                                    .out = LIST_OUT,
+                                    .height = LIST_HEIGHT,
+                                    .width = LIST_WIDTH,
+                                    .chunk_floats = chunk_floats};
+    struct fixture f;
+    struct v2v_tiles tiles;
+    fixture_init(&f, &problem);
+    list_tiles(&tiles);
+    float *in = draw(f.in_floats, 11), *out = draw(f.out_floats, 12), *image = draw(f.in_floats, 1);
+    for (int64_t i = 0; i < f.in_floats; i++) {
+        int64_t place = place_in_list(&tiles, i % LIST_PIXELS);
+        if (place >= 0) {
+            in[i / LIST_PIXELS * LIST_PIXELS + place] = f.small[i];
+        }
+    }
+    struct v2v_winograd_part part = {
+        .run = listed, .runs = LISTED, .in_list = &tiles, .out_list = &tiles};
+    v2v_winograd_forward_part(f.winograd, out, in, &part);
+    for (int r = 0; r < LISTED; r++) {
+        memcpy(image, f.small, (size_t)f.small_floats * sizeof *image);
+        surround(image, f.small, &tiles, &listed[r]);
+        part = (struct v2v_winograd_part){.run = &listed[r], .runs = 1};
+        v2v_winograd_forward_part(f.winograd, f.out, image, &part);
+        for (int64_t i = 0; i < listed[r].count * 16 * LIST_OUT; i++) {
+            int64_t y = listed[r].row * 4 + i % 4, channel = i / 16 / listed[r].count;
+            int64_t x = listed[r].first * 4 + i / 4 % (listed[r].count * 4);
+            int64_t place = place_in_list(&tiles, y * LIST_WIDTH + x);
+            assert_true(out[channel * LIST_PIXELS + place] ==
+                        f.out[(channel * LIST_HEIGHT + y) * LIST_WIDTH + x]);
+        }
+    }
+    v2v_tiles_fini(&tiles);
     v2v_mem_free(image);
-    v2v_mem_free(lying);
-    v2v_mem_free(given);
+    v2v_mem_free(in);
+    v2v_mem_free(out);
     fixture_fini(&f);
 }
 
-/* At once, and 96 tiles at a time: then one run is cut, beside which nothing lies there. */
-static void what_is_beside_a_run_replaces_what_lies_there(void **state)
+/* At once, and 96 tiles at a time: then one run is cut. */
+static void listed_tiles_have_the_bits_of_images_whose_edges_go_on(void **state)
 {
     (void)state;
-    check_beside(0);
-    check_beside(1);
+    check_list(0);
+    check_list(1);
 }
 
 /* Whole rows behind a part of one: they share batches with it, or do not, but never its lines. */
@@ -536,7 +599,7 @@ int main(void)
         cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
-        cmocka_unit_test(what_is_beside_a_run_replaces_what_lies_there),
+        cmocka_unit_test(listed_tiles_have_the_bits_of_images_whose_edges_go_on),
         cmocka_unit_test(whole_rows_behind_a_part_have_the_bits_of_the_whole),
         cmocka_unit_test(stride_two_takes_every_second_row_and_column),
         cmocka_unit_test(shifted_planes_of_one_owner_read_and_add_up),
