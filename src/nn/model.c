@@ -444,9 +444,12 @@ static enum v2v_status plan(struct v2v_model *model, const struct economy *econo
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_conv_method method = encoder_method(model);
+    float *room = NULL;
     free_workspace(model);
     model->packed.shares = economy->shares;
     V2V_TRY(plan_slabs(model));
+    int64_t rows = v2v_model_rows(model).count;
+    V2V_TRY(V2V_ALLOC(room, "model.room", model->room + rows * model->room_a_row));
     V2V_TRY(plan_gradients(model));
     struct v2v_encoder *encoder = model->slab[0].encoder[v2v_model_first_branch(model)];
     model->encoding_floats =
@@ -459,7 +462,14 @@ static enum v2v_status plan(struct v2v_model *model, const struct economy *econo
     }
     V2V_TRY(v2v_pool_fill(&model->packed, "conv.weights"));
 done:
+    v2v_mem_free(room);
     return rc;
+}
+
+void v2v_model_leave_room(struct v2v_model *model, int64_t floats, int64_t floats_a_row)
+{
+    model->room = floats;
+    model->room_a_row = floats_a_row;
 }
 
 /* At width 128 two branches' packed weights take as much memory as a frame of 880 x 880 pixels

@@ -33,8 +33,9 @@ struct v2v_model {
     int64_t encoder_floats;  /* of the arenas: the encoder's fields come first */
     int64_t ring;            /* of zeros about the feature planes: the farthest tap */
     int64_t height, width;
-    int training; /* enum v2v_training */
-    int64_t held; /* slabs of this rank */
+    int64_t room, room_a_row; /* floats that a plan leaves to others */
+    int training;             /* enum v2v_training */
+    int64_t held;             /* slabs of this rank */
     struct v2v_model_slab *slab;
     struct v2v_padded *features, *dfeatures; /* [held] */
     struct v2v_slabs *slabs;

@@ -85,6 +85,17 @@ done:
     return rc;
 }
 
+/** Local: for the views, and for take_volumes: of every row the mean and two of each branch held,
+ *  and whole slices. */
+static void leave_room(struct job *job)
+{
+    int64_t pixels = job->height * job->width, padded = job->padded_height * job->padded_width;
+    int64_t images = 1 + 2 * (int64_t)(holds(job->grid, 0) + holds(job->grid, 1));
+    int64_t ranks = job->grid->shard_size, slices = ranks > 1 ? v2v_parts(job->slices, ranks) : 0;
+    v2v_model_leave_room(job->model, job->views * (pixels + padded) + slices * pixels,
+                         images * job->slices * job->padded_width);
+}
+
 /** Local: sizes, plan and memory. An idle rank needs none of them. */
 static enum v2v_status job_plan(struct job *job)
 {
@@ -110,6 +121,7 @@ static enum v2v_status job_plan(struct job *job)
     job->width = info->width;
     job->padded_height = v2v_pad_size(info->height, V2V_MODEL_GRID);
     job->padded_width = v2v_pad_size(info->width, V2V_MODEL_GRID);
+    leave_room(job);
     V2V_TRY(v2v_model_plan(job->model, job->padded_height, job->padded_width, 0));
     job->rows = v2v_model_rows(job->model);
     job->own_rows = own_rows(job, v2v_comm_rank(job->grid->shard)).count;

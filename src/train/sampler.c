@@ -166,6 +166,11 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
     *sampler = NULL;
 }
 
+int64_t v2v_sampler_room(const struct v2v_sampler *sampler)
+{
+    return sampler->slots * sampler->views * sampler->frame_pixels;
+}
+
 int64_t v2v_sampler_height(const struct v2v_sampler *sampler)
 {
     return sampler->height;

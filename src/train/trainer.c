@@ -128,13 +128,15 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
     V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
     V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
                       V2V_TRAINER_PARTS * v2v_comm_size(trainer->grid.world)));
+    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
+    int64_t shared = trainer->grid.shard_size > 1 ? BRANCHES * job->psf->slices * width : 0;
+    v2v_model_leave_room(trainer->model, v2v_sampler_room(trainer->sampler), shared);
     V2V_TRY(v2v_model_plan(trainer->model, height, width, 1));
     if (trainer->grid.shard_size > 1) {
         int64_t rows = v2v_model_rows(trainer->model).count;
         V2V_TRY(
             V2V_ALLOC(trainer->rows, "train.volumes", BRANCHES * job->psf->slices * rows * width));
     }
-    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
     v2v_model_watch_gradients(trainer->model, gradients_ready, trainer);
 done:
     return rc;
@@ -191,8 +193,8 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     V2V_TRY(v2v_sampler_create(&trainer->sampler, job, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
     V2V_TRY(v2v_par_agree(comm, create_model(trainer, job, precision)));
-    V2V_TRY(v2v_par_agree(comm, create_workspace(trainer, job)));
     V2V_TRY(create_buckets(trainer));
+    V2V_TRY(v2v_par_agree(comm, create_workspace(trainer, job)));
 done:
     return rc;
 }

@@ -92,6 +92,10 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;
 
+/** What the next plans leave free where memory is limited, for arrays that are taken later: these
+ *  floats, and more for each row of the volumes that this rank computes. @kind Local. */
+void v2v_model_leave_room(struct v2v_model *model, int64_t floats, int64_t floats_a_row);
+
 /** Rows of the volumes that this rank computes: all, or its slab's; none where there are fewer rows
  *  than slabs. After v2v_model_plan. @kind Local. */
 struct v2v_part v2v_model_rows(const struct v2v_model *model);

@@ -1,8 +1,10 @@
 /* The two-branch network: its parameters, and what must not change its volumes. */
 #include "small_shifts.h"
 
+#include "v2v3d/conf/config.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/nn/schema.h"
+#include "v2v3d/op/bf16.h"
 #include "v2v3d/op/gemm.h"
 
 #include <math.h>
@@ -207,6 +209,32 @@ static void training_and_inference_plans_agree(void **state)
     }
 }
 
+/* In bf16 full-size layers hand each other blocked images in inference alone. What one of them
+ * rounds as it writes, the next rounds as it reads a plain image: the same numbers are multiplied,
+ * and their sums have one order. With 32 slices the last layer, too, is large enough for bf16. */
+static void training_and_inference_plans_give_the_same_bits_in_bf16(void **state)
+{
+    (void)state;
+    enum { MOST = 32 };
+    static float trained[BRANCHES][MOST * PIXELS], inferred[BRANCHES][MOST * PIXELS];
+    if (v2v_op_bf16() == V2V_BF16_NONE) {
+        print_message("no bf16 convolutions on this processor\n");
+        skip();
+    }
+    for (int64_t slices = SLICES; slices <= MOST; slices += MOST - SLICES) {
+        for (int every_slice = 0; every_slice < 2; every_slice++) {
+            struct v2v_model_spec spec = small;
+            spec.slices = slices;
+            spec.every_slice = every_slice;
+            spec.precision = V2V_PRECISION_BF16;
+            run(trained[0], trained[1], &spec, 1);
+            run(inferred[0], inferred[1], &spec, 0);
+            assert_true(trained[0][0] != trained[0][slices * PIXELS - 1]);
+            assert_memory_equal(trained, inferred, sizeof trained);
+        }
+    }
+}
+
 static void widths_features_and_libraries_agree(void **state)
 {
     (void)state;
@@ -350,6 +378,40 @@ static void a_memory_limit_shares_weights_then_makes_strips_smaller(void **state
     assert_int_equal(v2v_model_plan(model, TALL, SIDE, 0), V2V_E_MEMORY);
     v2v_mem_set_limit(0);
     v2v_model_destroy(&model);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* Whatever the limit, a plan that fits leaves what was asked for; and no limit above one that is
+ * enough is too little. */
+static void a_plan_leaves_room_for_others(void **state)
+{
+    (void)state;
+    enum { TALL = 192, ROOM = 100000, ROOM_A_ROW = 1000, STEPS = 12 };
+    const size_t room = (ROOM + TALL * ROOM_A_ROW) * sizeof(float);
+    struct v2v_model_spec spec = small;
+    size_t most = 0;
+    int planned = 0;
+    spec.winograd = 1;
+    for (int i = 0; i <= STEPS; i++) {
+        struct v2v_model *model = create(&spec);
+        float *others = NULL;
+        size_t least = v2v_mem_held() + room;
+        v2v_model_leave_room(model, ROOM, ROOM_A_ROW);
+        v2v_mem_set_limit(i > 0 ? most - (most - least) * (size_t)(i - 1) / STEPS : 0);
+        enum v2v_status rc = v2v_model_plan(model, TALL, SIDE, 0);
+        assert_true(rc == V2V_OK || rc == V2V_E_MEMORY);
+        assert_true(planned == i || rc == V2V_E_MEMORY);
+        if (rc == V2V_OK) {
+            assert_ok(V2V_ALLOC(others, "test", ROOM + TALL * ROOM_A_ROW));
+            most = i == 0 ? v2v_mem_held() : most;
+            planned++;
+        }
+        v2v_mem_free(others);
+        v2v_mem_set_limit(0);
+        v2v_model_destroy(&model);
+    }
+    print_message("%d of %d limits are enough\n", planned, STEPS + 1);
+    assert_true(planned > 3 && planned <= STEPS);
     assert_int_equal(v2v_mem_held(), 0);
 }
 
@@ -558,11 +620,13 @@ int main(void)
         cmocka_unit_test(a_network_for_another_microscope_is_refused),
         cmocka_unit_test(one_branch_alone_gives_the_bits_of_both),
         cmocka_unit_test(training_and_inference_plans_agree),
+        cmocka_unit_test(training_and_inference_plans_give_the_same_bits_in_bf16),
         cmocka_unit_test(widths_features_and_libraries_agree),
         cmocka_unit_test(the_scale_multiplies_the_volume),
         cmocka_unit_test(a_frame_without_background_has_the_bits_of_no_skipping),
         cmocka_unit_test(skipping_keeps_what_holds_light),
         cmocka_unit_test(a_memory_limit_shares_weights_then_makes_strips_smaller),
+        cmocka_unit_test(a_plan_leaves_room_for_others),
         cmocka_unit_test(training_under_a_memory_limit_gives_the_same_bits),
         cmocka_unit_test(described_work_is_what_a_plan_takes),
         cmocka_unit_test(replanning_for_another_size_and_back_gives_the_same_bits),
