@@ -245,7 +245,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                "instruction sets: %s\nconvolutions in bf16: %s\n",
                V2V_VERSION, v2v_comm_size(session->world), session->threads, (long long)cores[0],
                (long long)cores[1], V2V_LIBRARY_VERSIONS, processor.instructions,
-               v2v_op_bf16_text());
+               v2v_op_bf16_text(v2v_op_bf16()));
     }
     for (int i = 0; i < CHECKS; i++) {
         double error = 0.0;

@@ -41,8 +41,8 @@ enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv,
 void v2v_align_conv_set_weights(struct v2v_align_conv *conv, const float *weight,
                                 const float *bias);
 
-/* out[o,y,x] = leaky(bias + sum of taps), for a part of the tiles as v2v_winograd_forward_part (its
- * shift is 0); NULL: all. */
+/* out[o,y,x], or blocked as planned, = leaky(bias + sum of taps), for a part of the tiles as
+ * v2v_winograd_forward_part (its shift is 0); NULL: all. */
 void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
                             const struct v2v_padded *features,
                             const struct v2v_winograd_part *part);

@@ -1,5 +1,5 @@
-/* Planes that lie anywhere, copied into one plain array for a backend of room op: how the blocks
- * are convolved where minimal filtering is not. */
+/* Planes that lie anywhere, copied into one array for a backend of room op, plain or blocked as it
+ * takes them: how the blocks are convolved where minimal filtering is not. */
 #ifndef V2V3D_NN_ALIGN_GATHER_H
 #define V2V3D_NN_ALIGN_GATHER_H
 
@@ -20,7 +20,8 @@ void v2v_align_gather_destroy(struct v2v_align_gather **gather);
 void v2v_align_gather_set_weights(struct v2v_align_gather *gather, const float *weight,
                                   const float *bias);
 
-/* out [out,y,x]: pixels whose kernel leaves the frame see zeros there, whatever the planes hold. */
+/* out [out,y,x], or blocked as spec->out_form says: pixels whose kernel leaves the frame see zeros
+ * there, whatever the planes hold. */
 void v2v_align_gather_forward(struct v2v_align_gather *gather, float *out, const float *base);
 
 /* dweight and the planes at dbase are added to, the latter in an order that depends on the list

@@ -6,6 +6,18 @@
 
 #include <stdint.h>
 
+/* The slowest of the ranks' kinds, and how many ranks have it. */
+static void log_kinds(const struct v2v_comm *comm)
+{
+    int64_t best = -v2v_op_bf16(), slowest;
+    v2v_par_max_i64(comm, &best, 1);
+    slowest = -best;
+    int64_t have = v2v_op_bf16() == slowest;
+    v2v_par_sum_i64(comm, &have, 1);
+    v2v_log(V2V_LOG_INFO, "convolutions in bf16: %s, on %lld of %d ranks",
+            v2v_op_bf16_text((int)slowest), (long long)have, v2v_comm_size(comm));
+}
+
 enum v2v_status v2v_precision_agree(int *precision, int wanted, const struct v2v_comm *comm)
 {
     int least = wanted == V2V_PRECISION_BF16_ALWAYS ? V2V_BF16_EMULATED : V2V_BF16_NATIVE;
@@ -32,6 +44,6 @@ enum v2v_status v2v_precision_agree(int *precision, int wanted, const struct v2v
         return V2V_OK;
     }
     *precision = V2V_PRECISION_BF16;
-    v2v_log(V2V_LOG_INFO, "convolutions in bf16: %s", v2v_op_bf16_text());
+    log_kinds(comm);
     return V2V_OK;
 }

@@ -72,7 +72,7 @@ done:
 /* The full-size layers whose output the next layer alone reads. */
 static const int handing_on[] = {INIT2, INIT4, UP4, FINAL0, FINAL2};
 
-/* Without strips these hand on blocked images where they can. */
+/* These hand on blocked images where they can: in bf16, which has no strips. */
 static void choose_forms(struct v2v_unet *unet)
 {
     const struct v2v_conv_method *method = &unet->spec.method;
@@ -84,6 +84,7 @@ static void choose_forms(struct v2v_unet *unet)
         struct v2v_layer *from = &unet->layer[handing_on[i]], *to = from + 1;
         if (v2v_layer_takes_blocked(from, method, training) &&
             v2v_layer_takes_blocked(to, method, training)) {
+            V2V_ASSERT(!v2v_unet_knows_scenes(unet)); /* float32 alone has strips */
             from->out_form = to->in_form = V2V_FORM_BLOCKED;
         }
     }

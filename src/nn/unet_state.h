@@ -79,8 +79,8 @@ struct v2v_unet {
      * NULL: one by one. */
     struct v2v_strips *chain[CHAINS];
     float *strips[CHAINS];
-    float *aligned;         /* [8n,y,x] */
-    float *out[LAYERS];     /* of every layer */
+    float *aligned;         /* [8n,y,x], or blocked as INIT2 takes it */
+    float *out[LAYERS];     /* of every layer, plain or blocked */
     float *entered[LEVELS]; /* input of DOWN */
     float *pooled[LEVELS];  /* E1..E4 */
     float *part;            /* E1 of a slab; the middle has that of the frame */

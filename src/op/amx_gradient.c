@@ -29,11 +29,6 @@ struct sides {
     bf16 *left, *right;
 };
 
-static int64_t parts(int64_t count, int64_t part)
-{
-    return (count + part - 1) / part;
-}
-
 static int64_t taps(const struct amx_gradient *self)
 {
     return (int64_t)self->spec.kernel * self->spec.kernel;
@@ -48,11 +43,11 @@ enum v2v_status amx_gradient_create(struct amx_gradient **gradient,
     self->spec = *spec;
     self->height = conv_out_height(spec);
     self->width = conv_out_width(spec);
-    self->steps = parts(self->width, AMX_DEPTH);
+    self->steps = v2v_parts(self->width, AMX_DEPTH);
     self->rows =
         v2v_within(STRIP_PIXELS / (self->steps * AMX_DEPTH * spec->stride), 1, self->height);
-    self->in_blocks = parts(spec->in, AMX_BLOCK);
-    self->blocks = parts(spec->out, AMX_BLOCK);
+    self->in_blocks = v2v_parts(spec->in, AMX_BLOCK);
+    self->blocks = v2v_parts(spec->out, AMX_BLOCK);
     self->left_rows = (self->rows - 1) * spec->stride + spec->kernel;
     self->pitch = (self->steps + 1) * AMX_DEPTH;
     /* An odd number of cache lines: 16 channels in turn don't meet in one set of a cache. */
@@ -101,8 +96,8 @@ static void clear(bf16 *to, int64_t numbers)
 static void pack_phase(const struct amx_gradient *self, bf16 *to, const float *from, int64_t phase)
 {
     int64_t stride = self->spec.stride, before = (self->spec.kernel - 1) / 2;
-    int64_t first = phase < before ? parts(before - phase, stride) : 0;
-    int64_t x = first * stride + phase - before, count = parts(self->spec.width - x, stride);
+    int64_t first = phase < before ? v2v_parts(before - phase, stride) : 0;
+    int64_t x = first * stride + phase - before, count = v2v_parts(self->spec.width - x, stride);
     clear(to, first);
     v2v_amx_pack_row(to + first, from + x, count, stride);
     clear(to + first + count, self->pitch - first - count);
@@ -157,20 +152,19 @@ static void correlate(const struct amx_gradient *self, const struct sides *sides
 {
     int64_t stride = self->spec.stride, row = stride * self->pitch;
 #pragma omp for schedule(static)
-    for (int64_t i = 0; i < self->blocks * self->in_blocks; i++) {
-        const bf16 *right = sides->right + i / self->in_blocks * 2 * self->right;
-        const bf16 *left = sides->left + i % self->in_blocks * AMX_BLOCK * self->channel;
-        for (int64_t t = 0; t < taps(self); t++) {
-            int64_t y = t / self->spec.kernel, x = t % self->spec.kernel;
-            struct amx_rows rows = {.left = left + y * row + x % stride * self->pitch + x / stride,
-                                    .right = {right, right + self->right},
-                                    .channel = self->channel,
-                                    .left_row = stride * row,
-                                    .right_row = self->steps * AMX_TILE,
-                                    .rows = self->rows,
-                                    .steps = self->steps};
-            v2v_amx_correlate(sides->sums + (i * taps(self) + t) * AMX_SUMS, &rows);
-        }
+    for (int64_t i = 0; i < self->blocks * self->in_blocks * taps(self); i++) {
+        int64_t pair = i / taps(self), t = i % taps(self);
+        int64_t y = t / self->spec.kernel, x = t % self->spec.kernel;
+        const bf16 *right = sides->right + pair / self->in_blocks * 2 * self->right;
+        const bf16 *left = sides->left + pair % self->in_blocks * AMX_BLOCK * self->channel;
+        struct amx_rows rows = {.left = left + y * row + x % stride * self->pitch + x / stride,
+                                .right = {right, right + self->right},
+                                .channel = self->channel,
+                                .left_row = stride * row,
+                                .right_row = self->steps * AMX_TILE,
+                                .rows = self->rows,
+                                .steps = self->steps};
+        v2v_amx_correlate(sides->sums + i * AMX_SUMS, &rows);
     }
 }
 

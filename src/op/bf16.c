@@ -23,11 +23,11 @@ int v2v_op_bf16(void)
     return contains(isa, dnnl_cpu_isa_avx512_core) ? V2V_BF16_EMULATED : V2V_BF16_NONE;
 }
 
-const char *v2v_op_bf16_text(void)
+const char *v2v_op_bf16_text(int kind)
 {
     static const char *const text[] = {[V2V_BF16_NONE] = "none",
                                        [V2V_BF16_EMULATED] = "emulated, slower than float32",
                                        [V2V_BF16_NATIVE] = "by oneDNN",
                                        [V2V_BF16_TILES] = "by the tile unit (AMX)"};
-    return text[v2v_op_bf16()];
+    return text[kind];
 }

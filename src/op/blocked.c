@@ -1,12 +1,13 @@
 #include "v2v3d/op/blocked.h"
 
 #include "op/amx.h"
+#include "v2v3d/base/bounds.h"
 
 _Static_assert((int)V2V_BLOCKED_CHANNELS == (int)AMX_DEPTH, "a block is what one step multiplies");
 
 int64_t v2v_blocked_count(int64_t channels)
 {
-    return (channels + V2V_BLOCKED_CHANNELS - 1) / V2V_BLOCKED_CHANNELS;
+    return v2v_parts(channels, V2V_BLOCKED_CHANNELS);
 }
 
 int64_t v2v_blocked_floats(int64_t channels, int64_t height, int64_t width)

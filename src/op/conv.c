@@ -31,8 +31,8 @@ static int winograd_pays(const struct v2v_conv_spec *spec)
     return spec->method.winograd && spec->kernel == 3 && rows * columns >= WINOGRAD_TILES;
 }
 
-/** Layers of few channels stay with our own kernel: their reorders would take longer than their
- *  multiplications. */
+/** Layers of few channels stay with our own kernel: packing or reordering them would take longer
+ *  than their multiplications. */
 static int bf16_pays(const struct v2v_conv_spec *spec)
 {
     return spec->method.precision != V2V_PRECISION_F32 && spec->kernel == 3 &&

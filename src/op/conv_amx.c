@@ -46,9 +46,10 @@ struct state {
     int64_t thread_floats;
 };
 
-static int64_t parts(int64_t count, int64_t part)
+/** Where the zeros begin behind the pixels of a packed row. */
+static int64_t behind_pixels(const struct pass *pass)
 {
-    return (count + part - 1) / part;
+    return (pass->kernel - 1) / 2 + (pass->from_width - 1) * pass->step + 1;
 }
 
 /** Rows of a strip: pairs of them, every thread has strips, and all as many as they can. */
@@ -57,16 +58,18 @@ static int64_t choose_rows(const struct pass *pass, int threads)
     int64_t row = pass->blocks * AMX_BLOCK * pass->pitch;
     int64_t most = STRIP_NUMBERS / row - (pass->kernel - 1);
     most = v2v_within(most / pass->stride, 2, MOST_ROWS);
-    int64_t strips = parts(parts(pass->height, most), threads) * threads;
-    return 2 * parts(parts(pass->height, strips), 2);
+    int64_t strips = v2v_parts(v2v_parts(pass->height, most), threads) * threads;
+    return 2 * v2v_parts(v2v_parts(pass->height, strips), 2);
 }
 
 static enum v2v_status plan(struct pass *pass, int threads)
 {
-    int64_t runs = parts(pass->width, AMX_SIDE);
-    pass->pitch = (runs * AMX_SIDE - 1) * pass->stride + pass->kernel;
-    pass->blocks = parts(pass->in, AMX_BLOCK);
-    pass->chunk = parts(pass->blocks, parts(pass->blocks, MOST_BLOCKS));
+    int64_t runs = v2v_parts(pass->width, AMX_SIDE);
+    int64_t read = (runs * AMX_SIDE - 1) * pass->stride + pass->kernel;
+    int64_t filled = behind_pixels(pass);
+    pass->pitch = read > filled ? read : filled;
+    pass->blocks = v2v_parts(pass->in, AMX_BLOCK);
+    pass->chunk = v2v_parts(pass->blocks, v2v_parts(pass->blocks, MOST_BLOCKS));
     pass->rows = choose_rows(pass, threads);
     pass->packed = (pass->rows - 1) * pass->stride + pass->kernel;
     pass->walk = (struct amx_walk){.pixel = pass->stride * AMX_DEPTH,
@@ -77,13 +80,13 @@ static enum v2v_status plan(struct pass *pass, int threads)
         pass->walk.tap[t] = (y * pass->pitch + x) * AMX_DEPTH;
     }
     return V2V_ALLOC(pass->weights, "conv.weights",
-                     v2v_mem_product(parts(pass->out, AMX_BLOCK) * pass->blocks, pass->walk.taps,
-                                     2 * (int64_t)AMX_TILE));
+                     v2v_mem_product(v2v_parts(pass->out, AMX_BLOCK) * pass->blocks,
+                                     pass->walk.taps, 2 * (int64_t)AMX_TILE));
 }
 
 static int64_t packed_floats(const struct pass *pass)
 {
-    return parts(pass->blocks * pass->walk.block, 2);
+    return v2v_parts(pass->blocks * pass->walk.block, 2);
 }
 
 static void destroy(void *opaque)
@@ -151,7 +154,7 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
         int64_t floats = packed_floats(&state->data);
         state->packed_floats = floats > state->packed_floats ? floats : state->packed_floats;
     }
-    state->packed_floats = parts(state->packed_floats, AMX_SIDE) * AMX_SIDE;
+    state->packed_floats = v2v_parts(state->packed_floats, AMX_SIDE) * AMX_SIDE;
     state->thread_floats = state->packed_floats + (int64_t)PAIRS * OUTPUTS * AMX_SUMS;
     int64_t floats = state->threads * state->thread_floats;
     int64_t gradient = spec->training ? amx_gradient_floats(state->gradient) : 0;
@@ -165,7 +168,7 @@ done:
 
 static void pack_weights(struct pass *pass, const struct amx_weights *from)
 {
-    int64_t outputs = parts(pass->out, AMX_BLOCK);
+    int64_t outputs = v2v_parts(pass->out, AMX_BLOCK);
     int64_t numbers = pass->walk.taps * 2 * (int64_t)AMX_TILE;
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < outputs * pass->blocks; i++) {
@@ -219,7 +222,7 @@ static void clear(bf16 *to, int64_t pixels)
 static void pack_row(const struct pass *pass, bf16 *to, const float *in, int64_t block, int64_t y)
 {
     int64_t before = (pass->kernel - 1) / 2;
-    int64_t behind = before + (pass->from_width - 1) * pass->step + 1;
+    int64_t behind = behind_pixels(pass);
     if (y < 0 || y % pass->step != 0 || y / pass->step >= pass->from_height) {
         clear(to, pass->pitch);
         return;
@@ -252,7 +255,7 @@ struct place {
 
 static struct place place_of(const struct pass *pass, int64_t pair, int64_t rows)
 {
-    int64_t runs = parts(pass->width, AMX_SIDE);
+    int64_t runs = v2v_parts(pass->width, AMX_SIDE);
     struct place place = {.y = pair / runs * 2, .x = pair % runs * AMX_SIDE};
     place.rows = v2v_smaller(rows - place.y, 2);
     return place;
@@ -324,7 +327,7 @@ static void run_strip(const struct pass *pass, float *out, const bf16 *packed, f
                       int64_t y0)
 {
     int64_t rows = v2v_smaller(pass->rows, pass->height - y0);
-    int64_t pairs = parts(rows, 2) * parts(pass->width, AMX_SIDE);
+    int64_t pairs = v2v_parts(rows, 2) * v2v_parts(pass->width, AMX_SIDE);
     for (int64_t o = 0; o < pass->out; o += (int64_t)OUTPUTS * AMX_BLOCK) {
         for (int64_t pair = 0; pair < pairs; pair += PAIRS) {
             struct group group = {.first = pair,
@@ -338,7 +341,7 @@ static void run_strip(const struct pass *pass, float *out, const bf16 *packed, f
 
 static void run(const struct state *state, const struct pass *pass, float *out, const float *in)
 {
-    int64_t strips = parts(pass->height, pass->rows);
+    int64_t strips = v2v_parts(pass->height, pass->rows);
     int64_t in_image = pass->in * pass->from_height * pass->from_width;
     int64_t out_image = pass->out * pass->height * pass->width;
 #pragma omp parallel num_threads(state->threads)

@@ -5,15 +5,11 @@
 
 #include <string.h>
 
-static int64_t tiles_of(int64_t pixels)
-{
-    return (pixels + V2V_TILE - 1) / V2V_TILE;
-}
-
 enum v2v_status v2v_tiles_init(struct v2v_tiles *tiles, int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
-    *tiles = (struct v2v_tiles){.rows = tiles_of(height), .columns = tiles_of(width)};
+    *tiles = (struct v2v_tiles){.rows = v2v_parts(height, V2V_TILE),
+                                .columns = v2v_parts(width, V2V_TILE)};
     tiles->count = tiles->rows * tiles->columns;
     V2V_TRY(V2V_ALLOC(tiles->first, "tiles", tiles->rows + 1));
     V2V_TRY(

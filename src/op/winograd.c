@@ -46,11 +46,6 @@ struct v2v_winograd {
     int is_kept; /**< and that pass was not followed by a backward one */
 };
 
-static int64_t round_up(int64_t n, int64_t step)
-{
-    return (n + step - 1) / step * step;
-}
-
 /* ---- plan ---- */
 
 static void plan(struct v2v_winograd *self)
@@ -59,9 +54,9 @@ static void plan(struct v2v_winograd *self)
     self->out_height = (spec->height + spec->stride2) >> spec->stride2;
     self->out_width = (spec->width + spec->stride2) >> spec->stride2;
     self->out_rows = spec->out_rows > 0 ? spec->out_rows : self->out_height;
-    self->in8 = round_up(spec->in, PANEL_ROWS);
-    self->out8 = round_up(spec->out, PANEL_ROWS);
-    self->out32 = round_up(spec->out, PANEL_COLUMNS);
+    self->in8 = v2v_round_up(spec->in, PANEL_ROWS);
+    self->out8 = v2v_round_up(spec->out, PANEL_ROWS);
+    self->out32 = v2v_round_up(spec->out, PANEL_COLUMNS);
     int64_t row = WINOGRAD_VALUES * (self->in8 + self->out8) * self->tiles.columns;
     int64_t floats = spec->training ? TRAINING_CHUNK_FLOATS : CHUNK_FLOATS;
     floats = spec->chunk_floats > 0 ? spec->chunk_floats : floats;
@@ -115,7 +110,7 @@ static int64_t lay_out(const struct v2v_winograd *self, float *memory, float **l
         if (memory != NULL) {
             *part[i].place = memory + total;
         }
-        total += round_up(part[i].floats, 16);
+        total += v2v_round_up(part[i].floats, 16);
     }
     return total;
 }

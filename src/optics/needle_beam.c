@@ -1,4 +1,5 @@
 #include "optics/sizes.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/optics/psf.h"

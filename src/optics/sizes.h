@@ -9,10 +9,4 @@ static inline int64_t v2v_psf_centre(int64_t side)
     return (side + 1) / 2 - 1;
 }
 
-/** The smallest multiple that is not below n >= 0: keeps rows of arrays 64-byte aligned. */
-static inline int64_t v2v_round_up(int64_t n, int64_t multiple)
-{
-    return (n + multiple - 1) / multiple * multiple;
-}
-
 #endif

@@ -19,6 +19,18 @@ static inline int64_t v2v_within(int64_t x, int64_t low, int64_t high)
     return v2v_smaller(x > low ? x : low, high);
 }
 
+/** How many parts of `part` hold `count`. @kind Local. */
+static inline int64_t v2v_parts(int64_t count, int64_t part)
+{
+    return (count + part - 1) / part;
+}
+
+/** The smallest multiple that is not below n >= 0. @kind Local. */
+static inline int64_t v2v_round_up(int64_t n, int64_t multiple)
+{
+    return v2v_parts(n, multiple) * multiple;
+}
+
 #ifdef __cplusplus
 }
 #endif

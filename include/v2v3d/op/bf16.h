@@ -17,8 +17,8 @@ enum v2v_bf16 {
  *  DNNL_MAX_CPU_ISA takes instructions away from both kinds. @kind Local. @return enum v2v_bf16 */
 int v2v_op_bf16(void);
 
-/** The same in words, for people. @kind Local. */
-const char *v2v_op_bf16_text(void);
+/** A kind in words, for people. @param kind enum v2v_bf16 @kind Local. */
+const char *v2v_op_bf16_text(int kind);
 
 #ifdef __cplusplus
 }
