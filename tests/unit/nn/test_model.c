@@ -581,8 +581,26 @@ static void header_example_gives_two_volumes(void **state)
     assert_true(volume[0][VOXELS / 2] != 0.0f && volume[1][VOXELS / 2] != 0.0f);
 }
 
-/* Gradients of a network on one thread and on two: oneDNN's part of them agrees up to there. */
-static void two_threads_give_the_bits_of_one(void **state)
+/* Gradients of a network on one thread and on two. What reaches the encoder comes by way of matrix
+ * products at the frame's border, by oneDNN, whose sums' order depends on the threads with AVX2:
+ * there they agree to the round-off of products of up to a thousand terms. */
+static void check_gradients(const struct v2v_fields *fields, const float *one, const float *two)
+{
+    int64_t unets = 0;
+    for (int64_t i = 0; i < fields->count; i++) {
+        const struct v2v_field *field = &fields->item[i];
+        const float *a = one + field->offset, *b = two + field->offset;
+        if (strncmp(field->name, "feat_extract.", 13) == 0) {
+            assert_true(test_relative_l2(a, b, field->count) <= 1000 * 0x1p-24);
+        } else {
+            assert_memory_equal(a, b, (size_t)field->count * sizeof *a);
+            unets++;
+        }
+    }
+    assert_true(unets > 0);
+}
+
+static void two_threads_give_the_gradients_of_one(void **state)
 {
     (void)state;
     struct v2v_model_spec spec = small;
@@ -603,8 +621,7 @@ static void two_threads_give_the_bits_of_one(void **state)
             assert_ok(V2V_ALLOC(gradients, "test", total));
             memcpy(gradients, v2v_model_gradients(model), (size_t)total * sizeof *gradients);
         }
-        assert_memory_equal(gradients, v2v_model_gradients(model),
-                            (size_t)total * sizeof *gradients);
+        check_gradients(v2v_model_fields(model), gradients, v2v_model_gradients(model));
         v2v_model_destroy(&model);
     }
     v2v_op_set_threads(1);
@@ -633,7 +650,7 @@ int main(void)
         cmocka_unit_test(changed_weights_count_once_they_are_announced),
         cmocka_unit_test(gradients_of_the_branches_add_up),
         cmocka_unit_test(header_example_gives_two_volumes),
-        cmocka_unit_test(two_threads_give_the_bits_of_one),
+        cmocka_unit_test(two_threads_give_the_gradients_of_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
