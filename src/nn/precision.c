@@ -9,10 +9,9 @@
 /* The slowest of the ranks' kinds, and how many ranks have it. */
 static void log_kinds(const struct v2v_comm *comm)
 {
-    int64_t best = -v2v_op_bf16(), slowest;
-    v2v_par_max_i64(comm, &best, 1);
-    slowest = -best;
-    int64_t have = v2v_op_bf16() == slowest;
+    int64_t negated = -v2v_op_bf16();
+    v2v_par_max_i64(comm, &negated, 1);
+    int64_t slowest = -negated, have = v2v_op_bf16() == slowest;
     v2v_par_sum_i64(comm, &have, 1);
     v2v_log(V2V_LOG_INFO, "convolutions in bf16: %s, on %lld of %d ranks",
             v2v_op_bf16_text((int)slowest), (long long)have, v2v_comm_size(comm));

@@ -185,6 +185,7 @@ static const float *piece_row(const struct rows *rows, const struct reading *rea
     return reading->pixels + ((piece->row + i) >> rows->half) * rows->pitch;
 }
 
+/* Line i of a piece: 4 * tiles + 2 pixels. */
 static void load_piece(const struct rows *rows, float *line, const struct reading *reading,
                        const struct piece *piece, int64_t i)
 {
@@ -234,9 +235,12 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
 static inline __attribute__((always_inline)) void
 fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
 {
+    if (rows->in_list != NULL) {
+        return; /* one stream, which the hardware foresees */
+    }
     for (int64_t r = 0; r < reading->batch.runs; r++) {
         const struct piece *piece = &reading->piece[r];
-        if (!piece->inside || rows->in_list != NULL) {
+        if (!piece->inside) {
             continue;
         }
         const float *row = piece_row(rows, reading, piece, i);

@@ -49,11 +49,11 @@ struct v2v_tiles_image {
 void v2v_tiles_fill(const struct v2v_tiles *tiles, const struct v2v_tiles_image *image,
                     const float *value, int64_t step);
 
-/** A channel of listed tiles alone, each with its V2V_TILE x V2V_TILE pixels in a row, in the
- * list's order: nothing of other tiles is kept. Line i of `run` (0: the line above it, V2V_TILE +
- * 1: the one below) becomes line[V2V_TILE * count + 2], from the pixel to its left on. A pixel of a
- * tile that is not listed is the nearest one of the run, one beyond the frame 0. The frame is whole
- *  tiles. @kind Local. @param run listed tiles side by side */
+/** One line of a channel that holds listed tiles alone, each with its V2V_TILE x V2V_TILE pixels in
+ *  a row, in the list's order. Line i of `run` (0: the one above it, V2V_TILE + 1: the one below)
+ *  becomes line[V2V_TILE * count + 2], from the pixel to its left on. A pixel of a tile that is not
+ *  listed is the nearest one of the run, one beyond the frame 0. The frame is whole tiles.
+ *  @kind Local. @param run listed tiles side by side */
 void v2v_tiles_line(float *line, const struct v2v_tiles *tiles, const float *channel,
                     const struct v2v_tile_run *run, int64_t i);
 

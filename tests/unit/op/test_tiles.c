@@ -1,5 +1,6 @@
 /* Lists of tiles, and lines of images that hold listed tiles alone. */
 #include "support.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/tiles.h"
 
@@ -70,9 +71,8 @@ static float seen(const struct v2v_tile_run *run, int64_t y, int64_t x)
     while (last < COLUMNS - 1 && picture[run->row][last + 1] == '#') {
         last++;
     }
-    y = y < top ? top : y >= top + TILE ? top + TILE - 1 : y;
-    x = x < first * TILE ? first * TILE : x >= (last + 1) * TILE ? last * TILE + TILE - 1 : x;
-    return value(y, x);
+    return value(v2v_within(y, top, top + TILE - 1),
+                 v2v_within(x, first * TILE, last * TILE + TILE - 1));
 }
 
 /* Runs and every part of them. */

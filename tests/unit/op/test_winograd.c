@@ -2,6 +2,7 @@
 #include "op/conv_backend.h"
 #include "support.h"
 #include "twin_conv.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/op/winograd.h"
@@ -440,11 +441,6 @@ static int64_t place_in_list(const struct v2v_tiles *tiles, int64_t i)
     return number < 0 ? -1 : number * 16 + y % 4 * 4 + x % 4;
 }
 
-static int64_t within(int64_t i, int64_t least, int64_t most)
-{
-    return i < least ? least : i > most ? most : i;
-}
-
 /* The pixels about one run become what the list says that it sees. */
 static void surround(float *image, const float *from, const struct v2v_tiles *tiles,
                      const struct v2v_tile_run *run)
@@ -457,7 +453,7 @@ static void surround(float *image, const float *from, const struct v2v_tiles *ti
                 place_in_list(tiles, i) >= 0) {
                 continue;
             }
-            int64_t nearest = within(y, y0, y1) * LIST_WIDTH + within(x, x0, x1);
+            int64_t nearest = v2v_within(y, y0, y1) * LIST_WIDTH + v2v_within(x, x0, x1);
             for (int64_t c = 0; c < LIST_IN; c++) {
                 image[c * LIST_PIXELS + i] = from[c * LIST_PIXELS + nearest];
             }
