@@ -10,7 +10,6 @@
 #include "v2v3d/loss/loss.h"
 #include "v2v3d/nn/adam.h"
 #include "v2v3d/op/bf16.h"
-#include "v2v3d/tensor/bulk.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,7 +125,6 @@ static double run_step(struct bench *bench, struct v2v_model *model, float *m, f
                             .beta1 = train->beta1,
                             .beta2 = train->beta2,
                             .epsilon = train->epsilon};
-    v2v_bulk_clear(v2v_model_gradients(model), total);
     double forward_s = v2v_clock_now();
     v2v_model_forward(model, bench->volume[0], bench->volume[1], bench->step_views);
     forward_s = v2v_clock_now() - forward_s;

@@ -235,21 +235,35 @@ void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
     }
 }
 
+/* [out,channels,3,3]: the gradient of the blocks' weights. */
+static const float *blocks_gradient(struct v2v_align_blocks *self, struct v2v_padded *dfeatures,
+                                    const struct v2v_padded *features, const float *dout)
+{
+    if (gathers(self)) {
+        v2v_bulk_clear(self->gradient, self->spec.out * self->channels * PLACES);
+        v2v_align_gather_backward(self->gather, self->gradient, dfeatures->data, features->data,
+                                  dout);
+        return self->gradient;
+    }
+    struct v2v_gradients to = {
+        .din = dfeatures->data, .dweight = v2v_piece_data(&self->weight), .sets = 1};
+    v2v_winograd_backward(self->winograd, &to, features->data, dout);
+    return to.dweight;
+}
+
 void v2v_align_blocks_backward(struct v2v_align_blocks *self, float *dweight,
                                struct v2v_padded *dfeatures, const struct v2v_padded *features,
-                               const float *dout)
+                               const float *dout, int sets)
 {
     int64_t row = self->channels * PLACES;
     int64_t full = self->spec.view_count * self->spec.features * self->blocks.slices * PLACES;
-    float *gradient = gathers(self) ? self->gradient : v2v_piece_data(&self->weight);
-    v2v_bulk_clear(gradient, self->spec.out * row);
-    if (gathers(self)) {
-        v2v_align_gather_backward(self->gather, gradient, dfeatures->data, features->data, dout);
-    } else {
-        v2v_winograd_backward(self->winograd, dfeatures->data, gradient, features->data, dout);
-    }
+    const float *gradient = blocks_gradient(self, dfeatures, features, dout);
 #pragma omp parallel for schedule(static)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        add_output(self, BLOCKS_TO_FULL, gradient + o * row, dweight + o * full);
+        if (sets) {
+            memset(dweight + o * full, 0, (size_t)full * sizeof *dweight);
+        }
+        add_output(self, BLOCKS_TO_FULL, (float *)(uintptr_t)(gradient + o * row),
+                   dweight + o * full);
     }
 }

@@ -14,7 +14,8 @@ enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
                                         const struct v2v_align_conv_spec *spec) V2V_MUST_CHECK;
 void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks);
 
-/* The rest as in align_conv.h; the gradient of the bias is not computed here. */
+/* The rest as in align_conv.h; the gradient of the bias is not computed here, that of the weights
+ * is set, or added to. */
 int v2v_align_blocks_takes_blocked(const struct v2v_align_blocks *blocks);
 enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *blocks,
                                       const struct v2v_align_conv_plan *plan) V2V_MUST_CHECK;
@@ -25,6 +26,6 @@ void v2v_align_blocks_forward(struct v2v_align_blocks *blocks, float *out,
                               const struct v2v_winograd_part *part);
 void v2v_align_blocks_backward(struct v2v_align_blocks *blocks, float *dweight,
                                struct v2v_padded *dfeatures, const struct v2v_padded *features,
-                               const float *dout);
+                               const float *dout, int sets);
 
 #endif

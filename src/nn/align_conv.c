@@ -116,6 +116,7 @@ void v2v_align_conv_backward(struct v2v_align_conv *conv, float *dweight, float 
                              struct v2v_padded *dfeatures, const struct v2v_padded *features,
                              float *dout)
 {
+    memset(dbias, 0, (size_t)conv->spec.out * sizeof *dbias);
     v2v_bias_gradient(dbias, dout, 1, conv->spec.out, conv->height, conv->width);
     if (conv->taps != NULL) {
         v2v_align_taps_backward(conv->taps, dweight, dfeatures, features, dout);
@@ -124,6 +125,7 @@ void v2v_align_conv_backward(struct v2v_align_conv *conv, float *dweight, float 
         clear_ring(conv, dout);
     }
     if (conv->blocks != NULL) {
-        v2v_align_blocks_backward(conv->blocks, dweight, dfeatures, features, dout);
+        v2v_align_blocks_backward(conv->blocks, dweight, dfeatures, features, dout,
+                                  conv->taps == NULL);
     }
 }

@@ -47,8 +47,8 @@ void v2v_align_conv_forward(struct v2v_align_conv *conv, float *out,
                             const struct v2v_padded *features,
                             const struct v2v_winograd_part *part);
 
-/* dweight, dbias and dfeatures are added to; dout is the gradient before the activation and is used
- * up. */
+/* dweight and dbias are set, dfeatures are added to; dout is the gradient before the activation and
+ * is used up. */
 void v2v_align_conv_backward(struct v2v_align_conv *conv, float *dweight, float *dbias,
                              struct v2v_padded *dfeatures, const struct v2v_padded *features,
                              float *dout);

@@ -271,7 +271,7 @@ void v2v_align_taps_set_weights(struct v2v_align_taps *conv, const float *weight
     }
 }
 
-static void add_full_gradient(const struct v2v_align_taps *conv, float *dweight)
+static void set_full_gradient(const struct v2v_align_taps *conv, float *dweight)
 {
     int64_t row = conv->spec.view_count * conv->spec.features * conv->slices * PLACES;
     int64_t out = conv->spec.out;
@@ -286,6 +286,7 @@ static void add_full_gradient(const struct v2v_align_taps *conv, float *dweight)
             share += columns * TOGETHER;
             gradient += out * columns;
         }
+        memset(dweight + o * row, 0, (size_t)(rows * row) * sizeof *dweight);
         add_share(conv, MERGED_TO_FULL, thread_share(conv), dweight + o * row, rows);
     }
 }
@@ -561,5 +562,5 @@ void v2v_align_taps_backward(struct v2v_align_taps *conv, float *dweight,
         }
         gradient += out * columns;
     }
-    add_full_gradient(conv, dweight);
+    set_full_gradient(conv, dweight);
 }

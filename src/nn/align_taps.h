@@ -15,7 +15,8 @@ enum v2v_status v2v_align_taps_create(struct v2v_align_taps **taps, const struct
                                       int ring_only) V2V_MUST_CHECK;
 void v2v_align_taps_destroy(struct v2v_align_taps **taps);
 
-/* The rest as in align_conv.h; the gradient of the bias is not computed here. */
+/* The rest as in align_conv.h; the gradient of the bias is not computed here, that of the weights
+ * is set. */
 enum v2v_status v2v_align_taps_plan(struct v2v_align_taps *taps,
                                     const struct v2v_align_conv_plan *plan) V2V_MUST_CHECK;
 void v2v_align_taps_set_weights(struct v2v_align_taps *taps, const float *weight,

@@ -90,7 +90,10 @@ void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parame
 void v2v_layer_backward(struct v2v_layer *layer, const struct v2v_parameters *parameters,
                         float *din, const float *in, const float *dout)
 {
-    v2v_conv_backward(
-        layer->conv, din, v2v_parameter(parameters->fields, parameters->gradients, layer->weight),
-        v2v_parameter(parameters->fields, parameters->gradients, layer->bias), in, dout);
+    struct v2v_gradients to = {.din = din, .in_slope = layer->in_slope, .sets = 1};
+    if (parameters != NULL) {
+        to.dweight = v2v_parameter(parameters->fields, parameters->gradients, layer->weight);
+        to.dbias = v2v_parameter(parameters->fields, parameters->gradients, layer->bias);
+    }
+    v2v_conv_backward(layer->conv, &to, in, dout);
 }

@@ -9,7 +9,8 @@ struct v2v_layer {
     int64_t weight, bias; /* places in the table of fields */
     int64_t in, out;
     int kernel, stride;
-    float slope;           /* negative slope of the activation after it, 1: none */
+    float in_slope;        /* negative slope of the activation before it, 0: none of its own */
+    float slope;           /* of the activation after it, 1: none */
     int upsample;          /* 1: the input is repeated 2 x 2 before it */
     int in_form, out_form; /* enum v2v_form of its images, for the next plan */
     struct v2v_conv *conv; /* NULL until planned */
@@ -49,11 +50,13 @@ void v2v_layer_fini(struct v2v_layer *layer);
 /* The values of its parameters changed. A layer that is not planned has nothing to renew. */
 void v2v_layer_weights_changed(struct v2v_layer *layer, const struct v2v_parameters *parameters);
 
-/* Gradients of the parameters from the layer's input and the gradient before its activation. */
+/* Add to the gradients of the parameters, from the layer's input and the gradient before its
+ * activation. */
 void v2v_layer_backward_weights(struct v2v_layer *layer, const struct v2v_parameters *parameters,
                                 const float *in, const float *dout);
 
-/* The same and the gradient of the input. */
+/* Set them (`parameters` NULL: leave them), and the gradient of the input before the activation
+ * that made it. */
 void v2v_layer_backward(struct v2v_layer *layer, const struct v2v_parameters *parameters,
                         float *din, const float *in, const float *dout);
 

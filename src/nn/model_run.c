@@ -371,8 +371,9 @@ void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const fl
     const float *dvolume[BRANCHES] = {dvolume1, dvolume2};
     int is_cut = v2v_model_slabs(model) > 1;
     V2V_ASSERT(model->training);
+    /* the encoder's are added to; of several slabs, some compute less than all */
+    clear_slabs(model, 0, is_cut ? model->fields.total : model->encoder_floats);
     if (is_cut) {
-        clear_slabs(model, 0, model->fields.total);
         memset(model->encoder_sum, 0, (size_t)model->encoder_floats * sizeof(float));
     }
     clear_feature_gradients(model);

@@ -35,6 +35,7 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
                                             .out = channels(self, layer_table[i].out),
                                             .kernel = 3,
                                             .stride = layer_table[i].stride,
+                                            .in_slope = layer_table[i].in_slope,
                                             .slope = layer_table[i].slope,
                                             .upsample = layer_table[i].up};
         V2V_TRY(v2v_layer_declare(&self->layer[i], fields, spec->prefix, layer_table[i].name));

@@ -60,7 +60,7 @@ const float *v2v_unet_leave(struct v2v_unet *unet, const struct v2v_unet *middle
                             const struct v2v_slabs *slabs, int64_t local,
                             const struct v2v_scene *scene);
 
-/* The same backwards; gradients of the parameters and of the features are added to.
+/* The same backwards; gradients of the parameters are set, those of the features added to.
  * leave: from `doutput` [z,rows computed,x], the gradient after the last activation, to that of
  * E1 and of the deeper layer joined [3n,rows,x], which the next call of the U-Net overwrites; the
  * middle takes the sum of all slabs' (v2v_unet_joined_images) in v2v_unet_gradient.

@@ -152,26 +152,24 @@ static void swap_gradients(struct v2v_unet *unet)
     unet->gradient[1] = swap;
 }
 
+/* Every pass begins with the same one: what no layer needs of the other's memory is never touched.
+ */
+static void begin_gradients(struct v2v_unet *unet)
+{
+    if (unet->gradient[0] > unet->gradient[1]) {
+        swap_gradients(unet);
+    }
+}
+
 /* dout: of layer i's output before its activation, gradient[0] or a part of it; gradient[0] on
- * return: of its input. */
+ * return: of its input, before the activation that made it. */
 static void run_back(struct v2v_unet *unet, int i, const struct v2v_parameters *parameters,
                      const float *in, const float *dout)
 {
-    if (unet->size.counts_middle || !is_of_middle(i)) {
-        v2v_layer_backward(&unet->layer[i], parameters, unet->gradient[1], in, dout);
-    } else {
-        v2v_conv_backward_data(unet->layer[i].conv, unet->gradient[1], dout);
-    }
+    int counts = unet->size.counts_middle || !is_of_middle(i);
+    v2v_layer_backward(&unet->layer[i], counts ? parameters : NULL, unet->gradient[1], in, dout);
     v2v_parameters_ready(parameters, unet->layer[i].weight, unet->layer[i].bias);
     swap_gradients(unet);
-}
-
-/* The same for a layer whose input is another layer's activated output. */
-static void run_back_through(struct v2v_unet *unet, int i, const struct v2v_parameters *parameters,
-                             const float *in, const float *dout)
-{
-    run_back(unet, i, parameters, in, dout);
-    v2v_leaky_backward(unet->gradient[0], unet->gradient[0], in, in_count(unet, i), V2V_LEAKY);
 }
 
 /* gradient[0]: of what was joined to UP1 + k's input, before the activation. The skip's is kept,
@@ -190,7 +188,7 @@ static void go_down_back(struct v2v_unet *unet, int k, const struct v2v_paramete
                           channels(unet, layer_table[i].out), rows_at(unet, i, half),
                           unet->size.width >> half);
     swap_gradients(unet);
-    run_back_through(unet, i, parameters, unet->entered[k], unet->gradient[0]);
+    run_back(unet, i, parameters, unet->entered[k], unet->gradient[0]);
     int64_t count = in_count(unet, i);
     float *gradient = unet->gradient[0];
     const float *dskip = unet->dskip[k];
@@ -204,13 +202,14 @@ const float *v2v_unet_leave_backward(struct v2v_unet *unet, const struct v2v_par
                                      const float *doutput)
 {
     enum { K = UP3 - UP1 };
+    begin_gradients(unet);
     v2v_leaky_backward(unet->gradient[0], doutput, unet->out[FINAL4], out_count(unet, FINAL4),
                        V2V_LEAKY);
-    run_back_through(unet, FINAL4, parameters, unet->out[FINAL2], unet->gradient[0]);
-    run_back_through(unet, FINAL2, parameters, unet->out[FINAL0], unet->gradient[0]);
+    run_back(unet, FINAL4, parameters, unet->out[FINAL2], unet->gradient[0]);
+    run_back(unet, FINAL2, parameters, unet->out[FINAL0], unet->gradient[0]);
     run_back(unet, FINAL0, parameters, unet->out[UP4], unet->gradient[0]);
-    run_back_through(unet, UP4, parameters, unet->joined[STEPS - 1], unet->gradient[0]);
-    run_back_through(unet, UP3, parameters, unet->joined[K], part_ways(unet, STEPS - 1));
+    run_back(unet, UP4, parameters, unet->joined[STEPS - 1], unet->gradient[0]);
+    run_back(unet, UP3, parameters, unet->joined[K], part_ways(unet, STEPS - 1));
     return unet->gradient[0];
 }
 
@@ -232,12 +231,9 @@ const float *v2v_unet_middle_backward(struct v2v_unet *unet,
                                       const struct v2v_parameters *parameters)
 {
     for (int i = UP3; i > UP1; i--) {
-        run_back_through(unet, i - 1, parameters, unet->joined[i - 1 - UP1],
-                         part_ways(unet, i - UP1));
+        run_back(unet, i - 1, parameters, unet->joined[i - 1 - UP1], part_ways(unet, i - UP1));
     }
     run_back(unet, BOTTOM, parameters, unet->bottom, part_ways(unet, 0));
-    v2v_leaky_backward(unet->gradient[0], unet->gradient[0], unet->bottom, in_count(unet, BOTTOM),
-                       V2V_LEAKY_BOTTOM);
     for (int k = LEVELS - 1; k > 0; k--) {
         go_down_back(unet, k, parameters);
     }
@@ -251,9 +247,9 @@ void v2v_unet_enter_backward(struct v2v_unet *unet, const struct v2v_parameters 
     go_down_back(unet, 0, parameters);
     v2v_leaky_backward(unet->gradient[0], unet->gradient[0], unet->out[INIT6],
                        out_count(unet, INIT6), V2V_LEAKY);
-    run_back_through(unet, INIT6, parameters, unet->out[INIT4], unet->gradient[0]);
-    run_back_through(unet, INIT4, parameters, unet->out[INIT2], unet->gradient[0]);
-    run_back_through(unet, INIT2, parameters, unet->aligned, unet->gradient[0]);
+    run_back(unet, INIT6, parameters, unet->out[INIT4], unet->gradient[0]);
+    run_back(unet, INIT4, parameters, unet->out[INIT2], unet->gradient[0]);
+    run_back(unet, INIT2, parameters, unet->aligned, unet->gradient[0]);
     v2v_align_conv_backward(unet->align,
                             v2v_parameter(fields, parameters->gradients, unet->first.weight),
                             v2v_parameter(fields, parameters->gradients, unet->first.bias),

@@ -11,6 +11,7 @@
 enum { STEPS = 4, LEVELS = 4 };
 
 /* The layers after the first, in the order of the computation; channels in units of the width n.
+ * `in_slope`: of the activation that made the input, 0: none did.
  * `half`: how often the sides of what is convolved have been halved; `up`: the input is upsampled
  * to that, it has half the sides. An output of -1 is the slices. */
 enum {
@@ -42,23 +43,23 @@ static const struct {
 static const struct {
     const char *name;
     int in, out, stride, half, up;
-    float slope;
+    float in_slope, slope;
 } layer_table[LAYERS] = {
-    [INIT2] = {"init_conv.2", 8, 4, 1, 0, 0, V2V_LEAKY},
-    [INIT4] = {"init_conv.4", 4, 2, 1, 0, 0, V2V_LEAKY},
-    [INIT6] = {"init_conv.6", 2, 1, 2, 0, 0, V2V_LEAKY},
-    [DOWN1] = {"encoder_1.conv.1", 1, 1, 1, 1, 0, 1.0f},
-    [DOWN2] = {"encoder_2.conv.1", 1, 2, 1, 2, 0, 1.0f},
-    [DOWN3] = {"encoder_3.conv.1", 2, 3, 1, 3, 0, 1.0f},
-    [DOWN4] = {"encoder_4.conv.1", 3, 4, 1, 4, 0, 1.0f},
-    [BOTTOM] = {"upscale_2.upscale.1", 4, 4, 1, 4, 1, 1.0f},
-    [UP1] = {"decoder_1.decoder.1.upscale.1", 7, 3, 1, 3, 1, 1.0f},
-    [UP2] = {"decoder_2.decoder.1.upscale.1", 5, 2, 1, 2, 1, 1.0f},
-    [UP3] = {"decoder_3.decoder.1.upscale.1", 3, 1, 1, 1, 1, 1.0f},
-    [UP4] = {"decoder_4.decoder.1.upscale.1", 2, 1, 1, 0, 1, 1.0f},
-    [FINAL0] = {"conv_final.0", 1, 2, 1, 0, 0, V2V_LEAKY},
-    [FINAL2] = {"conv_final.2", 2, 1, 1, 0, 0, V2V_LEAKY},
-    [FINAL4] = {"conv_final.4", 1, -1, 1, 0, 0, V2V_LEAKY},
+    [INIT2] = {"init_conv.2", 8, 4, 1, 0, 0, V2V_LEAKY, V2V_LEAKY},
+    [INIT4] = {"init_conv.4", 4, 2, 1, 0, 0, V2V_LEAKY, V2V_LEAKY},
+    [INIT6] = {"init_conv.6", 2, 1, 2, 0, 0, V2V_LEAKY, V2V_LEAKY},
+    [DOWN1] = {"encoder_1.conv.1", 1, 1, 1, 1, 0, V2V_LEAKY, 1.0f},
+    [DOWN2] = {"encoder_2.conv.1", 1, 2, 1, 2, 0, V2V_LEAKY, 1.0f},
+    [DOWN3] = {"encoder_3.conv.1", 2, 3, 1, 3, 0, V2V_LEAKY, 1.0f},
+    [DOWN4] = {"encoder_4.conv.1", 3, 4, 1, 4, 0, V2V_LEAKY, 1.0f},
+    [BOTTOM] = {"upscale_2.upscale.1", 4, 4, 1, 4, 1, V2V_LEAKY_BOTTOM, 1.0f},
+    [UP1] = {"decoder_1.decoder.1.upscale.1", 7, 3, 1, 3, 1, V2V_LEAKY, 1.0f},
+    [UP2] = {"decoder_2.decoder.1.upscale.1", 5, 2, 1, 2, 1, V2V_LEAKY, 1.0f},
+    [UP3] = {"decoder_3.decoder.1.upscale.1", 3, 1, 1, 1, 1, V2V_LEAKY, 1.0f},
+    [UP4] = {"decoder_4.decoder.1.upscale.1", 2, 1, 1, 0, 1, V2V_LEAKY, 1.0f},
+    [FINAL0] = {"conv_final.0", 1, 2, 1, 0, 0, 0.0f, V2V_LEAKY},
+    [FINAL2] = {"conv_final.2", 2, 1, 1, 0, 0, V2V_LEAKY, V2V_LEAKY},
+    [FINAL4] = {"conv_final.4", 1, -1, 1, 0, 0, V2V_LEAKY, V2V_LEAKY},
 };
 
 /* Layers that convolve images of full or half size compute a slab of rows; what is smaller is

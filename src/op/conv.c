@@ -1,9 +1,12 @@
 #include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/pixels.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/op/activation.h"
 #include "v2v3d/op/resample.h"
 #include "v2v3d/op/tiles.h"
+#include "v2v3d/tensor/bulk.h"
 
 /** Our own kernel is taken up to this many channel pairs, in * out. Measured with bench_conv on one
  *  Cascade Lake core (AVX-512) of a busy machine, means of 2 to 4 runs that spread by a quarter,
@@ -210,15 +213,8 @@ void v2v_bias_gradient(float *dbias, const float *dout, int64_t batch, int64_t c
 #pragma omp parallel for schedule(static)
     for (int64_t c = 0; c < channels; c++) {
         double sum = 0.0;
-        for (int64_t row = 0; row < batch * rows; row++) {
-            int64_t n = row / rows, y = row % rows;
-            const float *pixel = dout + ((n * channels + c) * rows + y) * columns;
-            float part = 0.0f;
-#pragma omp simd reduction(+ : part)
-            for (int64_t x = 0; x < columns; x++) {
-                part += pixel[x];
-            }
-            sum += (double)part;
+        for (int64_t n = 0; n < batch; n++) {
+            sum += v2v_pixels_sum(dout + (n * channels + c) * rows * columns, rows, columns);
         }
         dbias[c] += (float)sum;
     }
@@ -232,6 +228,13 @@ static void add_bias_gradient(const struct v2v_conv *conv, float *dbias, const f
     }
 }
 
+/* Of all images, before they are upsampled. */
+static int64_t in_floats(const struct v2v_conv_spec *spec)
+{
+    int half = spec->upsample;
+    return spec->batch * spec->in * (spec->height >> half) * (spec->width >> half);
+}
+
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout)
 {
@@ -240,15 +243,34 @@ void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbi
     add_bias_gradient(conv, dbias, dout);
 }
 
-void v2v_conv_backward(struct v2v_conv *conv, float *din, float *dweight, float *dbias,
-                       const float *in, const float *dout)
+static void clear_weights_gradient(const struct v2v_conv_spec *spec, const struct v2v_gradients *to)
+{
+    if (to->dweight != NULL) {
+        v2v_bulk_clear(to->dweight, spec->out * spec->in * spec->kernel * spec->kernel);
+    }
+    if (to->dbias != NULL) {
+        v2v_bulk_clear(to->dbias, spec->out);
+    }
+}
+
+void v2v_conv_backward(struct v2v_conv *conv, const struct v2v_gradients *to, const float *in,
+                       const float *dout)
 {
     V2V_ASSERT(conv->spec.training);
-    if (conv->backend->backward == NULL) {
-        v2v_conv_backward_weights(conv, dweight, dbias, in, dout);
-        v2v_conv_backward_data(conv, din, dout);
+    if (conv->backend->backward != NULL) {
+        conv->backend->backward(conv->state, to, in, dout);
         return;
     }
-    conv->backend->backward(conv->state, din, dweight, in, dout);
-    add_bias_gradient(conv, dbias, dout);
+    if (to->sets) {
+        clear_weights_gradient(&conv->spec, to);
+    }
+    if (to->dweight != NULL) {
+        v2v_conv_backward_weights(conv, to->dweight, to->dbias, in, dout);
+    }
+    if (to->din != NULL) {
+        v2v_conv_backward_data(conv, to->din, dout);
+    }
+    if (to->din != NULL && to->in_slope > 0.0f) {
+        v2v_leaky_backward(to->din, to->din, in, in_floats(&conv->spec), to->in_slope);
+    }
 }

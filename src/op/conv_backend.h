@@ -5,7 +5,8 @@
 
 #include "v2v3d/op/conv.h"
 
-/** As in conv.h, with the backend's own state; dbias is the interface's work. */
+/** As in conv.h, with the backend's own state; where one computes less than all, the activation of
+ *  the input and dbias are the interface's work. */
 struct v2v_conv_backend {
     const char *name;
     enum v2v_status (*create)(void **state, const struct v2v_conv_spec *spec);
@@ -14,8 +15,9 @@ struct v2v_conv_backend {
     void (*forward)(void *state, float *out, const float *in);
     void (*backward_data)(void *state, float *din, const float *dout);
     void (*backward_weights)(void *state, float *dweight, const float *in, const float *dout);
-    /** Both at once for a backend that upsamples itself; NULL: nothing would be saved. */
-    void (*backward)(void *state, float *din, float *dweight, const float *in, const float *dout);
+    /** All at once for a backend that upsamples itself; NULL: nothing would be saved. */
+    void (*backward)(void *state, const struct v2v_gradients *to, const float *in,
+                     const float *dout);
     /** A part of the output; NULL: it knows no tiles. */
     void (*forward_tiles)(void *state, float *out, const float *in, const struct v2v_tiles *tiles);
     /** Some rows of one image; NULL: it knows no lines. Threads may call it together. */

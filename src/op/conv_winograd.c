@@ -4,8 +4,11 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
 
+#include <string.h>
+
 struct state {
     int64_t batch, in_floats, out_floats; /* of an image */
+    int64_t out, out_height, out_width;
     struct v2v_winograd *winograd;
 };
 
@@ -50,6 +53,9 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     state->batch = spec->batch;
     state->in_floats = spec->in * in_pixels;
     state->out_floats = spec->out * pixels;
+    state->out = spec->out;
+    state->out_height = conv_out_height(spec);
+    state->out_width = conv_out_width(spec);
     V2V_TRY(v2v_winograd_create(&state->winograd, &filter));
     *opaque = state;
     state = NULL;
@@ -81,24 +87,36 @@ static void forward_tiles(void *opaque, float *out, const float *in, const struc
     v2v_winograd_forward_part(state->winograd, out, in, &part);
 }
 
-static void backward(void *opaque, float *din, float *dweight, const float *in, const float *dout)
+static void backward(void *opaque, const struct v2v_gradients *to, const float *in,
+                     const float *dout)
 {
     struct state *state = opaque;
-    int64_t in_floats = state->in_floats;
+    if (to->dbias != NULL && state->batch > 1) { /* one addition for all images */
+        memset(to->dbias, 0, to->sets ? (size_t)state->out * sizeof *to->dbias : 0);
+        v2v_bias_gradient(to->dbias, dout, state->batch, state->out, state->out_height,
+                          state->out_width);
+    }
     for (int64_t n = 0; n < state->batch; n++) {
-        v2v_winograd_backward(state->winograd, din != NULL ? din + n * in_floats : NULL, dweight,
-                              in != NULL ? in + n * in_floats : NULL, dout + n * state->out_floats);
+        struct v2v_gradients image = *to;
+        image.dbias = state->batch > 1 ? NULL : to->dbias;
+        image.sets = to->sets && n == 0;
+        image.din = to->din != NULL ? to->din + n * state->in_floats : NULL;
+        v2v_winograd_backward(state->winograd, &image,
+                              in != NULL ? in + n * state->in_floats : NULL,
+                              dout + n * state->out_floats);
     }
 }
 
 static void backward_data(void *opaque, float *din, const float *dout)
 {
-    backward(opaque, din, NULL, NULL, dout);
+    struct v2v_gradients to = {.din = din};
+    backward(opaque, &to, NULL, dout);
 }
 
 static void backward_weights(void *opaque, float *dweight, const float *in, const float *dout)
 {
-    backward(opaque, NULL, dweight, in, dout);
+    struct v2v_gradients to = {.dweight = dweight};
+    backward(opaque, &to, in, dout);
 }
 
 const struct v2v_conv_backend v2v_conv_winograd = {.name = "Winograd",

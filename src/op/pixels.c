@@ -81,6 +81,31 @@ void v2v_pixels_activate(float *restrict line, int64_t count, float bias, float 
     }
 }
 
+V2V_SIMD_CLONES
+void v2v_pixels_activate_turned(float *restrict din, const float *restrict y, int64_t count,
+                                float slope)
+{
+    for (int64_t x = 0; x < count; x++) {
+        din[x] = y[x] > 0.0f ? din[x] : slope * din[x];
+    }
+}
+
+V2V_SIMD_CLONES
+double v2v_pixels_sum(const float *plane, int64_t rows, int64_t columns)
+{
+    double sum = 0.0;
+    for (int64_t y = 0; y < rows; y++) {
+        const float *row = plane + y * columns;
+        float part = 0.0f;
+#pragma omp simd reduction(+ : part)
+        for (int64_t x = 0; x < columns; x++) {
+            part += row[x];
+        }
+        sum += (double)part;
+    }
+    return sum;
+}
+
 void v2v_pixels_drop_odd(float *line, int64_t count)
 {
     for (int64_t x = 0; 2 * x < count; x++) {

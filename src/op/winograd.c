@@ -6,6 +6,7 @@
 #include "v2v3d/base/bounds.h"
 
 #include "op/panel_kernel.h"
+#include "op/pixels.h"
 #include "op/winograd_kernel.h"
 #include "op/winograd_rows.h"
 #include "v2v3d/base/memory.h"
@@ -280,37 +281,54 @@ static void transform_output(const struct v2v_winograd *self, const struct chunk
     }
 }
 
+/* Which chunks of a pass these are. */
+enum { FIRST_CHUNK = 1, LAST_CHUNK = 2 };
+
+/* The bias's gradient is summed where a plane of dout comes into a cache anyway. */
 static void transform_output_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
-                                      const float *dout)
+                                      const struct v2v_gradients *to, const float *dout, int which)
 {
+    int64_t height = self->out_height, width = self->out_width;
+    int sums = (which & FIRST_CHUNK) != 0 && to->dbias != NULL;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t o = 0; o < self->spec.out; o++) {
-        v2v_rows_output_turned(&chunk->rows, chunk->output + o * TILES, self->out8,
-                               dout + o * self->out_height * self->out_width);
+        const float *plane = dout + o * height * width;
+        if (sums) {
+            float sum = (float)v2v_pixels_sum(plane, height, width);
+            to->dbias[o] = to->sets ? sum : to->dbias[o] + sum;
+        }
+        v2v_rows_output_turned(&chunk->rows, chunk->output + o * TILES, self->out8, plane);
     }
 }
 
 /* Planes of one owner overlap: one thread adds to them, in the list's order. Those that are set are
- * cleared by that thread, whose cache then holds them. Rows of tiles overlap, too: they are added
- * in their order, so that the sums are the same in an image and in slabs of it. */
+ * cleared by that thread, whose cache then holds them, and taken back through the activation before
+ * they leave it. Rows of tiles overlap, too: they are added in their order, so that the sums are
+ * the same in an image and in slabs of it. */
 static void add_input_gradient(const struct v2v_winograd *self, const struct chunk *chunk,
-                               float *base, int is_first)
+                               const struct v2v_gradients *to, const float *base, int which)
 {
     int64_t in = self->spec.in, image = (self->spec.height >> self->spec.half) * self->spec.pitch;
-    int clears = is_first && self->spec.sets;
+    int clears = (which & FIRST_CHUNK) != 0 && self->spec.sets;
+    int activates = (which & LAST_CHUNK) != 0 && to->in_slope > 0.0f;
     const struct v2v_plane *plane = self->plane;
     struct rows rows = chunk->rows;
     rows.in_order = 1;
-#pragma omp parallel for schedule(dynamic) num_threads(self->threads)
+    V2V_ASSERT(self->spec.sets || !activates);
+#pragma omp parallel for schedule(dynamic, PANEL_ROWS) num_threads(self->threads)
     for (int64_t first = 0; first < in; first++) {
         if (first > 0 && plane[first].owner == plane[first - 1].owner) {
             continue;
         }
         for (int64_t i = first; i < in && plane[i].owner == plane[first].owner; i++) {
+            float *din = to->din + plane[i].offset;
             if (clears) {
-                memset(base + plane[i].offset, 0, (size_t)image * sizeof *base);
+                memset(din, 0, (size_t)image * sizeof *din);
             }
-            v2v_rows_input_turned(&rows, base, &plane[i], chunk->dinput + i * TILES, self->in8);
+            v2v_rows_input_turned(&rows, to->din, &plane[i], chunk->dinput + i * TILES, self->in8);
+            if (activates) {
+                v2v_pixels_activate_turned(din, base + plane[i].offset, image, to->in_slope);
+            }
         }
     }
 }
@@ -333,14 +351,19 @@ static inline __attribute__((always_inline)) void fetch(const float *next, int64
     }
 }
 
+/* Lines that each of `products` asks for, to have `floats` in the end. */
+static int64_t lines_each(int64_t floats, int64_t products)
+{
+    return (floats / WINOGRAD_LINE + products - 1) / products;
+}
+
 /* sums[panel][rows][32] = (add: +=) left times right. Every product asks for its part of what is
  * taken of the next panel, for that went past the caches; behind the last panel comes the first
  * one's part of the next pass, the channels after these. */
 static void multiply_share(const struct v2v_winograd *self, const struct chunk *chunk, float *sums,
                            const struct share *share, int add)
 {
-    int64_t products = share->rows / PANEL_ROWS;
-    int64_t lines = (DEPTH * TILES / WINOGRAD_LINE + products - 1) / products;
+    int64_t lines = lines_each(DEPTH * TILES, share->rows / PANEL_ROWS);
     for (int64_t panel = 0; panel < chunk->panels; panel++) {
         const float *right = share->right + panel * share->channels * TILES;
         const float *next = panel + 1 < chunk->panels ? right + share->channels * TILES
@@ -440,10 +463,14 @@ static void pack_outputs(const struct v2v_winograd *self, float *pack, const flo
 }
 
 /* gradient[point][out/32][in8][32] (+)= sum over the chunk's tiles. A panel of outputs stays in the
- * first-level cache while all inputs pass. */
+ * first-level cache while all inputs pass. Every product asks for its part of the next run's
+ * operands, which lie behind this one's. */
 static void multiply_weights(const struct v2v_winograd *self, const struct chunk *chunk, int add)
 {
     int64_t in8 = self->in8, tiles = chunk->panels * TILES;
+    int64_t products = self->out32 / TILES * (in8 / PANEL_ROWS);
+    int64_t in_lines = lines_each(DEPTH * in8, products);
+    int64_t out_lines = lines_each(DEPTH * self->out8, products);
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t point = 0; point < WINOGRAD_VALUES; point++) {
         const float *input = chunk->input + point * v2v_rows_point(chunk->panels, in8);
@@ -452,12 +479,18 @@ static void multiply_weights(const struct v2v_winograd *self, const struct chunk
         float *left = thread_pack(self, chunk), *right = left + DEPTH * in8;
         for (int64_t t = 0; t < tiles; t += DEPTH) {
             int64_t depth = v2v_smaller(DEPTH, tiles - t);
+            const float *next_in = input + (t + depth) * in8;
+            const float *next_out = output + (t + depth) * self->out8;
             for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
                 turn_tiles(self, left + i * depth, PANEL_ROWS, input, in8, i, t, depth);
             }
             for (int64_t o = 0; o < self->out32; o += TILES) {
                 pack_outputs(self, right, output, o, t, depth);
                 for (int64_t i = 0; i < in8; i += PANEL_ROWS) {
+                    fetch(next_in, in_lines);
+                    fetch(next_out, out_lines);
+                    next_in += in_lines * WINOGRAD_LINE;
+                    next_out += out_lines * WINOGRAD_LINE;
                     self->panel->product(gradient + o * in8 + i * TILES, left + i * depth, right,
                                          depth, add || t > 0);
                 }
@@ -515,21 +548,44 @@ void v2v_winograd_forward(struct v2v_winograd *self, float *out, const float *ba
     self->is_kept = self->kept != NULL;
 }
 
-static void add_weights_gradient(const struct v2v_winograd *self, float *dweight,
-                                 const float *gradient)
+/* Inputs whose taps are written in one go. */
+enum { GO = PANEL_ROWS };
+
+/* [count][9 inputs]: the gradient of `inputs` filters of `count` outputs, a multiple of 8, from
+ * input `i` on. */
+static void turn_gradient(const struct v2v_winograd *self, float (*taps)[9 * GO],
+                          const float *gradient, int64_t i, int64_t inputs, int64_t count)
+{
+    float apart[9 * GO * TILES];
+    for (int64_t n = 0; n < inputs; n++) {
+        self->kernel->weights_turned(apart + n * 9 * TILES, TILES, gradient + (i + n) * TILES,
+                                     gradient_point(self), count);
+    }
+    for (int64_t row = 0; row < 9 * inputs; row += PANEL_ROWS) {
+        for (int64_t o = 0; o < count; o += PANEL_ROWS) {
+            self->panel->turn(taps[o] + row, 9 * GO, apart + row * TILES + o, TILES);
+        }
+    }
+}
+
+static void give_weights_gradient(const struct v2v_winograd *self, const struct v2v_gradients *to,
+                                  const float *gradient)
 {
     int64_t in = self->spec.in, out = self->spec.out;
 #pragma omp parallel for schedule(static) num_threads(self->threads)
     for (int64_t first = 0; first < out; first += TILES) {
         int64_t count = v2v_smaller(TILES, out - first);
-        float taps[9 * TILES];
-        for (int64_t i = 0; i < in; i++) {
-            self->kernel->weights_turned(taps, TILES, gradient + first * self->in8 + i * TILES,
-                                         gradient_point(self), count);
+        int64_t filled = v2v_smaller(TILES, self->out8 - first);
+        float taps[TILES][9 * GO];
+        for (int64_t i = 0; i < in; i += GO) {
+            int64_t inputs = v2v_smaller(GO, in - i);
+            turn_gradient(self, taps, gradient + first * self->in8, i, inputs, filled);
             for (int64_t o = 0; o < count; o++) {
-                float *to = dweight + ((first + o) * in + i) * 9;
-                for (int64_t k = 0; k < 9; k++) {
-                    to[k] += taps[k * TILES + o];
+                float *row = to->dweight + ((first + o) * in + i) * 9;
+                if (to->sets) {
+                    memcpy(row, taps[o], (size_t)(9 * inputs) * sizeof *row);
+                } else {
+                    v2v_pixels_add(row, taps[o], 9 * inputs);
                 }
             }
         }
@@ -537,7 +593,7 @@ static void add_weights_gradient(const struct v2v_winograd *self, float *dweight
 }
 
 /* The gradient of the input comes last: it may take the place of the input's values. */
-void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweight,
+void v2v_winograd_backward(struct v2v_winograd *self, const struct v2v_gradients *to,
                            const float *base, const float *dout)
 {
     float *gradient = NULL;
@@ -545,8 +601,9 @@ void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweig
     for (int64_t first = 0; first < self->tiles.rows; first += rows) {
         struct chunk chunk = chunk_at(self, first);
         rows = chunk.rows.runs;
-        transform_output_gradient(self, &chunk, dout);
-        if (dweight != NULL) {
+        int which = (first == 0) * FIRST_CHUNK + (first + rows == self->tiles.rows) * LAST_CHUNK;
+        transform_output_gradient(self, &chunk, to, dout, which);
+        if (to->dweight != NULL) {
             if (!self->is_kept) {
                 transform_input(self, &chunk, base);
             }
@@ -555,13 +612,13 @@ void v2v_winograd_backward(struct v2v_winograd *self, float *dbase, float *dweig
             multiply_weights(self, &chunk, first > 0);
             gradient = chunk.gradient;
         }
-        if (dbase != NULL) {
+        if (to->din != NULL) {
             multiply_data(self, &chunk);
-            add_input_gradient(self, &chunk, dbase, first == 0);
+            add_input_gradient(self, &chunk, to, base, which);
         }
     }
-    if (dweight != NULL) {
-        add_weights_gradient(self, dweight, gradient);
+    if (to->dweight != NULL) {
+        give_weights_gradient(self, to, gradient);
     }
     self->is_kept = 0;
 }

@@ -300,6 +300,18 @@ static void lines_to_values(const struct rows *rows, winograd_axis *axis, float 
     }
 }
 
+/* Ask memory for the values of the next channel, which lie behind this one's: a thread takes back
+ * one after the other. Inline, or the compiler would take it for a function without effect. */
+static inline __attribute__((always_inline)) void fetch_values(const float *values, int64_t point,
+                                                               int64_t count)
+{
+    for (int64_t j = 0; j < POINTS; j++) {
+        for (int64_t t = 0; t < count; t += WINOGRAD_LINE) {
+            __builtin_prefetch(values + j * POINTS * point + PANEL_COLUMNS + t, 0, 2);
+        }
+    }
+}
+
 static void values_to_lines(const struct rows *rows, winograd_axis *axis,
                             const struct scratch *scratch, const float *values, int64_t channels,
                             const struct batch *batch)
@@ -309,8 +321,10 @@ static void values_to_lines(const struct rows *rows, winograd_axis *axis,
     for (int64_t tile = 0; tile < batch->tiles; tile += span.count) {
         span = span_at(batch, tile, channels);
         for (int64_t j = 0; j < POINTS; j++) {
-            axis(scratch->points + j * scratch->step + tile, POINTS * scratch->step,
-                 values + span.offset + j * point, POINTS * point, span.count);
+            const float *from = values + span.offset + j * point;
+            fetch_values(from, point, span.count);
+            axis(scratch->points + j * scratch->step + tile, POINTS * scratch->step, from,
+                 POINTS * point, span.count);
         }
     }
 }

@@ -251,7 +251,7 @@ static void keep_rows(const struct v2v_trainer *trainer, float *volume)
     }
 }
 
-/* Forward, losses and backward of one sample: adds to the gradients. The ranks of a shard compute
+/* Forward, losses and backward of one sample: sets the gradients. The ranks of a shard compute
  * the same losses of whole volumes; one of them reports. Collective(shard, pair). */
 static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 {
@@ -290,9 +290,9 @@ static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int6
                                      .first = round == 0,
                                      .last = round == trainer->rounds - 1,
                                      .factor = 1.0f / (float)batch};
-    v2v_bulk_clear(setup.x, total);
     v2v_bucket_sum_begin(trainer->buckets, &setup);
     if (grid->idle || sample >= batch) {
+        v2v_bulk_clear(setup.x, total);
         v2v_bucket_sum_ready(trainer->buckets, 0, total);
         goto finish;
     }

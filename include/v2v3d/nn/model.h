@@ -127,9 +127,9 @@ void v2v_model_watch_gradients(struct v2v_model *model,
                                void (*ready)(void *context, int64_t first, int64_t count),
                                void *context);
 
-/** Add to the gradients what the last forward makes of dL/dvolume [z,rows,x]. With several slabs
- *  they are overwritten: the encoder's by the sum over all slabs, the U-Nets' by that over this
- *  rank's; the sum over the shard, in the order of its ranks, is left to the caller.
+/** Set the gradients to what the last forward makes of dL/dvolume [z,rows,x]; with several slabs
+ *  the encoder's to the sum over all of them, the U-Nets' to that over this rank's; the sum over
+ * the shard, in the order of its ranks, is left to the caller.
  *  @kind Collective(shard) */
 void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const float *dvolume2);
 

@@ -24,6 +24,7 @@
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/op/blocked.h"
+#include "v2v3d/op/gradients.h"
 #include "v2v3d/op/lines.h"
 #include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
@@ -107,9 +108,10 @@ void v2v_conv_backward_data(struct v2v_conv *conv, float *din, const float *dout
 void v2v_conv_backward_weights(struct v2v_conv *conv, float *dweight, float *dbias, const float *in,
                                const float *dout);
 
-/** Both, to the same bits; faster where they share work. @kind Local. */
-void v2v_conv_backward(struct v2v_conv *conv, float *din, float *dweight, float *dbias,
-                       const float *in, const float *dout);
+/** All that is wanted, to the same bits; faster where it shares work. @param in the input of the
+ *  forward pass, after its activation where there was one. @kind Local. */
+void v2v_conv_backward(struct v2v_conv *conv, const struct v2v_gradients *to, const float *in,
+                       const float *dout);
 
 /** dbias [channels] += sums over batch and pixels of dout [batch,channels,rows,columns]: rows in
  *  float32, their sums in double precision, one addition each. @kind Local. */

@@ -2,6 +2,7 @@
 #define V2V3D_OP_WINOGRAD_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/op/gradients.h"
 #include "v2v3d/op/pool.h"
 #include "v2v3d/op/tiles.h"
 #include "v2v3d/op/workspace.h"
@@ -69,11 +70,11 @@ struct v2v_winograd_part {
 void v2v_winograd_forward_part(struct v2v_winograd *winograd, float *out, const float *base,
                                const struct v2v_winograd_part *part);
 
-/** Planes at `dbase` += adjoint of the convolution applied to dout [out,y,x], or are set to it (see
- * `sets`); dweight [out,in,3,3] += gradient of the weights for the planes at `base`. One that is
- * NULL is left out, both share one transform of dout. The sums' order depends on the sizes alone.
- * @kind Local. */
-void v2v_winograd_backward(struct v2v_winograd *winograd, float *dbase, float *dweight,
+/** Planes at `to->din` += adjoint of the convolution applied to dout [out,y,x], or are set to it
+ *  (see `sets`, which an activation before the input asks for); weights' gradient [out,in,3,3] for
+ *  the planes at `base`, after their activation. All share one transform of dout. The sums' order
+ *  depends on the sizes alone. @kind Local. */
+void v2v_winograd_backward(struct v2v_winograd *winograd, const struct v2v_gradients *to,
                            const float *base, const float *dout);
 
 #ifdef __cplusplus

@@ -92,7 +92,6 @@ static struct outcome run(const struct v2v_model_spec *spec, int64_t height, int
                                     draw_gradient(height, outcome.rows, 1)};
         outcome.fields = v2v_model_fields(model)->total;
         assert_ok(V2V_ALLOC(outcome.gradients, "test", outcome.fields));
-        memset(v2v_model_gradients(model), 0, (size_t)outcome.fields * sizeof(float));
         v2v_model_backward(model, dvolume[0], dvolume[1]);
         memcpy(outcome.gradients, v2v_model_gradients(model),
                (size_t)outcome.fields * sizeof(float));

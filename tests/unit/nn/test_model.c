@@ -415,16 +415,54 @@ static void a_plan_leaves_room_for_others(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
-static void run_training(struct v2v_model *model, float *gradients)
+/* `left`: what lies in the gradients before they are set. */
+static void run_training(struct v2v_model *model, float *gradients, float left)
 {
     static float volume[BRANCHES][VOXELS], dvolume[VOXELS];
     int64_t floats = v2v_model_fields(model)->total;
     fill(views, VIEWS * PIXELS, 0);
     fill(dvolume, VOXELS, 5);
-    memset(v2v_model_gradients(model), 0, (size_t)floats * sizeof *gradients);
     v2v_model_forward(model, volume[0], volume[1], views);
+    for (int64_t i = 0; i < floats; i++) {
+        v2v_model_gradients(model)[i] = left;
+    }
     v2v_model_backward(model, dvolume, dvolume);
     memcpy(gradients, v2v_model_gradients(model), (size_t)floats * sizeof *gradients);
+}
+
+/* However the layers are computed, but for the padding between fields. */
+static void gradients_are_set_whatever_lay_there(void **state)
+{
+    (void)state;
+    static const struct {
+        int backend, winograd, every_slice;
+    } ways[] = {{V2V_BACKEND_ONEDNN, 1, 0},
+                {V2V_BACKEND_ONEDNN, 1, 1},
+                {V2V_BACKEND_ONEDNN, 0, 0},
+                {V2V_BACKEND_OPENBLAS, 0, 0}};
+    for (size_t way = 0; way < sizeof ways / sizeof *ways; way++) {
+        struct v2v_model_spec spec = small;
+        float *gradients[2];
+        spec.backend = ways[way].backend;
+        spec.winograd = ways[way].winograd;
+        spec.every_slice = ways[way].every_slice;
+        struct v2v_model *model = create(&spec);
+        const struct v2v_fields *fields = v2v_model_fields(model);
+        assert_ok(v2v_model_plan(model, SIDE, SIDE, 1));
+        for (int i = 0; i < 2; i++) {
+            assert_ok(V2V_ALLOC(gradients[i], "test", fields->total));
+            run_training(model, gradients[i], 7.0f * (float)i);
+        }
+        for (int64_t i = 0; i < fields->count; i++) {
+            const struct v2v_field *field = &fields->item[i];
+            assert_memory_equal(gradients[0] + field->offset, gradients[1] + field->offset,
+                                (size_t)field->count * sizeof **gradients);
+        }
+        v2v_mem_free(gradients[0]);
+        v2v_mem_free(gradients[1]);
+        v2v_model_destroy(&model);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
 }
 
 static void training_under_a_memory_limit_gives_the_same_bits(void **state)
@@ -444,7 +482,7 @@ static void training_under_a_memory_limit_gives_the_same_bits(void **state)
         v2v_mem_set_limit(i > 0 ? held[0] - 1 : 0);
         assert_ok(v2v_model_plan(model, SIDE, SIDE, 1));
         held[i] = v2v_mem_held();
-        run_training(model, gradients[i]);
+        run_training(model, gradients[i], 0.0f);
         v2v_model_destroy(&model);
     }
     v2v_mem_set_limit(0);
@@ -644,6 +682,7 @@ int main(void)
         cmocka_unit_test(skipping_keeps_what_holds_light),
         cmocka_unit_test(a_memory_limit_shares_weights_then_makes_strips_smaller),
         cmocka_unit_test(a_plan_leaves_room_for_others),
+        cmocka_unit_test(gradients_are_set_whatever_lay_there),
         cmocka_unit_test(training_under_a_memory_limit_gives_the_same_bits),
         cmocka_unit_test(described_work_is_what_a_plan_takes),
         cmocka_unit_test(replanning_for_another_size_and_back_gives_the_same_bits),

@@ -310,10 +310,12 @@ static void sums_in_bf16_are_float32(void **unused)
     }
 }
 
-/** din is overwritten whatever it held, dweight and dbias are added to. */
-static void both_gradients_at_once_are_those_one_by_one(void **state)
+/** din is overwritten whatever it held and taken back through the activation before it, dweight and
+ *  dbias are added to. */
+static void all_gradients_at_once_are_those_one_by_one(void **state)
 {
     (void)state;
+    static const float SLOPE = 0.25f;
     enum { BATCH = 2, IN = 5, OUT = 7, SIDE = 10, WEIGHTS = OUT * IN * 9 };
     static const struct v2v_conv_backend *const all[] = {&v2v_conv_direct, &v2v_conv_onednn,
                                                          &v2v_conv_openblas, &v2v_conv_winograd};
@@ -342,9 +344,12 @@ static void both_gradients_at_once_are_those_one_by_one(void **state)
         struct v2v_conv *conv = NULL;
         assert_ok(v2v_conv_create_with(&conv, &spec, all[i / 2]));
         v2v_conv_set_weights(conv, weight, bias);
-        v2v_conv_backward(conv, din[0], dweight[0], dbias[0], in, dout);
+        struct v2v_gradients to = {
+            .din = din[0], .dweight = dweight[0], .dbias = dbias[0], .in_slope = SLOPE};
+        v2v_conv_backward(conv, &to, in, dout);
         v2v_conv_backward_weights(conv, dweight[1], dbias[1], in, dout);
         v2v_conv_backward_data(conv, din[1], dout);
+        v2v_leaky_backward(din[1], din[1], in, inputs, SLOPE);
         assert_memory_equal(din[0], din[1], (size_t)inputs * sizeof *in);
         assert_memory_equal(dweight[0], dweight[1], WEIGHTS * sizeof *in);
         assert_memory_equal(dbias[0], dbias[1], OUT * sizeof *in);
@@ -522,7 +527,7 @@ int main(void)
         cmocka_unit_test(frames_of_several_strips_in_bf16_err_by_rounding),
         cmocka_unit_test(sums_in_bf16_are_float32),
         cmocka_unit_test(bf16_takes_large_layers_of_3_x_3_alone),
-        cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
+        cmocka_unit_test(all_gradients_at_once_are_those_one_by_one),
         cmocka_unit_test(fused_activation_is_the_separate_one),
         cmocka_unit_test(
             few_channels_take_the_direct_kernel_many_tiles_winograd_others_the_backend),

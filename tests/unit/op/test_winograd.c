@@ -5,6 +5,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/op/activation.h"
 #include "v2v3d/op/winograd.h"
 
 #include <math.h>
@@ -148,6 +149,13 @@ static void fixture_fini(struct fixture *f)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+static void backward(struct v2v_winograd *winograd, float *din, float *dweight, const float *in,
+                     const float *dout)
+{
+    struct v2v_gradients to = {.din = din, .dweight = dweight};
+    v2v_winograd_backward(winograd, &to, in, dout);
+}
+
 /* `terms` products a sum. */
 static void assert_close(const struct fixture *f, const float *x, int64_t count, int64_t terms)
 {
@@ -191,7 +199,7 @@ static void gradient_of_the_data_is_added_and_equals_the_twin(void **state)
             f.value[i] += (double)f.din[i];
             f.moduli[i] += fabs((double)f.din[i]);
         }
-        v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
+        backward(f.winograd, f.din, NULL, NULL, f.dout);
         assert_close(&f, f.din, f.small_floats, f.spec.out);
         fixture_fini(&f);
     }
@@ -208,8 +216,8 @@ static void gradient_of_the_data_is_set(void **state)
         fixture_init(&f, &problems[i]);
         fixture_init(&setting, &with);
         memset(f.din, 0, (size_t)f.small_floats * sizeof *f.din);
-        v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
-        v2v_winograd_backward(setting.winograd, setting.din, NULL, NULL, setting.dout);
+        backward(f.winograd, f.din, NULL, NULL, f.dout);
+        backward(setting.winograd, setting.din, NULL, NULL, setting.dout);
         assert_memory_equal(f.din, setting.din, (size_t)f.small_floats * sizeof *f.din);
         fixture_free(&f);
         fixture_fini(&setting);
@@ -228,8 +236,8 @@ static void gradient_of_the_data_has_the_same_bits_whatever_the_chunks(void **st
     rows.chunk_floats = 1;
     fixture_init(&f, &whole);
     fixture_init(&one_by_one, &rows);
-    v2v_winograd_backward(f.winograd, f.din, NULL, NULL, f.dout);
-    v2v_winograd_backward(one_by_one.winograd, one_by_one.din, NULL, NULL, one_by_one.dout);
+    backward(f.winograd, f.din, NULL, NULL, f.dout);
+    backward(one_by_one.winograd, one_by_one.din, NULL, NULL, one_by_one.dout);
     assert_memory_equal(f.din, one_by_one.din, (size_t)f.small_floats * sizeof *f.din);
     fixture_free(&one_by_one);
     fixture_fini(&f);
@@ -247,7 +255,7 @@ static void gradient_of_the_weights_is_added_and_equals_the_twin(void **state)
             /* every tile sees all of its values, though a tap near the border has fewer pixels */
             f.moduli[i] += fabs((double)f.dweight[i]) + (double)(f.spec.height * f.spec.width);
         }
-        v2v_winograd_backward(f.winograd, NULL, f.dweight, f.small, f.dout);
+        backward(f.winograd, NULL, f.dweight, f.small, f.dout);
         assert_close(&f, f.dweight, f.weights, f.spec.height * f.spec.width / 16);
         fixture_fini(&f);
     }
@@ -260,13 +268,33 @@ static void both_gradients_at_once_are_those_one_by_one(void **state)
         struct fixture f;
         fixture_init(&f, &problems[j]);
         float *din = draw(f.small_floats, 7), *dweight = draw(f.weights, 8);
-        v2v_winograd_backward(f.winograd, f.din, f.dweight, f.small, f.dout);
-        v2v_winograd_backward(f.winograd, din, NULL, NULL, f.dout);
-        v2v_winograd_backward(f.winograd, NULL, dweight, f.small, f.dout);
+        backward(f.winograd, f.din, f.dweight, f.small, f.dout);
+        backward(f.winograd, din, NULL, NULL, f.dout);
+        backward(f.winograd, NULL, dweight, f.small, f.dout);
         assert_memory_equal(f.din, din, (size_t)f.small_floats * sizeof *din);
         assert_memory_equal(f.dweight, dweight, (size_t)f.weights * sizeof *dweight);
         v2v_mem_free(din);
         v2v_mem_free(dweight);
+        fixture_fini(&f);
+    }
+}
+
+/* In one chunk or in many: the bits of doing it afterwards. */
+static void an_activation_before_the_input_is_taken_back(void **state)
+{
+    (void)state;
+    for (int j = 0; j < PROBLEMS; j++) {
+        struct fixture f;
+        struct problem p = problems[j];
+        p.sets = 1;
+        fixture_init(&f, &p);
+        float *din = draw(f.small_floats, 7);
+        struct v2v_gradients to = {.din = f.din, .in_slope = 0.25f};
+        v2v_winograd_backward(f.winograd, &to, f.small, f.dout);
+        backward(f.winograd, din, NULL, NULL, f.dout);
+        v2v_leaky_backward(din, din, f.small, f.small_floats, 0.25f);
+        assert_memory_equal(f.din, din, (size_t)f.small_floats * sizeof *din);
+        v2v_mem_free(din);
         fixture_fini(&f);
     }
 }
@@ -286,8 +314,8 @@ static void kept_inputs_have_the_bits_of_transforming_again(void **state)
         assert_memory_equal(f.out, keeping.out, (size_t)f.out_floats * sizeof *f.out);
         for (int pass = 0; pass < 2; pass++) {
             const float *in = pass == 0 ? NULL : keeping.small; /* kept: not read */
-            v2v_winograd_backward(f.winograd, f.din, f.dweight, f.small, f.dout);
-            v2v_winograd_backward(keeping.winograd, keeping.din, keeping.dweight, in, keeping.dout);
+            backward(f.winograd, f.din, f.dweight, f.small, f.dout);
+            backward(keeping.winograd, keeping.din, keeping.dweight, in, keeping.dout);
             assert_memory_equal(f.din, keeping.din, (size_t)f.small_floats * sizeof *f.din);
             assert_memory_equal(f.dweight, keeping.dweight, (size_t)f.weights * sizeof *f.dweight);
         }
@@ -353,7 +381,7 @@ static void shifted_planes_of_one_owner_read_and_add_up(void **state)
         }
     }
     assert_true(fabs(sum - out[4 * SIDE + 1]) <= GROWTH * EPSILON * 27.0);
-    v2v_winograd_backward(winograd, dimage, NULL, NULL, dout);
+    backward(winograd, dimage, NULL, NULL, dout);
     for (int i = 0; i < OUT * SIDE * SIDE; i++) {
         whole += (double)out[i] * dout[i];
     }
@@ -592,6 +620,7 @@ int main(void)
         cmocka_unit_test(gradient_of_the_data_has_the_same_bits_whatever_the_chunks),
         cmocka_unit_test(gradient_of_the_weights_is_added_and_equals_the_twin),
         cmocka_unit_test(both_gradients_at_once_are_those_one_by_one),
+        cmocka_unit_test(an_activation_before_the_input_is_taken_back),
         cmocka_unit_test(kept_inputs_have_the_bits_of_transforming_again),
         cmocka_unit_test(relative_error_stays_small_with_many_channels),
         cmocka_unit_test(parts_have_the_bits_of_the_whole_and_leave_the_rest_alone),
