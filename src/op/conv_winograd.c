@@ -87,14 +87,23 @@ static void forward_tiles(void *opaque, float *out, const float *in, const struc
     v2v_winograd_forward_part(state->winograd, out, in, &part);
 }
 
+/* Of several images: their sum is one addition. */
+static void give_bias_gradient(const struct state *state, const struct v2v_gradients *to,
+                               const float *dout)
+{
+    if (to->sets) {
+        memset(to->dbias, 0, (size_t)state->out * sizeof *to->dbias);
+    }
+    v2v_bias_gradient(to->dbias, dout, state->batch, state->out, state->out_height,
+                      state->out_width);
+}
+
 static void backward(void *opaque, const struct v2v_gradients *to, const float *in,
                      const float *dout)
 {
     struct state *state = opaque;
-    if (to->dbias != NULL && state->batch > 1) { /* one addition for all images */
-        memset(to->dbias, 0, to->sets ? (size_t)state->out * sizeof *to->dbias : 0);
-        v2v_bias_gradient(to->dbias, dout, state->batch, state->out, state->out_height,
-                          state->out_width);
+    if (state->batch > 1 && to->dbias != NULL) {
+        give_bias_gradient(state, to, dout);
     }
     for (int64_t n = 0; n < state->batch; n++) {
         struct v2v_gradients image = *to;
