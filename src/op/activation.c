@@ -1,4 +1,5 @@
 #include "v2v3d/op/activation.h"
+#include "op/pixels.h"
 #include "op/simd.h"
 
 /** Elements that one thread takes at a time: 256 KB stay in a core's second-level cache. */
@@ -10,16 +11,6 @@ static void forward_block(float *out, const float *in, int64_t count, float slop
 #pragma omp simd
     for (int64_t i = 0; i < count; i++) {
         out[i] = in[i] > 0.0f ? in[i] : slope * in[i];
-    }
-}
-
-V2V_SIMD_CLONES
-static void backward_block(float *din, const float *dout, const float *y, int64_t count,
-                           float slope)
-{
-#pragma omp simd
-    for (int64_t i = 0; i < count; i++) {
-        din[i] = y[i] > 0.0f ? dout[i] : slope * dout[i];
     }
 }
 
@@ -40,6 +31,6 @@ void v2v_leaky_backward(float *din, const float *dout, const float *y, int64_t c
 {
 #pragma omp parallel for schedule(static) if (count > BLOCK)
     for (int64_t i = 0; i < count; i += BLOCK) {
-        backward_block(din + i, dout + i, y + i, block_length(i, count), slope);
+        v2v_pixels_activate_turned(din + i, dout + i, y + i, block_length(i, count), slope);
     }
 }

@@ -82,11 +82,12 @@ void v2v_pixels_activate(float *restrict line, int64_t count, float bias, float 
 }
 
 V2V_SIMD_CLONES
-void v2v_pixels_activate_turned(float *restrict din, const float *restrict y, int64_t count,
+void v2v_pixels_activate_turned(float *din, const float *dout, const float *y, int64_t count,
                                 float slope)
 {
+#pragma omp simd
     for (int64_t x = 0; x < count; x++) {
-        din[x] = y[x] > 0.0f ? din[x] : slope * din[x];
+        din[x] = y[x] > 0.0f ? dout[x] : slope * dout[x];
     }
 }
 

@@ -20,8 +20,9 @@ void v2v_pixels_repeat_turned(float *row, const float *line, int64_t x0, int64_t
 /** line = leaky(line + bias) */
 void v2v_pixels_activate(float *line, int64_t count, float bias, float slope);
 
-/** din = din * (y > 0 ? 1 : slope), y the output of the activation. */
-void v2v_pixels_activate_turned(float *din, const float *y, int64_t count, float slope);
+/** v2v_leaky_backward by one thread. */
+void v2v_pixels_activate_turned(float *din, const float *dout, const float *y, int64_t count,
+                                float slope);
 
 /** Rows in float32, their sums in double precision. */
 double v2v_pixels_sum(const float *plane, int64_t rows, int64_t columns);

@@ -327,7 +327,7 @@ static void add_input_gradient(const struct v2v_winograd *self, const struct chu
             }
             v2v_rows_input_turned(&rows, to->din, &plane[i], chunk->dinput + i * TILES, self->in8);
             if (activates) {
-                v2v_pixels_activate_turned(din, base + plane[i].offset, image, to->in_slope);
+                v2v_pixels_activate_turned(din, din, base + plane[i].offset, image, to->in_slope);
             }
         }
     }

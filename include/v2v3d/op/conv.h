@@ -4,9 +4,9 @@
  *  Purpose: the only room that speaks oneDNN and BLAS. A network layer sees one interface whatever
  *  computes it.
  *  Invariants: arrays are float32 [n,c,y,x], but for the blocked bf16 images (op/blocked.h) that a
- *  specification asks for; gradients of weights are added to, gradients of data are overwritten;
- * primitives, packed weights and scratch are made at creation, nothing is allocated afterwards; the
- * same thread count gives the same bits.
+ *  specification asks for; gradients of weights are added to, or set where v2v_gradients says so,
+ * those of data are overwritten; primitives, packed weights and scratch are made at creation,
+ * nothing is allocated afterwards; the same thread count gives the same bits.
  *
  *  Example (compiled by tests/unit/op):
  *

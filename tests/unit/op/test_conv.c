@@ -311,7 +311,7 @@ static void sums_in_bf16_are_float32(void **unused)
 }
 
 /** din is overwritten whatever it held and taken back through the activation before it, dweight and
- *  dbias are added to. */
+ *  dbias are added to, or set. */
 static void all_gradients_at_once_are_those_one_by_one(void **state)
 {
     (void)state;
@@ -351,6 +351,13 @@ static void all_gradients_at_once_are_those_one_by_one(void **state)
         v2v_conv_backward_data(conv, din[1], dout);
         v2v_leaky_backward(din[1], din[1], in, inputs, SLOPE);
         assert_memory_equal(din[0], din[1], (size_t)inputs * sizeof *in);
+        assert_memory_equal(dweight[0], dweight[1], WEIGHTS * sizeof *in);
+        assert_memory_equal(dbias[0], dbias[1], OUT * sizeof *in);
+        to.sets = 1; /* whatever is left there: as added to zeros */
+        memset(dweight[1], 0, WEIGHTS * sizeof *in);
+        memset(dbias[1], 0, OUT * sizeof *in);
+        v2v_conv_backward(conv, &to, in, dout);
+        v2v_conv_backward_weights(conv, dweight[1], dbias[1], in, dout);
         assert_memory_equal(dweight[0], dweight[1], WEIGHTS * sizeof *in);
         assert_memory_equal(dbias[0], dbias[1], OUT * sizeof *in);
         float *owned[] = {in,     dout,       weight,     bias,     din[0],
