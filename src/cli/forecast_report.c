@@ -53,8 +53,11 @@ static enum v2v_status write_frames(double *seconds, struct v2v_volume_writer *w
     rc = V2V_ALLOC(frame, "check.frame", v2v_mem_product(info->slices, info->height, info->width));
     V2V_TRY(v2v_par_agree(session->world, rc));
     *seconds = v2v_clock_now();
-    V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, frame, rank, 0, info->slices));
-    V2V_TRY(v2v_volume_mark_done(writer, rank));
+    rc = v2v_volume_put(writer, V2V_VOLUME_MEAN, frame, rank, 0, info->slices);
+    if (rc == V2V_OK) {
+        rc = v2v_volume_mark_done(writer, rank, NULL);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
     *seconds = v2v_clock_now() - *seconds;
     v2v_par_max_f64(session->world, seconds, 1);
 done:

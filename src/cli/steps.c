@@ -335,7 +335,7 @@ enum v2v_status v2v_step_write_slices(const struct v2v_session *session,
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices, t, mine.first, mine.count));
-    V2V_TRY(v2v_volume_mark_done(writer, v2v_step_on_root(session) ? t : -1));
+    V2V_TRY(v2v_volume_mark_done(writer, t, session->world));
 done:
     return rc;
 }

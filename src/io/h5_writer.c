@@ -11,26 +11,22 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-/* One collective write moves at most this many bytes a rank: MPI counts are ints, and Open MPI
- * takes as much again for its buffers. */
-#define MOST_ROUND_BYTES ((int64_t)256 << 20)
-
 /* After a failed collective HDF5 can wait for ever in the next one (RELIABILITY.md 4). */
 #define BROKEN_CLOSE_SECONDS 10.0
 
 struct v2v_h5_writer {
     char path[V2V_PATH_BYTES], temporary[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
     const struct v2v_comm *comm;
-    hid_t file, transfer, done, checksum;
+    hid_t file, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
     int64_t shape[4];
-    int64_t *sums, *totals; /* [t] checksums: of what this rank wrote, of all ranks; else NULL */
-    uint8_t *was_done;      /* [t] by the run before; NULL likewise */
-    int lock;               /* rank 0: holds lock_name while this is >= 0 */
-    int resumed;            /* agreed: frames of the run before may be there */
-    int created;            /* agreed: the temporary file may be there */
-    int marked;             /* agreed: mark_done was called */
-    int broken;             /* agreed: HDF5 itself failed in a collective call */
+    int64_t *sums;     /* [t] checksums of what this rank wrote; else NULL */
+    uint8_t *was_done; /* [t] by the run before; NULL likewise */
+    int lock;          /* rank 0: holds lock_name while this is >= 0 */
+    int resumed;       /* agreed: frames of the run before may be there */
+    int created;       /* agreed: the temporary file may be there */
+    int marked;        /* this rank took part in marking a frame */
+    int broken;        /* HDF5 itself failed in a call of this rank, or in a collective one */
 };
 
 /* 0: shape and name are fine and the disk has room for the data. */
@@ -150,7 +146,6 @@ static enum v2v_status allocate_checksums(struct v2v_h5_writer *writer,
     enum v2v_status rc = V2V_OK;
     if (plan->task != NULL && plan->with_done) {
         V2V_TRY(V2V_ALLOC(writer->sums, "io.h5_writer", plan->shape[0]));
-        V2V_TRY(V2V_ALLOC(writer->totals, "io.h5_writer", plan->shape[0]));
         V2V_TRY(V2V_ALLOC(writer->was_done, "io.h5_writer", plan->shape[0]));
     }
 done:
@@ -192,17 +187,15 @@ static enum v2v_status settle(struct v2v_h5_writer *writer, enum v2v_status rc)
     return rc;
 }
 
-/* Local: the properties with which all ranks open and write. */
-static enum v2v_status prepare_access(struct v2v_h5_writer *writer, hid_t *access)
+/* Local: the properties with which all ranks open the file. */
+static enum v2v_status prepare_access(const struct v2v_h5_writer *writer, hid_t *access)
 {
     const int parallel = v2v_comm_size(writer->comm) > 1;
     v2v_h5_quiet();
     *access = H5Pcreate(H5P_FILE_ACCESS);
-    writer->transfer = H5Pcreate(H5P_DATASET_XFER);
-    if (*access < 0 || writer->transfer < 0 || H5Pset_file_locking(*access, 0, 1) < 0 ||
+    if (*access < 0 || H5Pset_file_locking(*access, 0, 1) < 0 ||
         (parallel && (H5Pset_fapl_mpio(*access, v2v_comm_mpi(writer->comm), MPI_INFO_NULL) < 0 ||
-                      H5Pset_coll_metadata_write(*access, 1) < 0 ||
-                      H5Pset_dxpl_mpio(writer->transfer, H5FD_MPIO_COLLECTIVE) < 0))) {
+                      H5Pset_coll_metadata_write(*access, 1) < 0))) {
         return V2V_H5_FAIL(V2V_E_MEMORY, writer->path, "/", "no access properties");
     }
     return V2V_OK;
@@ -270,29 +263,25 @@ int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t)
     return writer->was_done != NULL && writer->was_done[t];
 }
 
-/* One collective transfer: this rank's block, or nothing when its count[0] is 0. */
-static enum v2v_status transfer_block(struct v2v_h5_writer *writer, hid_t set, hid_t type,
-                                      const void *data, int rank, const hsize_t *start,
-                                      const hsize_t *count)
+/* This rank's block of a dataset; the other ranks are not waited for. HDF5 keeps nothing back of a
+ * file that several ranks have open. Local. */
+static enum v2v_status put_block(struct v2v_h5_writer *writer, hid_t set, hid_t type,
+                                 const void *data, int rank, const hsize_t *start,
+                                 const hsize_t *count)
 {
-    enum v2v_status rc = V2V_FAULT_POINT("h5.write");
-    static const hsize_t one[4] = {1, 1, 1, 1};
-    const int empty = count[0] == 0;
-    /* In the file's shape: HDF5 walks through selections of unequal ranks element by element. */
-    hid_t memory = H5Screate_simple(rank, empty ? one : count, NULL);
-    hid_t space = H5Dget_space(set);
-    const herr_t selected =
-        empty ? (H5Sselect_none(space) < 0 || H5Sselect_none(memory) < 0 ? -1 : 0)
-              : H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, count, NULL);
-    if (rc == V2V_OK && (memory < 0 || selected < 0)) {
-        rc = V2V_H5_FAIL(V2V_E_MEMORY, writer->path, "/", "no selection");
+    enum v2v_status rc = V2V_OK;
+    hid_t memory = H5I_INVALID_HID, space = H5I_INVALID_HID;
+    V2V_TRY(V2V_FAULT_POINT("h5.write"));
+    memory = H5Screate_simple(rank, count, NULL);
+    space = H5Dget_space(set);
+    if (memory < 0 || space < 0 ||
+        H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, count, NULL) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_MEMORY, writer->path, "/", "no selection"));
     }
-    V2V_TRY(v2v_par_agree(writer->comm, rc));
-    const float nothing = 0.0f; /* HDF5 wants an address even for an empty selection */
-    if (H5Dwrite(set, type, memory, space, writer->transfer, empty ? &nothing : data) < 0) {
-        rc = V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "writing failed");
+    if (H5Dwrite(set, type, memory, space, H5P_DEFAULT, data) < 0) {
+        writer->broken = 1;
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "writing failed"));
     }
-    V2V_TRY(settle(writer, rc));
 done:
     v2v_h5_close(&space);
     v2v_h5_close(&memory);
@@ -309,105 +298,112 @@ static void add_checksum(struct v2v_h5_writer *writer, int set, const float *ima
                                 v2v_h5_rows_checksum(images, row, count * shape[2], shape[3]));
 }
 
-enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
-                                    int64_t t, int64_t first, int64_t count)
+enum v2v_status v2v_h5_writer_put(struct v2v_h5_writer *writer, int set, const float *images,
+                                  int64_t t, int64_t first, int64_t count)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t *shape = writer->shape;
-    const int64_t image = shape[2] * shape[3];
-    const int64_t fitting = MOST_ROUND_BYTES / (image * (int64_t)sizeof(float));
-    const int64_t most = fitting > 1 ? fitting : 1;
-    int64_t rounds = (count + most - 1) / most;
+    const hsize_t start[4] = {(hsize_t)t, (hsize_t)first, 0, 0};
+    const hsize_t size[4] = {1, (hsize_t)count, (hsize_t)shape[2], (hsize_t)shape[3]};
     V2V_ASSERT(set >= 0 && set < V2V_H5_WRITER_SETS && writer->set[set] > 0);
     V2V_ASSERT(count == 0 || (count > 0 && t >= 0 && t < shape[0] && first >= 0 &&
                               count <= shape[1] && first <= shape[1] - count));
-    v2v_par_max_i64(writer->comm, &rounds, 1);
-    for (int64_t round = 0; round < rounds; round++) {
-        const int64_t done = round * most < count ? round * most : count;
-        const int64_t now = count - done < most ? count - done : most;
-        const hsize_t start[4] = {(hsize_t)t, (hsize_t)(first + done), 0, 0};
-        const hsize_t size[4] = {now > 0 ? 1 : 0, (hsize_t)now, (hsize_t)shape[2],
-                                 (hsize_t)shape[3]};
-        V2V_TRY(transfer_block(writer, writer->set[set], H5T_NATIVE_FLOAT, images + done * image, 4,
-                               start, size));
+    if (count == 0) {
+        return V2V_OK;
     }
-    if (writer->sums != NULL && count > 0) {
+    V2V_TRY(put_block(writer, writer->set[set], H5T_NATIVE_FLOAT, images, 4, start, size));
+    if (writer->sums != NULL) {
         add_checksum(writer, set, images, t, first, count);
     }
 done:
     return rc;
 }
 
-static enum v2v_status flush(struct v2v_h5_writer *writer)
+enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
+                                    int64_t t, int64_t first, int64_t count)
+{
+    return settle(writer, v2v_h5_writer_put(writer, set, images, t, first, count));
+}
+
+/* What this rank wrote goes to the system, and to the disk where a later run may go on with it. A
+ * rank alone has HDF5's buffers before that. Local. */
+static enum v2v_status empty_buffers(struct v2v_h5_writer *writer)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_par_agree(writer->comm, V2V_FAULT_POINT("h5.flush")));
-    if (H5Fflush(writer->file, H5F_SCOPE_GLOBAL) < 0) {
-        rc = V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be flushed");
+    V2V_TRY(V2V_FAULT_POINT("h5.flush"));
+    if (v2v_comm_size(writer->comm) == 1 && H5Fflush(writer->file, H5F_SCOPE_GLOBAL) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be flushed"));
     }
-    V2V_TRY(settle(writer, rc));
+    if (writer->sums != NULL) {
+        V2V_TRY(v2v_file_sync(writer->temporary));
+    }
 done:
     return rc;
 }
 
-/* The checksums of the frames that any rank marks now, out of what every rank wrote of them; each
- * rank puts down those of the frames that it marks itself. */
-static enum v2v_status put_checksums(struct v2v_h5_writer *writer, int64_t first, int64_t count)
-{
-    enum v2v_status rc = V2V_OK;
-    const hsize_t start = (hsize_t)first, size = (hsize_t)count;
-    int64_t ends[2] = {count > 0 ? -first : -writer->shape[0], first + count - 1};
-    v2v_par_max_i64(writer->comm, ends, 2);
-    const int64_t low = -ends[0], frames = ends[1] - low + 1;
-    if (frames <= 0) {
-        goto done;
-    }
-    memcpy(writer->totals, writer->sums + low, (size_t)frames * sizeof *writer->totals);
-    v2v_par_sum_i64(writer->comm, writer->totals, frames);
-    V2V_TRY(transfer_block(writer, writer->checksum, H5T_NATIVE_UINT64,
-                           writer->totals + (count > 0 ? first - low : 0), 1, &start, &size));
-done:
-    return rc;
-}
-
-/* Frames first .. first+count-1 of this rank are done; count may be 0. */
-static enum v2v_status mark(struct v2v_h5_writer *writer, const uint8_t *ones, int64_t first,
-                            int64_t count)
+/* Frames first .. first+count-1 are done, and these are their checksums (NULL: there are none).
+ * Local: one rank does it. */
+static enum v2v_status put_marks(struct v2v_h5_writer *writer, const uint8_t *ones,
+                                 const int64_t *sums, int64_t first, int64_t count)
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t start = (hsize_t)first, size = (hsize_t)count;
     V2V_ASSERT(writer->done > 0 && first >= 0 && first + count <= writer->shape[0]);
-    V2V_TRY(flush(writer));
-    if (writer->sums != NULL) {
-        V2V_TRY(put_checksums(writer, first, count));
+    if (sums != NULL) {
+        V2V_TRY(put_block(writer, writer->checksum, H5T_NATIVE_UINT64, sums, 1, &start, &size));
     }
-    V2V_TRY(transfer_block(writer, writer->done, H5T_NATIVE_UINT8, ones, 1, &start, &size));
-    V2V_TRY(flush(writer));
-    if (writer->sums != NULL && v2v_comm_size(writer->comm) == 1) {
-        V2V_TRY(v2v_file_sync(writer->temporary)); /* MPI-IO's flush does it, the plain one not */
+    V2V_TRY(put_block(writer, writer->done, H5T_NATIVE_UINT8, ones, 1, &start, &size));
+    if (v2v_comm_size(writer->comm) == 1 && H5Fflush(writer->file, H5F_SCOPE_GLOBAL) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be flushed"));
     }
 done:
     return rc;
 }
 
-enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t)
+enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
+                                        const struct v2v_comm *writers)
 {
+    enum v2v_status rc = V2V_OK;
     const uint8_t one = 1;
+    int64_t sum = writer->sums != NULL ? writer->sums[t] : 0;
     writer->marked = 1;
-    return t < 0 ? mark(writer, &one, 0, 0) : mark(writer, &one, t, 1);
+    V2V_TRY(v2v_par_agree(writers, empty_buffers(writer)));
+    v2v_par_sum_i64(writers, &sum, 1);
+    if (v2v_comm_rank(writers) == 0) {
+        rc = put_marks(writer, &one, writer->sums != NULL ? &sum : NULL, t, 1);
+    }
+    V2V_TRY(v2v_par_agree(writers, rc));
+done:
+    return rc;
 }
 
+/* Collective(comm): rank 0 marks all frames. */
 static enum v2v_status mark_all(struct v2v_h5_writer *writer)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t frames = v2v_comm_rank(writer->comm) == 0 ? writer->shape[0] : 0;
     uint8_t *ones = NULL;
-    V2V_TRY(v2v_par_agree(writer->comm, V2V_ALLOC(ones, "io.done", frames)));
+    V2V_TRY(settle(writer, V2V_ALLOC(ones, "io.done", frames)));
+    if (writer->sums != NULL) {
+        v2v_par_sum_i64(writer->comm, writer->sums, writer->shape[0]);
+    }
     memset(ones, 1, (size_t)frames);
-    V2V_TRY(mark(writer, ones, 0, frames));
+    if (frames > 0) {
+        rc = put_marks(writer, ones, writer->sums, 0, frames);
+    }
+    V2V_TRY(settle(writer, rc));
 done:
     v2v_mem_free(ones);
     return rc;
+}
+
+/* Collective(comm): what any rank knows of the file, all know. */
+static void share_state(struct v2v_h5_writer *writer)
+{
+    int64_t state[] = {writer->marked, writer->broken};
+    v2v_par_max_i64(writer->comm, state, 2);
+    writer->marked = (int)state[0];
+    writer->broken = (int)state[1];
 }
 
 /* Close everything; the file itself by H5Fclose, which is collective and tells whether it worked.
@@ -423,7 +419,6 @@ static enum v2v_status close_file(struct v2v_h5_writer *writer)
         rc = V2V_H5_FAIL(V2V_E_IO, writer->path, "/", "can't be closed");
     }
     writer->file = H5I_INVALID_HID;
-    v2v_h5_close(&writer->transfer);
     return rc;
 }
 
@@ -431,6 +426,7 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_writer *own = *writer;
+    share_state(own);
     if (own->done > 0 && !own->marked && !own->resumed) {
         V2V_TRY(mark_all(own));
     }
@@ -465,15 +461,18 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
         close(own->lock);
     }
     v2v_mem_free(own->was_done);
-    v2v_mem_free(own->totals);
     v2v_mem_free(own->sums);
     v2v_mem_free(own);
 }
 
 void v2v_h5_writer_suspend(struct v2v_h5_writer **writer)
 {
-    if (*writer != NULL && (*writer)->sums != NULL && ((*writer)->marked || (*writer)->resumed)) {
-        (*writer)->created = 0; /* so that it isn't removed */
+    struct v2v_h5_writer *own = *writer;
+    if (own != NULL) {
+        share_state(own);
+        if (own->sums != NULL && (own->marked || own->resumed)) {
+            own->created = 0; /* so that it isn't removed */
+        }
     }
     v2v_h5_writer_abandon(writer);
 }

@@ -1,8 +1,9 @@
 /** float32 datasets [t,m,y,x] written by all ranks of a communicator into one HDF5 file.
  *
  *  Rank 0 alone creates the file with everything that describes it and all its space (so that no
- *  rank can disagree about metadata), then all ranks open it and write images collectively. On one
- *  rank the same calls take HDF5's plain driver and need no MPI.
+ *  rank can disagree about metadata), then all ranks open it and write images, each by itself: an
+ *  image is one contiguous piece of the file already. On one rank the same calls take HDF5's plain
+ *  driver and need no MPI.
  */
 #ifndef V2V_IO_H5_WRITER_H
 #define V2V_IO_H5_WRITER_H
@@ -38,14 +39,22 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
 /** Was frame t done before, by the run that this one goes on with? @kind Local. */
 int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t);
 
-/** Images first .. first+count-1 of outer index t; count may be 0; ranks may differ in all but
- *  `set`. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
+/** Images first .. first+count-1 of outer index t; count may be 0. The other ranks are not waited
+ *  for. @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; afterwards the file can only be
+ *  suspended or abandoned */
+enum v2v_status v2v_h5_writer_put(struct v2v_h5_writer *writer, int set, const float *images,
+                                  int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Likewise, of all ranks. @kind Collective(comm); ranks may differ in all arguments. @return
+ *  agreed */
 enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
                                     int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
-/** Flush the data, then set done[t] (t = -1: none from this rank), then flush that: a crash at any
- *  time leaves no frame marked whose data are missing (RELIABILITY.md 4). @kind Collective(comm) */
-enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t) V2V_MUST_CHECK;
+/** Frame t was put by the ranks of `writers`, and by nobody else. Its data go to the disk, then
+ *  done[t] is set: a crash at any time leaves no frame marked whose data are missing
+ *  (RELIABILITY.md 4). @kind Collective(writers). @return V2V_OK | V2V_E_IO; agreed by them */
+enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
+                                        const struct v2v_comm *writers) V2V_MUST_CHECK;
 
 /** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
  *  it succeeded or not. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */

@@ -185,10 +185,18 @@ enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, 
     return v2v_volume_tiff_write(writer->tiff, slices, t, first, count);
 }
 
-enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t)
+enum v2v_status v2v_volume_put(struct v2v_volume_writer *writer, int dataset, const float *slices,
+                               int64_t t, int64_t first, int64_t count)
+{
+    return writer->h5 != NULL ? v2v_h5_writer_put(writer->h5, dataset, slices, t, first, count)
+                              : v2v_volume_write(writer, dataset, slices, t, first, count);
+}
+
+enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t,
+                                     const struct v2v_comm *writers)
 {
     /* A TIFF has no marks: it appears when all its frames are there, or not at all. */
-    return writer->h5 != NULL ? v2v_h5_writer_mark_done(writer->h5, t) : V2V_OK;
+    return writer->h5 != NULL ? v2v_h5_writer_mark_done(writer->h5, t, writers) : V2V_OK;
 }
 
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer)

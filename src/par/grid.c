@@ -121,6 +121,7 @@ enum v2v_status v2v_grid_create(struct v2v_grid *grid, struct v2v_comm *world,
     V2V_TRY(v2v_comm_split(&grid->shard, world, grid->idle ? alone : rank / shards, rank));
     V2V_TRY(v2v_comm_split(&grid->pair, world,
                            grid->idle ? alone : grid->data_rank * shards + grid->shard_rank, rank));
+    V2V_TRY(v2v_comm_split(&grid->sample, world, grid->idle ? alone : grid->data_rank, rank));
     V2V_TRY(v2v_comm_split(&grid->column, world,
                            grid->idle ? alone : grid->branch_rank * shards + grid->shard_rank,
                            rank));
@@ -151,6 +152,7 @@ void v2v_grid_destroy(struct v2v_grid *grid)
 {
     v2v_comm_destroy(&grid->shard);
     v2v_comm_destroy(&grid->pair);
+    v2v_comm_destroy(&grid->sample);
     v2v_comm_destroy(&grid->column);
     *grid = (struct v2v_grid){0};
 }

@@ -5,6 +5,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/par/agreement.h"
 #include "v2v3d/par/slicing.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/pad.h"
@@ -30,7 +31,9 @@ struct job {
     struct v2v_slicing *slicing; /* rows of all ranks of the shard and whole slices; NULL: alone */
     float *whole;                /* [z of this rank,y,x], in an output that was cut already */
     double parts[2];             /* computed of the frames so far, and how many */
+    int branches;                /* are written, too */
     int64_t rounds;              /* done: every attempt gets one further (RELIABILITY 5) */
+    struct v2v_agreement *agreement; /* of all ranks, on the rounds */
 };
 
 /** Local: does this rank compute branch b? An idle rank holds none. */
@@ -101,6 +104,7 @@ static enum v2v_status job_plan(struct job *job)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(job->recording);
+    V2V_TRY(v2v_agreement_create(&job->agreement, job->grid->world));
     V2V_TRY(V2V_ALLOC(job->todo, "recon.frames", info->frames));
     for (int64_t t = 0; t < info->frames; t++) {
         if (!v2v_volume_is_done(job->writer, t)) {
@@ -143,6 +147,7 @@ static void job_fini(struct job *job)
         v2v_mem_free(job->branch[b]);
         v2v_mem_free(job->output[b]);
     }
+    v2v_agreement_destroy(&job->agreement);
     v2v_slicing_destroy(&job->slicing);
     v2v_mem_free(job->mean);
     v2v_mem_free(job->padded);
@@ -176,32 +181,34 @@ static enum v2v_status cut(struct job *job, int b, int64_t t)
     return V2V_OK;
 }
 
-/** Local: the views of frame t, as the network takes them; nothing for t = -1. */
+/** Local: this rank was asked to stop, after its first round. */
+static enum v2v_status heed_stop(const struct job *job)
+{
+    if (job->rounds > 0 && v2v_stop_requested()) {
+        return V2V_FAIL(V2V_STOPPED, "stopped on request");
+    }
+    return V2V_OK;
+}
+
+/** Local: the views of frame t, as the network takes them. */
 static enum v2v_status load(struct job *job, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
-    if (job->rounds > 0 && v2v_stop_requested()) {
-        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request"));
-    }
-    if (t >= 0) {
-        V2V_TRY(v2v_recording_read(job->recording, job->recorded, t));
-        v2v_scaling_apply(job->scaling, job->recorded, job->views * job->height * job->width);
-        v2v_pad_reflect(job->padded, job->recorded, job->views, job->height, job->width,
-                        job->padded_height, job->padded_width);
-    }
+    V2V_TRY(heed_stop(job));
+    V2V_TRY(v2v_recording_read(job->recording, job->recorded, t));
+    v2v_scaling_apply(job->scaling, job->recorded, job->views * job->height * job->width);
+    v2v_pad_reflect(job->padded, job->recorded, job->views, job->height, job->width,
+                    job->padded_height, job->padded_width);
 done:
     return rc;
 }
 
-/** Collective(shard): the volumes of the branches that this rank holds; nothing for t = -1. The
- *  status is this rank's. */
+/** Collective(shard): the volumes of the branches that this rank holds. The status is this rank's.
+ */
 static enum v2v_status compute(struct job *job, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    if (t < 0) {
-        return V2V_OK;
-    }
     v2v_model_forward(job->model, job->output[0], job->output[1], job->padded);
     job->parts[0] += v2v_model_computed_part(job->model);
     job->parts[1] += 1.0;
@@ -242,10 +249,21 @@ static const float *make_slices(struct job *job, const float *rows)
     return job->whole;
 }
 
-/** Collective(world): every rank of a shard gets some slices as a whole. It writes those of its
- *  branch, and a pair's ranks half of the mean each; a rank without a frame takes part with
- *  nothing. */
-static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
+/** Collective(sample): frame t's volumes. The status is that of all its ranks. */
+static enum v2v_status make_frame(struct job *job, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(job->grid->sample, load(job, t)));
+    V2V_TRY(v2v_par_agree(job->grid->sample, compute(job, t)));
+    average(job);
+done:
+    return rc;
+}
+
+/** Collective(world) as v2v_volume_put: every rank of a shard gets some slices as a whole. It puts
+ *  those of its branch, and a pair's ranks half of the mean each; a rank without a frame (t = -1)
+ *  takes part with nothing. The status is this rank's. */
+static enum v2v_status put_frame(struct job *job, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_grid *grid = job->grid;
@@ -257,16 +275,61 @@ static enum v2v_status write_frame(struct job *job, int64_t t, int branches)
         half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
         slices = make_slices(job, job->mean) + half.first * job->height * job->width;
     }
-    V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
-                             half.count));
-    for (int b = 0; branches && b < 2; b++) {
+    rc = v2v_volume_put(job->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
+                        half.count);
+    for (int b = 0; job->branches && b < 2; b++) {
         int is_held = t >= 0 && holds(grid, b);
-        slices = is_held ? make_slices(job, job->branch[b]) : NULL;
-        V2V_TRY(v2v_volume_write(job->writer, V2V_VOLUME_BRANCH1 + b, slices, frame, own.first,
-                                 is_held ? own.count : 0));
+        slices = is_held ? make_slices(job, job->branch[b]) : NULL; /* with the other ranks */
+        if (rc == V2V_OK) {
+            rc = v2v_volume_put(job->writer, V2V_VOLUME_BRANCH1 + b, slices, frame, own.first,
+                                is_held ? own.count : 0);
+        }
     }
-    int marks = t >= 0 && grid->branch_rank == 0 && grid->shard_rank == 0;
-    V2V_TRY(v2v_volume_mark_done(job->writer, marks ? t : -1));
+    return rc;
+}
+
+/** Collective(world) as v2v_volume_put, Collective(sample) but for that: a round of this rank, with
+ *  frame t, or none (t = -1), or after a failure, of which the others do not know yet. The status
+ * is that of the frame's ranks. */
+static enum v2v_status run_round(struct job *job, int64_t t, enum v2v_status earlier)
+{
+    enum v2v_status rc = earlier, put = V2V_OK;
+    const struct v2v_comm *sample = job->grid->sample;
+    if (rc == V2V_OK && t >= 0) {
+        v2v_watchdog_beat("reconstructing a frame");
+        rc = make_frame(job, t);
+    } else if (rc == V2V_OK && job->grid->idle) {
+        rc = heed_stop(job);
+    }
+    int has_frame = rc == V2V_OK && t >= 0;
+    put = put_frame(job, has_frame ? t : -1);
+    if (has_frame) {
+        V2V_TRY(v2v_par_agree(sample, put));
+        V2V_TRY(v2v_volume_mark_done(job->writer, t, sample));
+    }
+    job->rounds++;
+    rc = rc == V2V_OK ? put : rc;
+done:
+    return rc;
+}
+
+/** Collective(world): the frames of all ranks, each rank's as fast as it can. */
+static enum v2v_status run_rounds(struct job *job)
+{
+    enum v2v_status rc = V2V_OK, mine = V2V_OK;
+    const struct v2v_grid *grid = job->grid;
+    struct v2v_progress progress;
+    v2v_progress_begin(&progress, "reconstruct", 0, job->frames);
+    for (int64_t done = 0; done < job->frames; done += grid->data_size) {
+        const int64_t i = done + grid->data_rank;
+        const int64_t t = grid->idle || i >= job->frames ? -1 : job->todo[i];
+        mine = run_round(job, t, mine);
+        v2v_watchdog_beat("waiting for frames of other ranks");
+        V2V_TRY(v2v_agreement_tell(job->agreement, mine));
+        v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, job->frames), NULL);
+    }
+    V2V_TRY(v2v_agreement_end(job->agreement));
+    v2v_progress_end(&progress);
 done:
     return rc;
 }
@@ -284,27 +347,15 @@ enum v2v_status v2v_reconstruct(struct v2v_model *model, struct v2v_recording *r
                                 int branches, const struct v2v_grid *grid, double *computed_part)
 {
     enum v2v_status rc = V2V_OK;
-    struct job job = {
-        .model = model, .recording = recording, .scaling = scaling, .writer = writer, .grid = grid};
-    struct v2v_progress progress;
+    struct job job = {.model = model,
+                      .recording = recording,
+                      .scaling = scaling,
+                      .writer = writer,
+                      .grid = grid,
+                      .branches = branches};
     V2V_TRY(v2v_par_agree(grid->world, job_plan(&job)));
     announce_memory(grid);
-    v2v_progress_begin(&progress, "reconstruct", 0, job.frames);
-    for (int64_t round = 0; round * grid->data_size < job.frames; round++) {
-        const int64_t i = round * grid->data_size + grid->data_rank;
-        const int64_t t = grid->idle || i >= job.frames ? -1 : job.todo[i];
-        v2v_watchdog_beat("reconstructing a frame");
-        V2V_TRY(v2v_par_agree(grid->world, load(&job, t)));
-        V2V_TRY(v2v_par_agree(grid->world, compute(&job, t)));
-        if (t >= 0) { /* the same for all ranks of a frame */
-            average(&job);
-        }
-        V2V_TRY(write_frame(&job, t, branches));
-        job.rounds++;
-        int64_t done = (round + 1) * grid->data_size;
-        v2v_progress_step(&progress, done < job.frames ? done : job.frames, NULL);
-    }
-    v2v_progress_end(&progress);
+    V2V_TRY(run_rounds(&job));
     v2v_par_sum_f64(grid->world, job.parts, 2);
     *computed_part = job.parts[1] > 0.0 ? job.parts[0] / job.parts[1] : 1.0;
 done:

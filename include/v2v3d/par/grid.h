@@ -46,6 +46,7 @@ struct v2v_grid {
     struct v2v_comm *world;  /**< borrowed */
     struct v2v_comm *shard;  /**< ranks that share a branch of a sample: shard_size ranks */
     struct v2v_comm *pair;   /**< ranks that share a slab of a sample: branch_size ranks */
+    struct v2v_comm *sample; /**< ranks that share a sample: branch_size * shard_size ranks */
     struct v2v_comm *column; /**< ranks that hold the same slab and branch: data_size ranks */
 };
 

@@ -28,7 +28,7 @@ static enum v2v_status write_volume(const char *path)
         }
         V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices + part.first * IMAGE, t,
                                  part.first, part.count));
-        V2V_TRY(v2v_volume_mark_done(writer, v2v_comm_rank(test_world()) == 0 ? t : -1));
+        V2V_TRY(v2v_volume_mark_done(writer, t, test_world()));
     }
     V2V_TRY(v2v_volume_finish(&writer));
 done:

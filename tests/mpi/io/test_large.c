@@ -62,8 +62,8 @@ static void the_last_slice_of_a_dataset_above_two_to_31_is_in_its_place(void **s
     v2v_mem_free(slice);
 }
 
-/* Slices of 64 MB: rank 0 brings five, which takes two rounds, the others bring one or none. */
-static void ranks_need_not_have_the_same_number_of_rounds(void **state)
+/* Slices of 64 MB: rank 0 brings five, the others bring one or none. */
+static void ranks_need_not_bring_equally_much(void **state)
 {
     (void)state;
     enum { SIDE = 4000, SLICES = 8 };
@@ -104,7 +104,7 @@ int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_last_slice_of_a_dataset_above_two_to_31_is_in_its_place),
-        cmocka_unit_test(ranks_need_not_have_the_same_number_of_rounds),
+        cmocka_unit_test(ranks_need_not_bring_equally_much),
     };
     return test_mpi_main(tests, argc, argv);
 }

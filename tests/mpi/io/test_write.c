@@ -103,8 +103,8 @@ static void write_own_frames(struct v2v_volume_writer *writer, int mark)
         fill(images, V2V_VOLUME_MEAN, t * SLICES, SLICES);
         assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, mine ? images : NULL, mine ? t : 0, 0,
                                    mine ? SLICES : 0));
-        if (mark) {
-            assert_ok(v2v_volume_mark_done(writer, mine ? t : -1));
+        if (mark && mine) {
+            assert_ok(v2v_volume_mark_done(writer, t, NULL));
         }
     }
 }
@@ -286,7 +286,7 @@ static enum v2v_status attempt(const char *task, int64_t from, int64_t to, int e
         }
         fill(images, V2V_VOLUME_MEAN, t * SLICES + part.first, part.count);
         V2V_TRY(v2v_volume_write(writer, V2V_VOLUME_MEAN, images, t, part.first, part.count));
-        V2V_TRY(v2v_volume_mark_done(writer, t % size() == rank() ? t : -1));
+        V2V_TRY(v2v_volume_mark_done(writer, t, test_world()));
     }
     assert_int_equal(done, expected_done);
     if (to == FRAMES) {
@@ -295,6 +295,27 @@ static enum v2v_status attempt(const char *task, int64_t from, int64_t to, int e
 done:
     v2v_volume_suspend(&writer);
     return rc;
+}
+
+/* The last rank alone puts and marks two frames, and its second call of all is the other ranks'
+ * first; they suspend at once. */
+static void a_rank_marks_frames_that_the_others_know_nothing_of(void **state)
+{
+    (void)state;
+    const struct v2v_attribute attribute = {.name = V2V_VOLUME_TASK, .text = "own frames"};
+    struct v2v_volume_writer *writer = NULL;
+    float images[SLICES * IMAGE];
+    use("own.h5");
+    assert_ok(v2v_volume_resume(&writer, path, &shape, MEAN_ONLY, &attribute, 1, test_world()));
+    for (int64_t t = 0; t < 2 && rank() == size() - 1; t++) {
+        fill(images, V2V_VOLUME_MEAN, t * SLICES, SLICES);
+        assert_ok(v2v_volume_put(writer, V2V_VOLUME_MEAN, images, t, 0, 1));
+        assert_ok(v2v_volume_put(writer, V2V_VOLUME_MEAN, images + IMAGE, t, 1, SLICES - 1));
+        assert_ok(v2v_volume_mark_done(writer, t, NULL));
+    }
+    v2v_volume_suspend(&writer);
+    assert_ok(attempt("own frames", 2, FRAMES, 2));
+    assert_volume();
 }
 
 /* One byte of the last image of frame 1, which is the last that was written. */
@@ -386,6 +407,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         balanced(slices_of_all_ranks_make_the_frames),
         balanced(frames_of_different_ranks_make_the_volume),
+        balanced(a_rank_marks_frames_that_the_others_know_nothing_of),
         balanced(attributes_come_from_rank_0_whatever_the_others_pass),
         balanced(views_of_all_ranks_make_the_recording),
         balanced(the_scaling_has_the_same_bits_at_any_rank_count),

@@ -45,7 +45,7 @@ static void check_grid(int branches, int shards)
         assert_int_equal(grid.idle, 1);
         assert_true(grid.data_rank == -1 && grid.branch_rank == -1 && grid.shard_rank == -1);
         assert_true(members(grid.shard) == alone && members(grid.pair) == alone &&
-                    members(grid.column) == alone);
+                    members(grid.sample) == alone && members(grid.column) == alone);
     } else {
         int d = grid.data_rank, b = grid.branch_rank, s = grid.shard_rank;
         assert_int_equal(grid.idle, 0);
@@ -53,6 +53,8 @@ static void check_grid(int branches, int shards)
         assert_int_equal(v2v_comm_rank(grid.column), d);
         assert_int_equal(v2v_comm_rank(grid.pair), b);
         assert_int_equal(v2v_comm_rank(grid.shard), s);
+        assert_int_equal(v2v_comm_rank(grid.sample), b * grid.shard_size + s);
+        assert_int_equal(members(grid.sample), ranks_of(&grid, d, -1, -1));
         assert_int_equal(members(grid.column), ranks_of(&grid, -1, b, s));
         assert_int_equal(members(grid.pair), ranks_of(&grid, d, -1, s));
         assert_int_equal(members(grid.shard), ranks_of(&grid, d, b, -1));
@@ -60,6 +62,7 @@ static void check_grid(int branches, int shards)
     v2v_grid_destroy(&grid);
     assert_null(grid.shard);
     assert_null(grid.pair);
+    assert_null(grid.sample);
     assert_null(grid.column);
 }
 

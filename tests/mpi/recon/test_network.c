@@ -234,21 +234,24 @@ static void a_nan_of_one_rank_ends_all_and_names_the_frame(void **state)
     assert_non_null(strstr(v2v_status_message(), "frame "));
 }
 
-/* The request stays, so that every attempt ends after its first round of frames. */
+/* The request stays, so that every attempt ends after its first frames: those of the rank that is
+ * asked, and two more of a rank that doesn't know of it yet. */
 static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volume(void **state)
 {
     (void)state;
     char path[1024];
     const char *folder = test_folder(test_world());
-    const int size = v2v_comm_size(test_world()), together = size % 2 == 0 ? size / 2 : size;
+    int attempts = 1;
     snprintf(path, sizeof path, "%s/volume.h5", folder);
-    if (v2v_comm_rank(test_world()) == size - 1) {
+    if (v2v_comm_rank(test_world()) == 0) {
         v2v_stop_request(); /* for good: this test stays the last one */
     }
-    for (int done = together; done < FRAMES; done += together) {
-        assert_int_equal(reconstruct(folder, path, paired(), 0), V2V_STOPPED);
+    enum v2v_status rc = reconstruct(folder, path, paired(), 0);
+    assert_int_equal(rc, V2V_STOPPED);
+    for (; rc == V2V_STOPPED && attempts < FRAMES; attempts++) {
+        rc = reconstruct(folder, path, paired(), 0);
     }
-    assert_ok(reconstruct(folder, path, paired(), 0));
+    assert_ok(rc);
     assert_volumes(path, 1);
 }
 

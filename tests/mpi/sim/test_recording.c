@@ -54,7 +54,7 @@ static struct v2v_volume *scene_file(const char *folder)
         v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, test_world()));
     for (int64_t t = 0; t < SOURCES; t++) {
         assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, scene[t], t, 0, count));
-        assert_ok(v2v_volume_mark_done(writer, count > 0 ? t : -1));
+        assert_ok(v2v_volume_mark_done(writer, t, test_world()));
     }
     assert_ok(v2v_volume_finish(&writer));
     assert_ok(v2v_volume_open(&volume, path, 0, test_world()));

@@ -226,8 +226,7 @@ static void only_marked_frames_are_done_once_one_is_marked(void **state)
     use("vol.h5");
     assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL));
     write_frames(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 1, 2});
-    assert_ok(v2v_volume_mark_done(writer, -1));
-    assert_ok(v2v_volume_mark_done(writer, 1));
+    assert_ok(v2v_volume_mark_done(writer, 1, NULL));
     assert_ok(v2v_volume_finish(&writer));
     double *done = test_h5_read(path, "/done", &count);
     assert_true(count == 3 && done[0] == 0.0 && done[1] == 1.0 && done[2] == 0.0);
@@ -241,7 +240,7 @@ static void killed_attempt(void)
     const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "task"};
     if (v2v_volume_create(&writer, path, &small, MEAN_ONLY, &task, 1, NULL) == V2V_OK) {
         write_frames(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 1, 2});
-        if (v2v_volume_mark_done(writer, 1) == V2V_OK) {
+        if (v2v_volume_mark_done(writer, 1, NULL) == V2V_OK) {
             raise(SIGKILL);
         }
     }
@@ -266,8 +265,8 @@ static void a_killed_writer_leaves_the_marked_frames_to_go_on_with(void **state)
     assert_true(!v2v_volume_is_done(writer, 0) && v2v_volume_is_done(writer, 1) &&
                 !v2v_volume_is_done(writer, 2));
     write_some(writer, V2V_VOLUME_MEAN, (int64_t[]){0, 2}, 2);
-    assert_ok(v2v_volume_mark_done(writer, 0));
-    assert_ok(v2v_volume_mark_done(writer, 2));
+    assert_ok(v2v_volume_mark_done(writer, 0, NULL));
+    assert_ok(v2v_volume_mark_done(writer, 2, NULL));
     assert_ok(v2v_volume_finish(&writer));
     assert_frames(0);
 }
@@ -281,7 +280,7 @@ static void tiff_pages_are_in_order_whatever_the_order_of_writing(void **state)
         use("vol.tif");
         assert_ok(v2v_volume_create(&writer, path, &small, MEAN_ONLY, NULL, 0, NULL));
         write_frames(writer, V2V_VOLUME_MEAN, orders[i]);
-        assert_ok(v2v_volume_mark_done(writer, 0));
+        assert_ok(v2v_volume_mark_done(writer, 0, NULL));
         assert_ok(v2v_volume_finish(&writer));
         assert_frames(0);
     }

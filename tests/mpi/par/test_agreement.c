@@ -1,0 +1,129 @@
+/* Ranks that tell each other how their rounds went, and go one round ahead. */
+#include "support.h"
+
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/par/agreement.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+enum { ROUNDS = 12 };
+
+static void sleep_for(double seconds)
+{
+    const struct timespec time = {.tv_nsec = (long)(1e9 * seconds)};
+    nanosleep(&time, NULL);
+}
+
+static void rounds_that_go_well_agree(void **state)
+{
+    (void)state;
+    struct v2v_agreement *agreement = NULL;
+    const int rank = v2v_comm_rank(test_world());
+    assert_ok(v2v_agreement_create(&agreement, test_world()));
+    assert_ok(v2v_agreement_end(agreement)); /* nothing was told */
+    for (int again = 0; again < 2; again++) {
+        for (int n = 0; n < ROUNDS; n++) {
+            sleep_for((n + rank) % 3 == 0 ? 0.003 : 0.0);
+            assert_ok(v2v_agreement_tell(agreement, V2V_OK));
+        }
+        assert_ok(v2v_agreement_end(agreement));
+    }
+    v2v_agreement_destroy(&agreement);
+    assert_null(agreement);
+}
+
+/* Rank `who` fails in round `when`: the round before is well for all, this one for nobody, and what
+ * comes next on this communicator meets no old message. */
+static void check_failure(int who, int when)
+{
+    struct v2v_agreement *agreement = NULL;
+    enum v2v_status mine = V2V_OK, rc = V2V_OK;
+    const int rank = v2v_comm_rank(test_world());
+    char name[32];
+    int learnt = -1;
+    assert_ok(v2v_agreement_create(&agreement, test_world()));
+    for (int n = 0; n < ROUNDS && rc == V2V_OK; n++) {
+        if (rank == who && n == when) {
+            mine = V2V_FAIL(V2V_E_IO, "round %d", n);
+        }
+        rc = v2v_agreement_tell(agreement, mine);
+        learnt = n;
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_agreement_end(agreement);
+        learnt = ROUNDS;
+    }
+    assert_int_equal(rc, V2V_E_IO);
+    assert_int_equal(learnt, when + 1);
+    snprintf(name, sizeof name, "round %d", when);
+    assert_non_null(strstr(v2v_status_message(), name));
+    v2v_agreement_destroy(&agreement);
+    assert_ok(v2v_par_agree(test_world(), V2V_OK));
+}
+
+static void all_learn_of_a_failure_in_the_round_after_it(void **state)
+{
+    (void)state;
+    for (int who = 0; who < v2v_comm_size(test_world()); who++) {
+        check_failure(who, 0);
+        check_failure(who, 5);
+        check_failure(who, ROUNDS - 1);
+    }
+}
+
+/* A request to stop is the least of failures. */
+static void of_two_failures_in_a_round_the_worse_is_told(void **state)
+{
+    (void)state;
+    struct v2v_agreement *agreement = NULL;
+    const int rank = v2v_comm_rank(test_world()), last = v2v_comm_size(test_world()) - 1;
+    enum v2v_status mine = V2V_OK;
+    if (last == 0) {
+        skip();
+    }
+    assert_ok(v2v_agreement_create(&agreement, test_world()));
+    if (rank == 0 || rank == last) {
+        mine = V2V_FAIL(rank == 0 ? V2V_STOPPED : V2V_E_NUMERIC, "of rank %d's own", rank);
+    }
+    char name[32];
+    snprintf(name, sizeof name, "of rank %d's own", last);
+    assert_ok(v2v_agreement_tell(agreement, mine));
+    assert_int_equal(v2v_agreement_tell(agreement, mine), V2V_E_NUMERIC);
+    assert_non_null(strstr(v2v_status_message(), name));
+    v2v_agreement_destroy(&agreement);
+}
+
+/* Rank 0 sleeps in its second round: the others end theirs before it, and wait in the third. */
+static void a_rank_is_one_round_ahead_at_most(void **state)
+{
+    (void)state;
+    struct v2v_agreement *agreement = NULL;
+    const double sleep = 0.2;
+    double ended[3] = {0.0};
+    const int rank = v2v_comm_rank(test_world());
+    assert_ok(v2v_agreement_create(&agreement, test_world()));
+    v2v_par_barrier(test_world());
+    const double began = v2v_clock_now();
+    for (int n = 0; n < 3; n++) {
+        sleep_for(rank == 0 && n == 1 ? sleep : 0.0);
+        assert_ok(v2v_agreement_tell(agreement, V2V_OK));
+        ended[n] = v2v_clock_now() - began;
+    }
+    assert_ok(v2v_agreement_end(agreement));
+    assert_true(ended[2] >= 0.9 * sleep); /* nobody may be two rounds ahead of rank 0 */
+    v2v_agreement_destroy(&agreement);
+}
+
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rounds_that_go_well_agree),
+        cmocka_unit_test(all_learn_of_a_failure_in_the_round_after_it),
+        cmocka_unit_test(of_two_failures_in_a_round_the_worse_is_told),
+        cmocka_unit_test(a_rank_is_one_round_ahead_at_most),
+    };
+    return test_mpi_main(tests, argc, argv);
+}
