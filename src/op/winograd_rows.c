@@ -230,8 +230,9 @@ static void load_phases(const struct rows *rows, const struct scratch *scratch,
     }
 }
 
-/* Ask memory for line i of a batch whose turn comes next: no hardware foresees parts of rows here
- * and there. Inline, or the compiler would take it for a function without effect. */
+/* Ask memory for line i of a batch whose turn comes next: the hardware foresees neither parts of
+ * rows here and there nor where a page or a channel ends. Inline, or the compiler would take it for
+ * a function without effect. */
 static inline __attribute__((always_inline)) void
 fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
 {
@@ -240,12 +241,15 @@ fetch_line(const struct rows *rows, const struct reading *reading, int64_t i)
     }
     for (int64_t r = 0; r < reading->batch.runs; r++) {
         const struct piece *piece = &reading->piece[r];
-        if (!piece->inside) {
+        const struct v2v_plane *plane = reading->plane;
+        int64_t end = v2v_smaller(piece->start + piece->run.count * TILE + 2, plane->x1);
+        int64_t start = piece->start > plane->x0 ? piece->start : plane->x0;
+        if (piece->row + i < plane->y0 || piece->row + i >= plane->y1 || start >= end) {
             continue;
         }
         const float *row = piece_row(rows, reading, piece, i);
-        int64_t last = (piece->start + piece->run.count * TILE + 1) >> rows->half;
-        for (int64_t x = piece->start >> rows->half; x < last; x += WINOGRAD_LINE) {
+        int64_t last = (end - 1) >> rows->half;
+        for (int64_t x = start >> rows->half; x < last; x += WINOGRAD_LINE) {
             __builtin_prefetch(row + x);
         }
         __builtin_prefetch(row + last);
@@ -441,8 +445,8 @@ static void find_spots(const struct rows *rows, const struct batch *batch, struc
     }
 }
 
-/* Ask memory for a batch's lines: no hardware foresees parts of rows here and there. Inline, or the
- * compiler would take it for a function without effect. */
+/* Ask memory for a batch's lines, as fetch_line. Inline, or the compiler would take it for a
+ * function without effect. */
 static inline __attribute__((always_inline)) void fetch_spots(const struct rows *rows,
                                                               const struct batch *batch,
                                                               const struct spot *spot,
@@ -501,7 +505,7 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
         if (rows->out_list == NULL) {
             find_spots(rows, &batch, spot);
         }
-        if (rows->out_list == NULL && !is_whole(rows, &batch)) {
+        if (rows->out_list == NULL) {
             fetch_spots(rows, &batch, spot, image);
         }
         values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);
