@@ -13,8 +13,9 @@ enum { BRANCHES = V2V_FORECAST_BRANCHES };
  */
 static const double network_passes = 3.0, backward_passes = 2.0;
 
-/* Collectives of a round that carry next to nothing: two agreements, and two of the writer. */
-static const double latencies = 4.0;
+/* Collectives of a round that carry next to nothing: of a step's ranks, all of them, on norms and
+ * votes; of a frame's, to agree on views, volumes and slices, and to mark the frame. */
+static const double step_latencies = 4.0, frame_latencies = 6.0;
 
 /* ---- the network ---- */
 
@@ -321,8 +322,10 @@ static struct v2v_forecast forecast_plan(const struct plan *plan)
     result.repeated_s = (double)rounds * rank_s - group_s;
     result.crowded_s = (slow - 1.0) * (double)rounds * rank_s;
     result.file_s = file_bytes(job) * machine->file_byte_s;
-    const struct group world = {plan->ranks, 1};
-    result.network_s = (double)rounds * (item_s(plan) + latencies * allreduce_s(plan, world, 0.0));
+    const struct group together = {job->training ? plan->ranks : plan->branches * plan->shards, 1};
+    const double latencies = job->training ? step_latencies : frame_latencies;
+    result.network_s =
+        (double)rounds * (item_s(plan) + latencies * allreduce_s(plan, together, 0.0));
     if (job->training) {
         const double backward_s = backward_passes / V2V_FORECAST_STEP_PASSES * rank_s * slow;
         result.network_s += gradients_s(plan, rounds, backward_s);

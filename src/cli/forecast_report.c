@@ -42,7 +42,7 @@ static struct v2v_model_spec describe_model(const struct v2v_session *session,
 
 /* ---- measuring ---- */
 
-/* Every rank writes a frame, as reconstruction does. */
+/* Every rank writes a frame and has it on the disk, as reconstruction does. */
 static enum v2v_status write_frames(double *seconds, struct v2v_volume_writer *writer,
                                     const struct v2v_volume_info *info,
                                     const struct v2v_session *session)
@@ -81,8 +81,9 @@ static enum v2v_status measure_file(struct report *report)
     }
     V2V_TRY(v2v_text_format(path, sizeof path, "%s/v2v3d-check.h5", report->options->scratch));
     V2V_TRY(v2v_step_output(session, path, NULL, 0));
+    const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "check"};
     V2V_TRY(
-        v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, session->world));
+        v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, &task, 1, session->world));
     V2V_TRY(write_frames(&seconds, writer, &info, session));
     report->machine.file_byte_s =
         seconds / (double)v2v_mem_product(info.frames * info.slices, info.height, info.width) /

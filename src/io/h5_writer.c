@@ -25,7 +25,7 @@ struct v2v_h5_writer {
     int lock;          /* rank 0: holds lock_name while this is >= 0 */
     int resumed;       /* agreed: frames of the run before may be there */
     int created;       /* agreed: the temporary file may be there */
-    int marked;        /* this rank took part in marking a frame */
+    int marked;        /* this rank marked a frame, with others or alone */
     int broken;        /* HDF5 itself failed in a call of this rank, or in a collective one */
 };
 
@@ -322,7 +322,7 @@ done:
 enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
                                     int64_t t, int64_t first, int64_t count)
 {
-    return settle(writer, v2v_h5_writer_put(writer, set, images, t, first, count));
+    return v2v_par_agree(writer->comm, v2v_h5_writer_put(writer, set, images, t, first, count));
 }
 
 /* What this rank wrote goes to the system, and to the disk where a later run may go on with it. A
@@ -349,6 +349,7 @@ static enum v2v_status put_marks(struct v2v_h5_writer *writer, const uint8_t *on
     enum v2v_status rc = V2V_OK;
     const hsize_t start = (hsize_t)first, size = (hsize_t)count;
     V2V_ASSERT(writer->done > 0 && first >= 0 && first + count <= writer->shape[0]);
+    V2V_TRY(V2V_FAULT_POINT("h5.mark"));
     if (sums != NULL) {
         V2V_TRY(put_block(writer, writer->checksum, H5T_NATIVE_UINT64, sums, 1, &start, &size));
     }
@@ -365,14 +366,15 @@ enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
 {
     enum v2v_status rc = V2V_OK;
     const uint8_t one = 1;
+    V2V_ASSERT(t >= 0 && t < writer->shape[0]);
     int64_t sum = writer->sums != NULL ? writer->sums[t] : 0;
-    writer->marked = 1;
     V2V_TRY(v2v_par_agree(writers, empty_buffers(writer)));
     v2v_par_sum_i64(writers, &sum, 1);
     if (v2v_comm_rank(writers) == 0) {
         rc = put_marks(writer, &one, writer->sums != NULL ? &sum : NULL, t, 1);
     }
     V2V_TRY(v2v_par_agree(writers, rc));
+    writer->marked = 1;
 done:
     return rc;
 }
@@ -383,7 +385,7 @@ static enum v2v_status mark_all(struct v2v_h5_writer *writer)
     enum v2v_status rc = V2V_OK;
     const int64_t frames = v2v_comm_rank(writer->comm) == 0 ? writer->shape[0] : 0;
     uint8_t *ones = NULL;
-    V2V_TRY(settle(writer, V2V_ALLOC(ones, "io.done", frames)));
+    V2V_TRY(v2v_par_agree(writer->comm, V2V_ALLOC(ones, "io.done", frames)));
     if (writer->sums != NULL) {
         v2v_par_sum_i64(writer->comm, writer->sums, writer->shape[0]);
     }
@@ -391,7 +393,7 @@ static enum v2v_status mark_all(struct v2v_h5_writer *writer)
     if (frames > 0) {
         rc = put_marks(writer, ones, writer->sums, 0, frames);
     }
-    V2V_TRY(settle(writer, rc));
+    V2V_TRY(v2v_par_agree(writer->comm, rc));
 done:
     v2v_mem_free(ones);
     return rc;
@@ -430,7 +432,11 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
     if (own->done > 0 && !own->marked && !own->resumed) {
         V2V_TRY(mark_all(own));
     }
-    V2V_TRY(settle(own, close_file(own)));
+    rc = close_file(own);
+    if (rc == V2V_OK) {
+        rc = v2v_file_sync(own->temporary); /* each host has written a part of it */
+    }
+    V2V_TRY(settle(own, rc));
     if (v2v_comm_rank(own->comm) == 0) {
         rc = v2v_file_commit(own->temporary, own->path);
     }

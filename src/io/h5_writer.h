@@ -40,7 +40,7 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
 int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t);
 
 /** Images first .. first+count-1 of outer index t; count may be 0. The other ranks are not waited
- *  for. @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; afterwards the file can only be
+ *  for. @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; after these two the file can only be
  *  suspended or abandoned */
 enum v2v_status v2v_h5_writer_put(struct v2v_h5_writer *writer, int set, const float *images,
                                   int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
@@ -52,7 +52,8 @@ enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const
 
 /** Frame t was put by the ranks of `writers`, and by nobody else. Its data go to the disk, then
  *  done[t] is set: a crash at any time leaves no frame marked whose data are missing
- *  (RELIABILITY.md 4). @kind Collective(writers). @return V2V_OK | V2V_E_IO; agreed by them */
+ *  (RELIABILITY.md 4). @kind Collective(writers). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed
+ * by them */
 enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
                                         const struct v2v_comm *writers) V2V_MUST_CHECK;
 

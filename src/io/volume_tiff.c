@@ -31,7 +31,8 @@ struct v2v_volume_tiff {
     struct v2v_tiff_writer *writer; /* rank 0 */
     struct block *blocks;           /* [ranks], rank 0 */
     struct pending *pending;
-    int64_t next; /* the frame whose pages come next in the file */
+    int64_t next;           /* the frame whose pages come next in the file */
+    enum v2v_status failed; /* agreed: nothing more is written */
 };
 
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
@@ -159,7 +160,11 @@ done:
 enum v2v_status v2v_volume_tiff_write(struct v2v_volume_tiff *tiff, const float *slices, int64_t t,
                                       int64_t first, int64_t count)
 {
-    enum v2v_status rc = V2V_FAULT_POINT("volume.write");
+    enum v2v_status rc = tiff->failed;
+    if (rc != V2V_OK) {
+        return rc;
+    }
+    rc = V2V_FAULT_POINT("volume.write");
     const int rank = v2v_comm_rank(tiff->comm), size = v2v_comm_size(tiff->comm);
     const struct block mine = {t, first, count};
     if (size == 1) {
@@ -181,6 +186,7 @@ enum v2v_status v2v_volume_tiff_write(struct v2v_volume_tiff *tiff, const float 
     collect(tiff, slices, &mine);
     V2V_TRY(v2v_par_agree(tiff->comm, rank == 0 ? write_ready(tiff) : V2V_OK));
 done:
+    tiff->failed = rc;
     return rc;
 }
 

@@ -504,8 +504,6 @@ void v2v_rows_output(const struct rows *rows, float *image, const float *values,
         int64_t pixels = batch.tiles * TILE;
         if (rows->out_list == NULL) {
             find_spots(rows, &batch, spot);
-        }
-        if (rows->out_list == NULL) {
             fetch_spots(rows, &batch, spot, image);
         }
         values_to_lines(rows, rows->kernel->output, &scratch, values, channels, &batch);

@@ -2,6 +2,7 @@
 
 #include "par/comm_mpi.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
 
 /* What the ranks tell of one round. */
 struct round {
@@ -71,6 +72,7 @@ static int learn(const struct v2v_agreement *self, struct round *round)
 {
     int ranks = v2v_comm_size(self->comm), worst = 0;
     if (ranks > 1) {
+        v2v_watchdog_beat("waiting for a round of other ranks");
         double began = v2v_clock_now();
         MPI_Waitall(2 * ranks, round->request, MPI_STATUSES_IGNORE);
         v2v_par_spent(V2V_PAR_AGREE, began);

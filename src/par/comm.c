@@ -87,6 +87,9 @@ enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
      * every output of ranks on several hosts, which a killed run leaves behind; the component named
      * here is for one host alone. */
     setenv("OMPI_MCA_sharedfp", "sm", 0);
+    /* HDF5 from 1.13.2 on refuses what ranks write by themselves where MPI wants MPI_File_sync to
+     * make it visible to others: here nobody reads it before the file is closed and on the disk. */
+    setenv("HDF5_DO_MPI_FILE_SYNC", "0", 0);
     if (is_alone()) {
         start_alone();
     }

@@ -324,7 +324,6 @@ static enum v2v_status run_rounds(struct job *job)
         const int64_t i = done + grid->data_rank;
         const int64_t t = grid->idle || i >= job->frames ? -1 : job->todo[i];
         mine = run_round(job, t, mine);
-        v2v_watchdog_beat("waiting for frames of other ranks");
         V2V_TRY(v2v_agreement_tell(job->agreement, mine));
         v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, job->frames), NULL);
     }

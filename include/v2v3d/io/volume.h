@@ -74,16 +74,17 @@ int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t);
 enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, const float *slices,
                                  int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
-/** As v2v_volume_write, for ranks that need not keep step: an HDF5 file's are not waited for, and
- *  the status is this rank's own; it may only suspend or abandon the file afterwards. A TIFF's are
- *  waited for all the same. @kind Collective(comm): called by all ranks equally often. */
+/** As v2v_volume_write, for ranks that need not keep step. @kind HDF5: Local, the status is this
+ *  rank's own; TIFF: Collective(comm), agreed. After a failure the file can only be suspended or
+ *  abandoned; where a TIFF's other ranks come again, a rank takes part with count = 0. */
 enum v2v_status v2v_volume_put(struct v2v_volume_writer *writer, int dataset, const float *slices,
                                int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
 /** Frame t, which the ranks of `writers` wrote and nobody else (NULL: this one alone), is done: its
  *  data go to the disk, then it is marked. A file that is finished without any call of this has all
  *  its frames marked: who writes frames that may stay missing marks them.
- *  @kind Collective(writers). @return V2V_OK | V2V_E_IO; agreed by them */
+ *  @kind Collective(writers). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed
+ *  by them */
 enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t,
                                      const struct v2v_comm *writers) V2V_MUST_CHECK;
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;

@@ -8,8 +8,9 @@ extern "C" {
 
 /** Agreement of ranks that work in rounds, each by itself: a rank goes on with its next round
  *  before it knows how the others fared in this one, and is never more than one round ahead.
- *  What one rank tells goes straight to all others (ranks^2 messages of four bytes a round): on its
- *  way it needs no rank that is computing. */
+ *  What one rank tells goes straight to all others (ranks^2 messages of four bytes a round): once
+ *  ranks are connected, its way leads over none that is computing. Waiting for a round is a piece
+ *  of work of its own for the watchdog. */
 struct v2v_agreement;
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY */
@@ -20,8 +21,9 @@ void v2v_agreement_destroy(struct v2v_agreement **agreement);
 
 /** Tell how this round went here, and learn how the one before went everywhere (at first: well).
  *  Whoever failed comes once more, with the same code and message, to learn it. After a failure
- *  nothing is under way. @kind Collective(comm), waits for the ranks' round before. @return the
- *  worst code, with the message of the lowest rank that holds it, as v2v_par_agree */
+ *  nothing is under way, and what failed in the round behind it is not told. @kind
+ * Collective(comm), waits for the ranks' round before. @return the worst code, with the message of
+ * the lowest rank that holds it, as v2v_par_agree */
 enum v2v_status v2v_agreement_tell(struct v2v_agreement *agreement,
                                    enum v2v_status rc) V2V_MUST_CHECK;
 
