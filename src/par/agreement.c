@@ -84,10 +84,13 @@ static int learn(const struct v2v_agreement *self, struct round *round)
     return worst;
 }
 
-/* Learn the older round; after a failure, nothing stays under way. */
+/* Learn the older round, if one was told; after a failure, nothing stays under way. */
 static enum v2v_status learn_older(struct v2v_agreement *self, struct round *older,
                                    struct round *newer)
 {
+    if (!older->under_way) {
+        return V2V_OK;
+    }
     int worst = learn(self, older);
     enum v2v_status rc = (enum v2v_status)older->code[worst];
     if (rc == V2V_OK) {
@@ -105,11 +108,10 @@ enum v2v_status v2v_agreement_tell(struct v2v_agreement *self, enum v2v_status r
     struct round *now = &self->round[self->now], *before = &self->round[1 - self->now];
     tell(self, now, rc);
     self->now = 1 - self->now;
-    return before->under_way ? learn_older(self, before, now) : V2V_OK;
+    return learn_older(self, before, now);
 }
 
 enum v2v_status v2v_agreement_end(struct v2v_agreement *self)
 {
-    struct round *now = &self->round[self->now], *before = &self->round[1 - self->now];
-    return before->under_way ? learn_older(self, before, now) : V2V_OK;
+    return learn_older(self, &self->round[1 - self->now], &self->round[self->now]);
 }

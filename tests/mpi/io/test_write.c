@@ -297,8 +297,7 @@ done:
     return rc;
 }
 
-/* The last rank alone puts and marks two frames, and its second call of all is the other ranks'
- * first; they suspend at once. */
+/* The last rank alone puts and marks two frames; the others suspend at once. */
 static void a_rank_marks_frames_that_the_others_know_nothing_of(void **state)
 {
     (void)state;
