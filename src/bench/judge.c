@@ -5,7 +5,7 @@
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 #include <math.h>
 
 /* The golden frame's seed and rule: volumes keep the signal's size at any width. */

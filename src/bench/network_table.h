@@ -3,7 +3,7 @@
 #ifndef V2V_BENCH_NETWORK_TABLE_H
 #define V2V_BENCH_NETWORK_TABLE_H
 
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 
 enum { V2V_NET_ALIGNED = 0, V2V_NET_SLICES = -1, V2V_NET_FEATURES = -2 };
 

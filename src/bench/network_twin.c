@@ -4,7 +4,7 @@
 #include "bench/twin_image.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 #include "v2v3d/op/gemm.h"
 #include <string.h>
 

@@ -3,7 +3,7 @@
 #ifndef V2V_BENCH_NETWORK_TWIN_H
 #define V2V_BENCH_NETWORK_TWIN_H
 
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 
 /** Both branches' volumes of one frame. Every slice is shifted by itself; convolutions are matrix
  *  products over strips of patches.

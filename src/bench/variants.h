@@ -3,7 +3,7 @@
 #define V2V_BENCH_VARIANTS_H
 
 #include "v2v3d/bench/bench.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 
 struct v2v_variant {
     const char *name, *id;

@@ -1,7 +1,7 @@
 #include "bench/work.h"
 
 #include "v2v3d/base/memory.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 #include "v2v3d/optics/blocks.h"
 #include "v2v3d/optics/taps.h"
 

@@ -5,7 +5,7 @@
 
 #include "v2v3d/base/text.h"
 #include "v2v3d/bench/bench.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>

@@ -3,7 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 #include <inttypes.h>
 
 struct init_arguments {

@@ -1,4 +1,4 @@
-#include "nn/layer.h"
+#include "v2v3d/nn/layer.h"
 
 #include "v2v3d/base/text.h"
 

@@ -6,7 +6,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/weights_file.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 
 #include <errno.h>
 #include <stdio.h>

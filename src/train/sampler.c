@@ -4,7 +4,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
 

@@ -4,7 +4,7 @@
 
 #include "train/sampler.h"
 #include "v2v3d/nn/adam.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/bucket_sum.h"
 #include "v2v3d/par/grid.h"
 

@@ -8,7 +8,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/weights_file.h"
-#include "v2v3d/nn/schema.h"
+#include "v2v3d/v2v/schema.h"
 #include "v2v3d/train/train.h"
 
 #include <math.h>

@@ -6,7 +6,7 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 
 static inline struct v2v_shifts small_shifts(int64_t views, int64_t slices)
 {

@@ -12,7 +12,7 @@ extern "C" {
  *  emulates them), else float32 after one warning, so that one configuration serves any mixture of
  *  nodes and all ranks round alike.
  *  @kind   Collective(comm)
- *  @param  precision V2V_PRECISION_F32 or _BF16, for struct v2v_model_spec; out
+ *  @param  precision V2V_PRECISION_F32 or _BF16, for the network; out
  *  @param  wanted enum v2v_precision
  *  @return V2V_OK | V2V_E_CONFIG (bf16-always on a processor that cannot emulate it); the same on
  *          all ranks */

@@ -5,7 +5,7 @@
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/io/volume.h"
-#include "v2v3d/nn/model.h"
+#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/grid.h"
 
 #ifdef __cplusplus
