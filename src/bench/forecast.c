@@ -339,7 +339,8 @@ static struct v2v_forecast forecast_plan(const struct plan *plan)
 static enum v2v_status forecast_training(struct v2v_forecast *forecast, struct plan *plan)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_grid_work work = {.items = plan->job->items, .height = 1, .unit = 1};
+    const struct v2v_grid_work work = {
+        .items = plan->job->items, .height = 1, .unit = 1, .most_branches = 2};
     const int64_t units = plan->height / V2V_MODEL_GRID;
     for (int slabs = 1; slabs <= units; slabs++) {
         const struct v2v_grid_shape wanted = {0, slabs};

@@ -4,8 +4,8 @@
 #include "bench/twin_image.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/op/gemm.h"
+#include "v2v3d/v2v/schema.h"
 #include <string.h>
 
 enum { BRANCHES = 2, LEVELS = 4, PYRAMID = 3, DEEP = 16, LEVEL_FEATURES = 4 };

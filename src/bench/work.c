@@ -1,9 +1,9 @@
 #include "bench/work.h"
 
 #include "v2v3d/base/memory.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/optics/blocks.h"
 #include "v2v3d/optics/taps.h"
+#include "v2v3d/v2v/schema.h"
 
 /* F(4x4,3x3): multiplications for a tile, with and without. */
 static const double minimal_share = 36.0 / 144.0;

@@ -5,8 +5,8 @@
 
 #include "v2v3d/base/text.h"
 #include "v2v3d/bench/bench.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/v2v/model.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -103,23 +103,20 @@ done:
 
 /* The network: the weight file's, or the configuration's at the width asked for. */
 static enum v2v_status settle_network(struct v2v_bench_job *job, const struct arguments *given,
-                                      const struct v2v_session *session)
+                                      struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
+    if (given->weights != NULL) {
+        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, job->psf));
+        job->width = session->config.model.width;
+    }
+    if (given->weights != NULL && given->width != 0 && given->width != job->width) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--width %" PRId64 ", but %s has width %" PRId64,
+                         given->width, given->weights, job->width));
+    }
     job->features = session->config.model.features;
     job->volume_scale = session->config.model.volume_scale;
-    if (given->weights == NULL) {
-        return V2V_OK;
-    }
-    V2V_TRY(v2v_step_weights_info(session, &info, given->weights, job->psf));
-    if (given->width != 0 && given->width != info.width) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--width %" PRId64 ", but %s has width %" PRId64,
-                         given->width, given->weights, info.width));
-    }
-    job->width = info.width;
-    job->features = info.features;
-    job->volume_scale = info.volume_scale;
 done:
     return rc;
 }

@@ -4,10 +4,10 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/recon/network.h"
+#include "v2v3d/v2v/model.h"
 #include <string.h>
 
 struct arguments {
@@ -86,14 +86,14 @@ static struct v2v_model_spec describe_model(const struct v2v_weights_info *info,
 {
     return (struct v2v_model_spec){.views = info->views,
                                    .slices = info->slices,
-                                   .width = info->width,
-                                   .features = info->features,
+                                   .width = session->config.model.width,
+                                   .features = session->config.model.features,
                                    .branches = V2V_BRANCH_BOTH,
                                    .backend = session->config.model.backend,
                                    .winograd = session->config.model.winograd,
                                    .precision = precision,
                                    .every_slice = !session->config.model.merge,
-                                   .volume_scale = info->volume_scale,
+                                   .volume_scale = session->config.model.volume_scale,
                                    .skip = skip_of(&session->config.recon)};
 }
 

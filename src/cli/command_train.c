@@ -3,6 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
@@ -33,7 +34,7 @@ static const struct v2v_option options[] = {
      .help = "of the run: weights.h5, metrics.jsonl, config.yaml",
      .required = 1},
     V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
-                    "start from these; they decide width and features"),
+                    "start from these; they decide on the network"),
     V2V_OPTION_SWITCH(struct arguments, resume, "resume", "go on where the run in FOLDER stopped"),
     {.name = "max-time",
      .kind = V2V_OPTION_DURATION,
@@ -50,14 +51,6 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     {0}};
 
-/* The network is what the weights that training starts from say. */
-static void adopt(struct v2v_config *config, const struct v2v_weights_info *info)
-{
-    config->model.width = info->width;
-    config->model.features = info->features;
-    config->model.volume_scale = info->volume_scale;
-}
-
 /* A resumed run keeps its network even when it was started from --weights; a checkpoint that
  * cannot be read is left to training, which knows the older generation. */
 static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2v_session *session)
@@ -66,19 +59,19 @@ static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2
     struct v2v_weights_info info = {0};
     if (v2v_step_on_root(session)) {
         static const char *const generations[] = {"weights.h5", "weights.prev.h5"};
-        for (int i = 0; i < 2 && info.width == 0; i++) {
+        for (int i = 0; i < 2 && info.views == 0; i++) {
             char path[V2V_PATH_BYTES];
             rc = v2v_text_format(path, sizeof path, "%s/%s", given->folder, generations[i]);
             if (rc == V2V_OK && v2v_file_exists(path) &&
                 v2v_weights_file_info(&info, path) != V2V_OK) {
-                info.width = 0;
+                info.views = 0;
             }
         }
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, &info, (int64_t)sizeof info, 0);
-    if (info.width > 0) {
-        adopt(&session->config, &info);
+    if (info.views > 0) {
+        V2V_TRY(v2v_network_adopt(&session->config, &info, given->folder));
     }
 done:
     return rc;
@@ -114,7 +107,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     if (given->weights != NULL) {
         V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));
-        adopt(&session->config, &info);
     }
     if (given->resume) {
         V2V_TRY(adopt_checkpoint(given, session));

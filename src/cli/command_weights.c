@@ -2,8 +2,8 @@
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/v2v/schema.h"
 #include <inttypes.h>
 
 struct init_arguments {
@@ -40,26 +40,20 @@ static enum v2v_status write_weights(const struct init_arguments *given,
                                      const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_fields fields = {0};
+    struct v2v_schema schema = {0};
     float *weights = NULL;
-    struct v2v_model_spec spec = {.views = psf->views,
-                                  .slices = psf->slices,
-                                  .width = config->model.width,
-                                  .features = config->model.features,
-                                  .branches = V2V_BRANCH_BOTH};
-    struct v2v_weights_info info = {.width = spec.width,
-                                    .features = spec.features,
-                                    .views = spec.views,
-                                    .slices = spec.slices,
-                                    .volume_scale = config->model.volume_scale,
-                                    .split = "even-odd"};
-    V2V_TRY(v2v_model_schema(&fields, &spec));
-    V2V_TRY(V2V_ALLOC(weights, "weights.init", fields.total));
-    V2V_TRY(v2v_rule_weights(&fields, weights, given->rule, given->seed));
-    V2V_TRY(v2v_weights_file_write(given->output, &info, &fields, weights, NULL, NULL, NULL, NULL));
+    struct v2v_weights_info info;
+    const struct v2v_network_spec spec = {
+        .config = config, .views = psf->views, .slices = psf->slices, .outputs = V2V_NETWORK_ALL};
+    V2V_TRY(v2v_network_describe(&info, config, psf->views, psf->slices, 0));
+    V2V_TRY(v2v_network_schema(&schema, config->model.method, &spec));
+    V2V_TRY(V2V_ALLOC(weights, "weights.init", schema.fields.total));
+    V2V_TRY(v2v_rule_weights(&schema.fields, weights, given->rule, given->seed));
+    V2V_TRY(v2v_weights_file_write(given->output, &info, &schema.fields, weights, NULL, NULL, NULL,
+                                   NULL));
 done:
     v2v_mem_free(weights);
-    v2v_fields_fini(&fields);
+    v2v_schema_fini(&schema);
     return rc;
 }
 
@@ -74,8 +68,8 @@ static enum v2v_status init(const void *arguments, struct v2v_session *session)
         rc = write_weights(given, &session->config, &psf);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
-    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " views, %" PRId64 " slices, width %" PRId64,
-            given->output, psf.views, psf.slices, session->config.model.width);
+    v2v_log(V2V_LOG_INFO, "%s: %s, %" PRId64 " views, %" PRId64 " slices", given->output,
+            session->config.model.method, psf.views, psf.slices);
 done:
     v2v_psf_file_fini(&psf);
     return rc;

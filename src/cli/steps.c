@@ -5,6 +5,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/optics/psf.h"
 #include <errno.h>
 #include <inttypes.h>
@@ -92,9 +93,8 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_step_weights_info(const struct v2v_session *session,
-                                      struct v2v_weights_info *info, const char *path,
-                                      const struct v2v_psf_file *psf)
+enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
+                                      const char *path, const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = v2v_weights_file_info(info, path);
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -104,6 +104,7 @@ enum v2v_status v2v_step_weights_info(const struct v2v_session *session,
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,
                          path, info->views, info->slices, psf->views, psf->slices));
     }
+    V2V_TRY(v2v_network_adopt(&session->config, info, path));
 done:
     return rc;
 }
@@ -116,10 +117,9 @@ enum v2v_status v2v_step_print_weights(const struct v2v_session *session, const 
         return V2V_OK;
     }
     V2V_TRY(v2v_weights_file_info(&info, path));
-    printf("%s: weights for %" PRId64 " views (split %s) and %" PRId64 " slices\n"
-           "width %" PRId64 ", %" PRId64 " features a view, volume scale %g, step %" PRId64 "\n",
-           path, info.views, info.split, info.slices, info.width, info.features, info.volume_scale,
-           info.step);
+    printf("%s: weights of the network %s for %" PRId64 " views (split %s) and %" PRId64
+           " slices, step %" PRId64 "\n%s",
+           path, info.method, info.views, info.split, info.slices, info.step, info.settings);
 done:
     return rc;
 }

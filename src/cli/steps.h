@@ -38,10 +38,10 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
 enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
-/** What a weight file says, after it was checked against the PSFs.
- *  @kind Collective(world), agreed */
-enum v2v_status v2v_step_weights_info(const struct v2v_session *session,
-                                      struct v2v_weights_info *info, const char *path,
+/** What a weight file says, after it was checked against the PSFs; the session's configuration
+ *  takes its network over. @kind Collective(world), agreed */
+enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
+                                      const char *path,
                                       const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
 /** Rank 0 prints what a weight file says. @kind Local */

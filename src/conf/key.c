@@ -52,7 +52,7 @@ enum v2v_status v2v_key_find(int64_t *index, const char *section, const char *na
         if (same_section) {
             sibling[count++] = key->name;
         }
-        elsewhere = same_name ? key : elsewhere;
+        elsewhere = same_name && elsewhere == NULL ? key : elsewhere;
     }
     const char *nearest = v2v_text_nearest(name, sibling, count);
     if (nearest == NULL && elsewhere != NULL) {
@@ -121,6 +121,17 @@ static enum v2v_status assign_number(struct v2v_number *value, const struct v2v_
     return V2V_OK;
 }
 
+static enum v2v_status assign_name(char *value, const char *text, const char *where)
+{
+    static const char known[] = "abcdefghijklmnopqrstuvwxyz0123456789-_";
+    if (strlen(text) >= V2V_CONFIG_NAME_BYTES || strspn(text, known) != strlen(text)) {
+        return V2V_FAIL(V2V_E_CONFIG, "%s: '%.64s' is no method's name", where, text);
+    }
+    memset(value, 0, V2V_CONFIG_NAME_BYTES);
+    memcpy(value, text, strlen(text));
+    return V2V_OK;
+}
+
 enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const char *text,
                                const char *where)
 {
@@ -141,6 +152,8 @@ enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const c
         return assign_word(value, key, text, what);
     case V2V_KEY_NUMBER:
         return assign_number(value, key, text, what);
+    case V2V_KEY_NAME:
+        return assign_name(value, text, what);
     }
     V2V_ASSERT(0);
 }
@@ -165,6 +178,9 @@ void v2v_config_defaults(struct v2v_config *config)
         case V2V_KEY_NUMBER:
             ((struct v2v_number *)value)->mode = key->mode;
             ((struct v2v_number *)value)->value = key->real.fallback;
+            break;
+        case V2V_KEY_NAME:
+            snprintf(value, V2V_CONFIG_NAME_BYTES, "%s", key->words[0]);
             break;
         }
     }
@@ -201,30 +217,49 @@ int64_t v2v_key_conflict(const struct v2v_config *config, char *why, size_t byte
     return -1;
 }
 
+enum v2v_status v2v_key_find_path(int64_t *index, const char *path, size_t bytes, const char *where)
+{
+    char section[V2V_KEY_NAME_BYTES], name[V2V_KEY_NAME_BYTES];
+    const char *dot = memchr(path, '.', bytes);
+    size_t section_bytes = dot != NULL ? (size_t)(dot - path) : bytes;
+    if (dot == NULL || section_bytes >= sizeof section ||
+        bytes - section_bytes - 1 >= sizeof name) {
+        return V2V_FAIL(V2V_E_CONFIG, "%s: '%.200s' names no key", where, path);
+    }
+    snprintf(section, sizeof section, "%.*s", (int)section_bytes, path);
+    snprintf(name, sizeof name, "%.*s", (int)(bytes - section_bytes - 1), dot + 1);
+    return v2v_key_find(index, section, name, where);
+}
+
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment)
 {
     enum v2v_status rc = V2V_OK;
-    char section[V2V_KEY_NAME_BYTES], name[V2V_KEY_NAME_BYTES], why[256];
+    char why[256];
     struct v2v_config changed = *config;
     int64_t index = -1;
     const char *equals = strchr(assignment, '=');
-    const char *dot =
-        equals != NULL ? memchr(assignment, '.', (size_t)(equals - assignment)) : NULL;
-    if (dot == NULL) {
+    if (equals == NULL || memchr(assignment, '.', (size_t)(equals - assignment)) == NULL) {
         return V2V_FAIL(V2V_E_CONFIG, "--set: '%.200s' is not section.key=value", assignment);
     }
-    size_t section_bytes = (size_t)(dot - assignment), name_bytes = (size_t)(equals - dot - 1);
-    if (section_bytes >= sizeof section || name_bytes >= sizeof name) {
-        return V2V_FAIL(V2V_E_CONFIG, "--set: '%.200s' names no key", assignment);
-    }
-    snprintf(section, sizeof section, "%.*s", (int)section_bytes, assignment);
-    snprintf(name, sizeof name, "%.*s", (int)name_bytes, dot + 1);
-    V2V_TRY(v2v_key_find(&index, section, name, "--set"));
+    V2V_TRY(v2v_key_find_path(&index, assignment, (size_t)(equals - assignment), "--set"));
     V2V_TRY(v2v_key_assign(&changed, index, equals + 1, "--set"));
     if (v2v_key_conflict(&changed, why, sizeof why) >= 0) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "--set %.200s: %s", assignment, why));
     }
     *config = changed;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config *config,
+                               const char *key)
+{
+    enum v2v_status rc = V2V_OK;
+    char value[V2V_KEY_VALUE_BYTES];
+    int64_t index = -1;
+    V2V_TRY(v2v_key_find_path(&index, key, strlen(key), "settings"));
+    v2v_key_format(value, config, &v2v_key_table[index]);
+    V2V_TRY(v2v_text_format(text, bytes, "%s", value));
 done:
     return rc;
 }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { VALUE_BYTES = 64, COMMENT_COLUMN = 32 };
+enum { VALUE_BYTES = V2V_KEY_VALUE_BYTES, COMMENT_COLUMN = 32 };
 
 /** The shortest decimal that reads back as the same double; small whole numbers without exponent.
  */
@@ -37,7 +37,7 @@ static void format_number(char *text, struct v2v_number number)
     }
 }
 
-static void format_value(char *text, const struct v2v_config *config, const struct v2v_key *key)
+void v2v_key_format(char *text, const struct v2v_config *config, const struct v2v_key *key)
 {
     const void *value = (const char *)config + key->offset;
     switch (key->kind) {
@@ -54,6 +54,9 @@ static void format_value(char *text, const struct v2v_config *config, const stru
     case V2V_KEY_NUMBER:
         format_number(text, *(const struct v2v_number *)value);
         break;
+    case V2V_KEY_NAME:
+        snprintf(text, VALUE_BYTES, "%s", (const char *)value);
+        break;
     }
 }
 
@@ -65,6 +68,10 @@ static void print_range(const struct v2v_key *key, FILE *stream)
         for (int i = 0; i < V2V_KEY_MOST_WORDS && key->words[i] != NULL; i++) {
             fprintf(stream, "%s%s", i > 0 ? " or " : "", key->words[i]);
         }
+        return;
+    }
+    if (key->kind == V2V_KEY_NAME) {
+        fprintf(stream, "a name");
         return;
     }
     if (key->kind == V2V_KEY_WHOLE) {
@@ -87,10 +94,10 @@ static void print_key(const struct v2v_config *config, const struct v2v_key *key
                       const struct v2v_config *defaults, FILE *stream, int comments)
 {
     char value[VALUE_BYTES], fallback[VALUE_BYTES];
-    format_value(value, config, key);
+    v2v_key_format(value, config, key);
     int column = fprintf(stream, "  %s: %s", key->name, value);
     if (comments) {
-        format_value(fallback, defaults, key);
+        v2v_key_format(fallback, defaults, key);
         fprintf(stream, "%*s # %s (", column < COMMENT_COLUMN ? COMMENT_COLUMN - column : 0, "",
                 key->meaning);
         print_range(key, stream);

@@ -45,6 +45,12 @@
                   .mode = V2V_NUMBER_NONE, .meaning = meaning_                                     \
     }
 
+/* The name of a method; who knows the methods checks it. */
+#define NAME(s, n, fallback_, meaning_)                                                            \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_NAME, .words = {fallback_}, .meaning = meaning_                  \
+    }
+
 #define BILLION 1000000000
 
 /* enum v2v_precision */
@@ -82,12 +88,15 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(optics, slices, 1, 1024, 39, "depth slices"),
     WHOLE(optics, size, 3, 2048, 63, "pixels of a PSF's side"),
 
+    NAME(model, method, "v2v", "network to train: v2v (the paper's) or backconv"),
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),
     WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),
     BOOL(model, winograd, 1, "3 x 3 convolutions by minimal filtering where it is faster"),
     BOOL(model, merge, 1, "merge the first convolution's taps that read the same pixel"),
     REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
+
+    WHOLE(backconv, width, 1, 1024, 32, "channels between the three convolutions"),
 
     WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),
     AUTO(loss, mse, 0.0, 1e9, "weight of the squared differences; none: 0"),

@@ -12,9 +12,15 @@ enum v2v_key_kind {
     V2V_KEY_BOOL,   /**< int */
     V2V_KEY_WORD,   /**< int, an enumeration: the place in `words` */
     V2V_KEY_NUMBER, /**< struct v2v_number */
+    V2V_KEY_NAME,   /**< char[V2V_CONFIG_NAME_BYTES] */
 };
 
-enum { V2V_KEY_MOST_WORDS = 4, V2V_KEY_MOST = 96, V2V_KEY_NAME_BYTES = 64 };
+enum {
+    V2V_KEY_MOST_WORDS = 4,
+    V2V_KEY_MOST = 96,
+    V2V_KEY_NAME_BYTES = 64,
+    V2V_KEY_VALUE_BYTES = 64
+};
 
 struct v2v_key {
     const char *section;
@@ -27,10 +33,10 @@ struct v2v_key {
     } whole;              /**< of V2V_KEY_WHOLE, _BOOL and _WORD */
     struct {
         double least, most, fallback;
-    } real;       /**< of V2V_KEY_REAL and _NUMBER */
-    int may_auto; /**< a V2V_KEY_NUMBER takes the word "auto" */
-    int mode;     /**< of a V2V_KEY_NUMBER's default */
-    const char *words[V2V_KEY_MOST_WORDS];
+    } real;                                /**< of V2V_KEY_REAL and _NUMBER */
+    int may_auto;                          /**< a V2V_KEY_NUMBER takes the word "auto" */
+    int mode;                              /**< of a V2V_KEY_NUMBER's default */
+    const char *words[V2V_KEY_MOST_WORDS]; /**< of V2V_KEY_NAME: the default alone */
     const char *meaning;
 };
 
@@ -45,6 +51,14 @@ enum v2v_status v2v_key_find(int64_t *index, const char *section, const char *na
 /** Is there such a section? The failure names the nearest one. @kind Local.
  *  @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_key_find_section(const char *section, const char *where) V2V_MUST_CHECK;
+
+/** "section.name" of an assignment up to `bytes`. Index, or a failure that starts with `where`.
+ *  @kind Local. @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_key_find_path(int64_t *index, const char *path, size_t bytes,
+                                  const char *where) V2V_MUST_CHECK;
+
+/** Its value as text that v2v_key_assign takes. @kind Local. @param text [V2V_KEY_VALUE_BYTES] */
+void v2v_key_format(char *text, const struct v2v_config *config, const struct v2v_key *key);
 
 /** Set one value from text; messages start with `where`. @kind Local. @return V2V_OK |
  * V2V_E_CONFIG */

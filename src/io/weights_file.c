@@ -5,7 +5,9 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/tensor/statistics.h"
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define FORMAT_VERSION 1
@@ -31,6 +33,29 @@ static enum v2v_status check_version(hid_t file, const char *path)
     return rc;
 }
 
+/* Files that name no method are of the one that was first; its settings were attributes alone. */
+static enum v2v_status read_first_settings(struct v2v_weights_info *info, hid_t file,
+                                           const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t width = 0, features = 0;
+    double volume_scale = 1.0;
+    int found_width = 0, found_features = 0, found = 0;
+    V2V_TRY(v2v_h5_get_integer(&width, &found_width, file, path, "width"));
+    V2V_TRY(v2v_h5_get_integer(&features, &found_features, file, path, "features"));
+    if (!found_width || !found_features) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is missing: not a weight file", path,
+                         found_width ? "features" : "width"));
+    }
+    V2V_TRY(v2v_h5_get_numbers(&volume_scale, &found, file, path, "volume_scale", 1));
+    V2V_TRY(v2v_text_format(info->settings, sizeof info->settings,
+                            "model.width=%lld\nmodel.features=%lld\nmodel.volume_scale=%.17g\n",
+                            (long long)width, (long long)features, volume_scale));
+    V2V_TRY(v2v_text_format(info->method, sizeof info->method, "v2v"));
+done:
+    return rc;
+}
+
 static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -39,13 +64,18 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
         int64_t *value;
         int64_t least;
         int required;
-    } whole[] = {{"width", &info->width, 1, 1},
-                 {"features", &info->features, 1, 1},
-                 {"views", &info->views, 1, 1},
+    } whole[] = {{"views", &info->views, 1, 1},
                  {"slices", &info->slices, 1, 1},
                  {"step", &info->step, 0, 0}};
+    const struct {
+        const char *name;
+        char *text;
+        size_t bytes;
+    } texts[] = {{"split", info->split, sizeof info->split},
+                 {"settings", info->settings, sizeof info->settings},
+                 {"method", info->method, sizeof info->method}};
     int found = 0;
-    *info = (struct v2v_weights_info){.volume_scale = 1.0, .split = "even-odd"};
+    *info = (struct v2v_weights_info){.split = "even-odd"};
     V2V_TRY(check_version(file, path));
     for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
         V2V_TRY(v2v_h5_get_integer(whole[i].value, &found, file, path, whole[i].name));
@@ -54,11 +84,15 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
                              found ? "too small" : "missing: not a weight file"));
         }
     }
-    V2V_TRY(v2v_h5_get_numbers(&info->volume_scale, &found, file, path, "volume_scale", 1));
-    char split[sizeof info->split];
-    V2V_TRY(v2v_h5_get_text(split, sizeof split, &found, file, path, "split"));
-    if (found) {
-        memcpy(info->split, split, sizeof split);
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        char text[V2V_WEIGHTS_SETTINGS_BYTES];
+        V2V_TRY(v2v_h5_get_text(text, texts[i].bytes, &found, file, path, texts[i].name));
+        if (found) {
+            V2V_TRY(v2v_text_format(texts[i].text, texts[i].bytes, "%s", text));
+        }
+    }
+    if (info->method[0] == '\0') {
+        V2V_TRY(read_first_settings(info, file, path));
     }
 done:
     return rc;
@@ -233,20 +267,53 @@ done:
 
 /* ---- writing ---- */
 
+/* One line "section.key=value" of the settings as an attribute `key`. */
+static enum v2v_status write_setting(hid_t file, const char *path, const char *line, size_t bytes)
+{
+    enum v2v_status rc = V2V_OK;
+    char text[V2V_WEIGHTS_SETTINGS_BYTES];
+    V2V_TRY(v2v_text_format(text, sizeof text, "%.*s", (int)bytes, line));
+    char *name = strchr(text, '.'), *value = strchr(text, '='), *end = NULL;
+    if (name == NULL || value == NULL || value < name) {
+        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "'%s' is not section.key=value", text));
+    }
+    *value++ = '\0';
+    double number = strtod(value, &end);
+    if (end == value || *end != '\0') {
+        V2V_TRY(v2v_h5_set_text(file, path, name + 1, value));
+    } else if (number == floor(number) && fabs(number) < 1e15) {
+        V2V_TRY(v2v_h5_set_integer(file, path, name + 1, (int64_t)number));
+    } else {
+        V2V_TRY(v2v_h5_set_numbers(file, path, name + 1, &number, 1));
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status write_info(const struct v2v_weights_info *info, hid_t file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     const struct {
         const char *name;
         int64_t value;
-    } whole[] = {{"format_version", FORMAT_VERSION}, {"width", info->width},
-                 {"features", info->features},       {"views", info->views},
-                 {"slices", info->slices},           {"step", info->step}};
+    } whole[] = {{"format_version", FORMAT_VERSION},
+                 {"views", info->views},
+                 {"slices", info->slices},
+                 {"step", info->step}};
+    const struct {
+        const char *name, *text;
+    } texts[] = {{"method", info->method}, {"settings", info->settings}, {"split", info->split}};
     for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
         V2V_TRY(v2v_h5_set_integer(file, path, whole[i].name, whole[i].value));
     }
-    V2V_TRY(v2v_h5_set_numbers(file, path, "volume_scale", &info->volume_scale, 1));
-    V2V_TRY(v2v_h5_set_text(file, path, "split", info->split));
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        V2V_TRY(v2v_h5_set_text(file, path, texts[i].name, texts[i].text));
+    }
+    for (const char *line = info->settings; *line != '\0';) {
+        size_t bytes = strcspn(line, "\n");
+        V2V_TRY(write_setting(file, path, line, bytes));
+        line += bytes + (line[bytes] == '\n');
+    }
 done:
     return rc;
 }

@@ -22,6 +22,7 @@ enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fi
     int64_t shape[4] = {layer->out, layer->in, layer->kernel, layer->kernel};
     V2V_TRY(v2v_text_format(text, sizeof text, "%s.%s.weight", prefix, name));
     V2V_TRY(v2v_fields_add(fields, &layer->weight, text, 4, shape));
+    fields->item[layer->weight].starts_small = layer->is_last;
     V2V_TRY(v2v_text_format(text, sizeof text, "%s.%s.bias", prefix, name));
     V2V_TRY(v2v_fields_add(fields, &layer->bias, text, 1, shape));
 done:

@@ -38,8 +38,8 @@ static double kaiming_bound(double fan_in)
  * the last layer small: training starts at an almost empty volume. */
 static double he_bound(const struct v2v_field *field, double fan_in, int is_bias)
 {
-    int last = strstr(field->name, "conv_final.4") != NULL;
-    return is_bias ? 0.0 : sqrt(6.0 / ((1.0 + 0.01 * 0.01) * fan_in)) * (last ? 0.1 : 1.0);
+    double gain = field->starts_small ? 0.1 : 1.0;
+    return is_bias ? 0.0 : sqrt(6.0 / ((1.0 + 0.01 * 0.01) * fan_in)) * gain;
 }
 
 enum v2v_status v2v_rule_weights(const struct v2v_fields *fields, float *weights, int rule,

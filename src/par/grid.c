@@ -11,12 +11,13 @@ enum { BRANCHES = 2 };
  * either. */
 static const double whole_share = 0.02, pair_loss = 1.04;
 
-static enum v2v_status check(const struct v2v_grid_shape *shape, int ranks)
+static enum v2v_status check(const struct v2v_grid_shape *shape, int most_branches, int ranks)
 {
     int least =
         (shape->branches > 0 ? shape->branches : 1) * (shape->shards > 0 ? shape->shards : 1);
-    if (shape->branches < 0 || shape->branches > BRANCHES) {
-        return V2V_FAIL(V2V_E_CONFIG, "parallel.branches: %d is outside [0, 2]", shape->branches);
+    if (shape->branches < 0 || shape->branches > most_branches) {
+        return V2V_FAIL(V2V_E_CONFIG, "parallel.branches: %d is outside [0, %d]", shape->branches,
+                        most_branches);
     }
     if (shape->shards < 0) {
         return V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d is below 0", shape->shards);
@@ -74,9 +75,9 @@ enum v2v_status v2v_grid_choose(struct v2v_grid_shape *shape, const struct v2v_g
     enum v2v_status rc = V2V_OK;
     double least = 0.0;
     int found = 0, found_fits = 0;
-    V2V_TRY(check(wanted, ranks));
+    V2V_TRY(check(wanted, work->most_branches, ranks));
     for (int shards = 1; shards <= ranks; shards++) {
-        for (int branches = 1; branches <= BRANCHES; branches++) {
+        for (int branches = 1; branches <= work->most_branches; branches++) {
             const struct v2v_grid_shape tried = {branches, shards};
             int is_wanted =
                 (wanted->branches == 0 || wanted->branches == branches) &&
@@ -108,7 +109,7 @@ enum v2v_status v2v_grid_create(struct v2v_grid *grid, struct v2v_comm *world,
     int branches = shape->branches, shards = shape->shards, together = branches * shards;
     *grid = (struct v2v_grid){.world = world};
     V2V_ASSERT(branches >= 1 && shards >= 1);
-    V2V_TRY(check(shape, size));
+    V2V_TRY(check(shape, BRANCHES, size));
     grid->data_size = size / together;
     grid->branch_size = branches;
     grid->shard_size = shards;

@@ -31,50 +31,47 @@ enum v2v_status v2v_alike_processors(const struct v2v_config *config, const stru
     return V2V_OK;
 }
 
-/* What a rank holds: the encoder, then the U-Nets. */
-enum { PARTS = V2V_TRAINER_PARTS, NOT_HELD = -1 };
-
-static const char *const part_name[PARTS] = {"the encoder", "unet1", "unet2"};
+enum { NOT_HELD = -1 };
 
 static void take_checksums(struct v2v_trainer *trainer, int64_t *checksum)
 {
-    const float *weights = v2v_model_weights(trainer->model);
-    const int64_t floats[PARTS] = {trainer->encoder_floats, trainer->unet_floats[0],
-                                   trainer->unet_floats[1]};
-    for (int part = 0; part < PARTS; part++) {
-        int held = floats[part] > 0 && !trainer->grid.idle;
-        uint32_t crc = v2v_file_crc32c(0, weights, floats[part] * (int64_t)sizeof *weights);
-        checksum[part] = held ? (int64_t)crc : NOT_HELD;
-        weights += floats[part];
+    const struct v2v_schema *schema = &trainer->network->schema;
+    for (int64_t g = 0; g < schema->groups; g++) {
+        const struct v2v_group *group = &schema->group[g];
+        const float *weights = trainer->network->weights + group->first;
+        int held = group->count > 0 && !trainer->grid.idle;
+        uint32_t crc = v2v_file_crc32c(0, weights, group->count * (int64_t)sizeof *weights);
+        checksum[g] = held ? (int64_t)crc : NOT_HELD;
     }
 }
 
-/* How many ranks hold what rank r holds of a part. */
-static int count_alike(const int64_t *checksum, int size, int r, int part)
+/* How many ranks hold what rank r holds of a group; checksum [rank,group] begins at that group. */
+static int count_alike(const int64_t *checksum, int size, int64_t groups, int r)
 {
     int count = 0;
     for (int other = 0; other < size; other++) {
-        count += checksum[other * PARTS + part] == checksum[r * PARTS + part];
+        count += checksum[other * groups] == checksum[r * groups];
     }
     return count;
 }
 
 /* Most ranks are right; of a tie, the lower ones. The same answer on all ranks. */
-static enum v2v_status compare(const int64_t *checksum, int size, int part, int64_t step)
+static enum v2v_status compare(const int64_t *checksum, int size, int64_t groups, const char *name,
+                               int64_t step)
 {
     enum { NAMED = 8 };
     char ranks[16 * NAMED] = "";
     int right = NOT_HELD, wrong = 0, length = 0;
     for (int r = 0; r < size; r++) {
-        if (checksum[r * PARTS + part] != NOT_HELD &&
+        if (checksum[r * groups] != NOT_HELD &&
             (right == NOT_HELD ||
-             count_alike(checksum, size, r, part) > count_alike(checksum, size, right, part))) {
+             count_alike(checksum, size, groups, r) > count_alike(checksum, size, groups, right))) {
             right = r;
         }
     }
     for (int r = 0; r < size && right != NOT_HELD; r++) {
-        int64_t held = checksum[r * PARTS + part];
-        if (held == NOT_HELD || held == checksum[right * PARTS + part]) {
+        int64_t held = checksum[r * groups];
+        if (held == NOT_HELD || held == checksum[right * groups]) {
             continue;
         }
         if (wrong++ < NAMED) {
@@ -88,25 +85,27 @@ static enum v2v_status compare(const int64_t *checksum, int size, int part, int6
     return V2V_FAIL(V2V_E_INTERNAL,
                     "after step %lld the weights of %s on rank %s%s are not those of rank %d: "
                     "memory or network of a host is bad; the last checkpoint is older than that",
-                    (long long)step, part_name[part], ranks, wrong > NAMED ? ", .." : "", right);
+                    (long long)step, name, ranks, wrong > NAMED ? ", .." : "", right);
 }
 
 enum v2v_status v2v_alike_weights(struct v2v_trainer *trainer, int64_t step)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_comm *world = trainer->grid.world;
+    const struct v2v_schema *schema = &trainer->network->schema;
+    const int64_t groups = schema->groups;
     int size = v2v_comm_size(world);
     int64_t *checksum = trainer->checksums;
     if (size == 1) {
         return V2V_OK;
     }
-    for (int i = 0; i < size * PARTS; i++) {
+    for (int64_t i = 0; i < size * groups; i++) {
         checksum[i] = 0;
     }
-    take_checksums(trainer, checksum + v2v_comm_rank(world) * PARTS);
-    v2v_par_sum_i64(world, checksum, size * PARTS);
-    for (int part = 0; part < PARTS; part++) {
-        V2V_TRY(compare(checksum, size, part, step));
+    take_checksums(trainer, checksum + v2v_comm_rank(world) * groups);
+    v2v_par_sum_i64(world, checksum, size * groups);
+    for (int64_t g = 0; g < groups; g++) {
+        V2V_TRY(compare(checksum + g, size, groups, schema->group[g].name, step));
     }
 done:
     return rc;

@@ -9,7 +9,7 @@
 enum v2v_status v2v_alike_processors(const struct v2v_config *config,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/* Do all ranks that hold the encoder, or the same U-Net, hold the same weights after `step` steps?
+/* Do all ranks that hold a group of parameters hold the same weights after `step` steps?
  * Collective(world), agreed. V2V_E_INTERNAL names the ranks that don't. */
 enum v2v_status v2v_alike_weights(struct v2v_trainer *trainer, int64_t step) V2V_MUST_CHECK;
 

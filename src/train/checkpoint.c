@@ -6,7 +6,6 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/weights_file.h"
-#include "v2v3d/v2v/schema.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -17,7 +16,7 @@
 #define PREVIOUS "weights.prev.h5"
 #define DAMAGED "weights.bad.h5"
 
-enum { ARENAS = 3, MAIN_RANK = 0, OTHER_BRANCH_RANK = 1 };
+enum { ARENAS = 3, MAIN_RANK = 0, OTHER_RANK = 1 };
 
 static enum v2v_status path_in(char *path, const char *folder, const char *name)
 {
@@ -50,10 +49,10 @@ done:
 
 /* ---- write ---- */
 
-/* The arenas of the whole network on rank 0. When the branches are on two ranks the second U-Net is
- * fetched from the other one, else they are the trainer's own. */
+/* The arenas of the whole network on rank 0. When the outputs are on two ranks, groups that only
+ * the other one has are fetched from there, else they are the trainer's own. */
 struct whole {
-    struct v2v_fields fields;
+    struct v2v_schema schema;
     float *arena[ARENAS];
     float *taken; /* what this rank had to allocate */
 };
@@ -61,32 +60,40 @@ struct whole {
 static enum v2v_status take_whole(struct whole *whole, struct v2v_trainer *trainer)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_model_spec spec = *v2v_model_spec(trainer->model);
-    spec.branches = V2V_BRANCH_BOTH;
-    V2V_TRY(v2v_model_schema(&whole->fields, &spec));
-    V2V_TRY(V2V_ALLOC(whole->taken, "checkpoint", v2v_mem_product(ARENAS, whole->fields.total, 1)));
+    const struct v2v_network_spec spec = {.config = trainer->config,
+                                          .views = trainer->network->views,
+                                          .slices = trainer->network->slices,
+                                          .outputs = V2V_NETWORK_ALL};
+    V2V_TRY(v2v_network_schema(&whole->schema, trainer->ops->name, &spec));
+    const int64_t total = whole->schema.fields.total;
+    V2V_TRY(V2V_ALLOC(whole->taken, "checkpoint", v2v_mem_product(ARENAS, total, 1)));
     for (int i = 0; i < ARENAS; i++) {
-        whole->arena[i] = whole->taken + i * whole->fields.total;
+        whole->arena[i] = whole->taken + i * total;
     }
 done:
     return rc;
 }
 
-/* Collective over the pair of rank 0. */
-static void gather_branches(struct whole *whole, struct v2v_trainer *trainer)
+/* A group's part of all arenas: copied, or from the other rank. Collective over the pair of rank 0.
+ */
+static void gather_group(struct whole *whole, struct v2v_trainer *trainer, int64_t g)
 {
-    float *own[ARENAS] = {v2v_model_weights(trainer->model), trainer->m, trainer->v};
-    int64_t own_total = v2v_model_fields(trainer->model)->total;
-    int main_rank = trainer->grid.branch_rank == MAIN_RANK;
-    int64_t shared = trainer->encoder_floats, other = own_total - shared;
-    v2v_par_broadcast(trainer->grid.pair, &other, sizeof other, OTHER_BRANCH_RANK);
+    float *own[ARENAS] = {trainer->network->weights, trainer->m, trainer->v};
+    const struct v2v_comm *pair = trainer->grid.pair;
+    const struct v2v_group *here = &trainer->network->schema.group[g];
+    const struct v2v_group *there = &whole->schema.group[g];
+    int is_main = trainer->grid.branch_rank == MAIN_RANK;
+    int64_t is_held = here->count > 0;
+    v2v_par_broadcast(pair, &is_held, sizeof is_held, MAIN_RANK);
     for (int i = 0; i < ARENAS; i++) {
-        float *place = main_rank ? whole->arena[i] + own_total : own[i] + shared;
-        if (main_rank) {
-            memcpy(whole->arena[i], own[i], (size_t)own_total * sizeof(float));
+        if (!is_held) {
+            float *place = is_main ? whole->arena[i] + there->first : own[i] + here->first;
+            int64_t count = is_main ? there->count : here->count;
+            v2v_par_broadcast(pair, place, count * (int64_t)sizeof(float), OTHER_RANK);
+        } else if (is_main) {
+            memcpy(whole->arena[i] + there->first, own[i] + here->first,
+                   (size_t)here->count * sizeof(float));
         }
-        v2v_par_broadcast(trainer->grid.pair, place, other * (int64_t)sizeof(float),
-                          OTHER_BRANCH_RANK);
     }
 }
 
@@ -119,19 +126,14 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    const struct v2v_model_spec *spec = v2v_model_spec(trainer->model);
-    struct v2v_weights_info info = {.width = spec->width,
-                                    .features = spec->features,
-                                    .views = spec->views,
-                                    .slices = spec->slices,
-                                    .volume_scale = spec->volume_scale,
-                                    .step = step,
-                                    .split = "even-odd"};
+    const struct v2v_network *network = trainer->network;
+    struct v2v_weights_info info;
+    V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices, step));
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
     V2V_TRY(path_in(path, folder, NEWEST));
-    V2V_TRY(v2v_weights_file_write(path, &info, &whole->fields, whole->arena[0], whole->arena[1],
-                                   whole->arena[2], NULL, config));
+    V2V_TRY(v2v_weights_file_write(path, &info, &whole->schema.fields, whole->arena[0],
+                                   whole->arena[1], whole->arena[2], NULL, config));
 done:
     return rc;
 }
@@ -148,50 +150,65 @@ enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *fo
     }
     V2V_TRY(v2v_par_agree(grid->world, mine));
     if (split && grid->data_rank == 0 && grid->shard_rank == 0 && !grid->idle) {
-        gather_branches(&whole, trainer);
+        for (int64_t g = 0; g < trainer->network->schema.groups; g++) {
+            gather_group(&whole, trainer, g);
+        }
     } else if (writes) {
-        whole.arena[0] = v2v_model_weights(trainer->model);
+        whole.arena[0] = trainer->network->weights;
         whole.arena[1] = trainer->m;
         whole.arena[2] = trainer->v;
     }
     if (writes) {
         struct whole view = whole;
         if (!split) {
-            view.fields = *v2v_model_fields(trainer->model);
+            view.schema = trainer->network->schema;
         }
         mine = write_files(trainer, &view, folder, step, config);
     }
     V2V_TRY(v2v_par_agree(grid->world, mine));
 done:
-    v2v_fields_fini(&whole.fields);
+    v2v_schema_fini(&whole.schema);
     v2v_mem_free(whole.taken);
     return rc;
 }
 
 /* ---- read ---- */
 
+/* Settings for a message. */
+static const char *in_one_line(char *settings)
+{
+    for (char *at = settings; *at != '\0'; at++) {
+        *at = *at == '\n' ? ' ' : *at;
+    }
+    return settings;
+}
+
 static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, int64_t *step)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
-    const struct v2v_model_spec *spec = v2v_model_spec(trainer->model);
-    const struct v2v_fields *fields = v2v_model_fields(trainer->model);
+    const struct v2v_network *network = trainer->network;
+    const struct v2v_fields *fields = &network->schema.fields;
+    struct v2v_weights_info own;
+    struct v2v_config config = *trainer->config;
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
-    if (info.width != spec->width || info.features != spec->features || info.views != spec->views ||
-        info.slices != spec->slices || info.volume_scale != spec->volume_scale) {
+    *step = info.step;
+    V2V_TRY(v2v_network_adopt(&config, &info, path)); /* settings as this program writes them */
+    V2V_TRY(v2v_network_describe(&info, &config, info.views, info.slices, info.step));
+    V2V_TRY(v2v_network_describe(&own, trainer->config, network->views, network->slices, 0));
+    if (strcmp(info.method, own.method) != 0 || strcmp(info.settings, own.settings) != 0 ||
+        info.views != own.views || info.slices != own.slices) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "%s: a network of width %lld, %lld features, %lld views, %lld slices, "
-                         "scale %g; this run has %lld, %lld, %lld, %lld, %g",
-                         path, (long long)info.width, (long long)info.features,
-                         (long long)info.views, (long long)info.slices, info.volume_scale,
-                         (long long)spec->width, (long long)spec->features, (long long)spec->views,
-                         (long long)spec->slices, spec->volume_scale));
+                         "%s: a network %s of %lld views, %lld slices with %s; this run has %s, "
+                         "%lld, %lld, %s",
+                         path, info.method, (long long)info.views, (long long)info.slices,
+                         in_one_line(info.settings), own.method, (long long)own.views,
+                         (long long)own.slices, in_one_line(own.settings)));
     }
-    V2V_TRY(v2v_weights_file_read(v2v_model_weights(trainer->model), path, "weights", fields));
+    V2V_TRY(v2v_weights_file_read(network->weights, path, "weights", fields));
     V2V_TRY(v2v_weights_file_read(trainer->m, path, "adam_m", fields));
     V2V_TRY(v2v_weights_file_read(trainer->v, path, "adam_v", fields));
-    *step = info.step;
 done:
     return rc;
 }

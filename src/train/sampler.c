@@ -4,7 +4,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
 
@@ -99,14 +98,15 @@ done:
     return rc;
 }
 
-static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job)
+static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
+                                   int64_t unit)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = info_of(&sampler->source[0]);
     int64_t crop = sampler->settings->crop;
     sampler->views = job->psf->views;
-    sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, V2V_MODEL_GRID);
-    sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, V2V_MODEL_GRID);
+    sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
+    sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
     int64_t bytes = sampler->views * sampler->frame_pixels * (int64_t)sizeof(float);
     int64_t fit = KEPT_BYTES / bytes;
     sampler->slots = fit < 1 ? 1 : fit < sampler->frames ? fit : sampler->frames;
@@ -131,14 +131,14 @@ done:
 }
 
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   const struct v2v_comm *comm)
+                                   int64_t unit, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_sampler *self = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(self, "sampler", 1)));
     self->settings = &job->config->train;
     V2V_TRY(add_sources(self, job, comm));
-    V2V_TRY(v2v_par_agree(comm, take_memory(self, job)));
+    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit)));
 done:
     if (rc != V2V_OK) {
         v2v_sampler_destroy(&self);

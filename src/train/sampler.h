@@ -8,9 +8,9 @@
 struct v2v_sampler;
 
 /* Decides offset and gain of every recording (reads them once), which flips are physical and the
- * size of a sample. Collective(comm), agreed. */
+ * size of a sample; whole frames are padded to a multiple of `unit`. Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+                                   int64_t unit, const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
 
 /* Floats of the frames that it will take, one by one, and keep. */

@@ -15,7 +15,7 @@
 #include <stdio.h>
 
 /* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row
- * the run gives up (RELIABILITY.md P8). */
+ * the run gives up. */
 enum { NOT_FINITE_IN_A_ROW = 10 };
 
 struct run {
@@ -33,13 +33,13 @@ struct run {
 static enum v2v_status set_weights(struct run *run)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_model *model = run->trainer.model;
+    const struct v2v_network *network = run->trainer.network;
+    const struct v2v_fields *fields = &network->schema.fields;
     if (run->job->weights != NULL) {
-        V2V_TRY(v2v_weights_file_read(v2v_model_weights(model), run->job->weights, "weights",
-                                      v2v_model_fields(model)));
+        V2V_TRY(v2v_weights_file_read(network->weights, run->job->weights, "weights", fields));
     } else {
-        V2V_TRY(v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model),
-                                 (int)run->job->config->train.init, run->job->config->train.seed));
+        V2V_TRY(v2v_rule_weights(fields, network->weights, (int)run->job->config->train.init,
+                                 run->job->config->train.seed));
     }
 done:
     return rc;
@@ -57,7 +57,7 @@ static enum v2v_status start(struct run *run)
             v2v_log(V2V_LOG_INFO, "resuming after step %lld", (long long)run->step);
         }
     }
-    v2v_model_weights_changed(run->trainer.model);
+    run->trainer.ops->weights_changed(run->trainer.network);
     V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_start(&run->folder, run->step)));
 done:
     return rc;

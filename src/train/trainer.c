@@ -11,65 +11,49 @@
 #include <math.h>
 #include <string.h>
 
-enum { BRANCHES = 2 };
+enum { OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
 
-/* The tail: how many ranks say so, then the loss terms [sample, branch, term], each of which one
+/* The tail: how many ranks say so, then the loss terms [sample, output, term], each of which one
  * rank knows: a sum over ranks leaves its bits alone. */
 enum { FLAG_FAILED, FLAG_STOP, FLAG_CHECKPOINT, FLAGS };
 
-/* The branches that this rank computes; an idle rank holds the second without using it. */
-static unsigned held_branches(const struct v2v_grid *grid)
+static const struct v2v_fields *fields_of(const struct v2v_trainer *trainer)
 {
-    if (grid->branch_size == 1) {
-        return V2V_BRANCH_BOTH;
-    }
-    return grid->branch_rank == 0 ? V2V_BRANCH_1 : V2V_BRANCH_2;
+    return &trainer->network->schema.fields;
 }
 
-/* The arenas hold the encoder's fields, then those of the U-Nets held. */
-static void measure_fields(struct v2v_trainer *trainer, const struct v2v_fields *fields)
+/* This rank's rows of the volumes. */
+static struct v2v_part rows_of(const struct v2v_trainer *trainer)
 {
-    static const char *const prefix[BRANCHES] = {"unet1.", "unet2."};
-    trainer->encoder_floats = fields->total;
-    for (int b = BRANCHES - 1; b >= 0; b--) {
-        int64_t end = trainer->encoder_floats;
-        for (int64_t i = fields->count - 1; i >= 0; i--) {
-            if (strncmp(fields->item[i].name, prefix[b], strlen(prefix[b])) == 0) {
-                trainer->encoder_floats = fields->item[i].offset;
-            }
-        }
-        trainer->unet_floats[b] = end - trainer->encoder_floats;
-    }
+    return trainer->network->ops->rows_of(trainer->network, v2v_comm_rank(trainer->grid.shard));
 }
 
-static enum v2v_status create_model(struct v2v_trainer *trainer, const struct v2v_train_job *job,
-                                    int precision)
+static struct v2v_network_spec describe(const struct v2v_trainer *trainer,
+                                        const struct v2v_train_job *job)
+{
+    return (struct v2v_network_spec){.config = job->config,
+                                     .psf = job->psf,
+                                     .views = job->psf->views,
+                                     .slices = job->psf->slices,
+                                     .outputs = V2V_NETWORK_ALL,
+                                     .slabs = trainer->slabs};
+}
+
+static enum v2v_status create_network(struct v2v_trainer *trainer, const struct v2v_train_job *job,
+                                      int precision)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_shifts shifts = {0};
-    struct v2v_model_spec spec = {.views = job->psf->views,
-                                  .slices = job->psf->slices,
-                                  .width = job->config->model.width,
-                                  .features = job->config->model.features,
-                                  .branches = held_branches(&trainer->grid),
-                                  .backend = job->config->model.backend,
-                                  .winograd = job->config->model.winograd,
-                                  .precision = precision,
-                                  .every_slice = !job->config->model.merge,
-                                  .volume_scale = job->config->model.volume_scale,
-                                  .slabs = trainer->slabs,
-                                  .shard = trainer->grid.shard};
-    V2V_TRY(v2v_shifts_from_psf(&shifts, job->psf));
-    V2V_TRY(v2v_model_create(&trainer->model, &spec, &shifts));
-    const struct v2v_fields *fields = v2v_model_fields(trainer->model);
-    measure_fields(trainer, fields);
+    struct v2v_network_spec spec = describe(trainer, job);
+    spec.outputs = v2v_network_outputs_of(trainer->ops, &trainer->grid);
+    spec.precision = precision;
+    spec.shard = trainer->grid.shard;
+    V2V_TRY(v2v_network_create(&trainer->network, trainer->ops->name, &spec));
     if (trainer->rounds > 1) {
-        V2V_TRY(V2V_ALLOC(trainer->sum, "train.gradients", fields->total));
+        V2V_TRY(V2V_ALLOC(trainer->sum, "train.gradients", fields_of(trainer)->total));
     }
-    V2V_TRY(V2V_ALLOC(trainer->m, "adam.m", fields->total));
-    V2V_TRY(V2V_ALLOC(trainer->v, "adam.v", fields->total));
+    V2V_TRY(V2V_ALLOC(trainer->m, "adam.m", fields_of(trainer)->total));
+    V2V_TRY(V2V_ALLOC(trainer->v, "adam.v", fields_of(trainer)->total));
 done:
-    v2v_shifts_fini(&shifts);
     return rc;
 }
 
@@ -80,70 +64,83 @@ static void gradients_ready(void *context, int64_t first, int64_t count)
     v2v_bucket_sum_ready(trainer->buckets, first, count);
 }
 
-/* The encoder's gradients come last, summed over slabs already, then over both branches; a U-Net's
- * over slabs and its own column. */
 static enum v2v_status create_buckets(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    const unsigned samples = 1u << V2V_LEVEL_DATA, branches = 1u << V2V_LEVEL_BRANCH;
-    const unsigned slabs = 1u << V2V_LEVEL_SHARD;
-    struct v2v_bucket_run run[BRANCHES + 1] = {{0}};
-    int64_t first = trainer->encoder_floats;
-    for (int b = 0; b < BRANCHES; b++) {
-        run[b] = (struct v2v_bucket_run){first, trainer->unet_floats[b], slabs | samples};
-        first += trainer->unet_floats[b];
+    const struct v2v_schema *schema = &trainer->network->schema;
+    struct v2v_bucket_run run[V2V_NETWORK_MOST_GROUPS];
+    for (int64_t g = 0; g < schema->groups; g++) {
+        const struct v2v_group *group = &schema->group[g];
+        run[g] = (struct v2v_bucket_run){group->first, group->count, group->levels};
     }
-    run[BRANCHES] = (struct v2v_bucket_run){0, trainer->encoder_floats, branches | samples};
     struct v2v_bucket_setup setup = {.world = grid->world,
                                      .level = {[V2V_LEVEL_SHARD] = grid->shard,
                                                [V2V_LEVEL_BRANCH] = grid->pair,
                                                [V2V_LEVEL_DATA] = grid->column},
                                      .run = run,
-                                     .runs = BRANCHES + 1,
+                                     .runs = schema->groups,
                                      .bucket = V2V_BUCKET_FLOATS};
     return v2v_bucket_sum_create(&trainer->buckets, &setup);
+}
+
+/* Local: a sample, its volumes and what the loss makes of them. */
+static enum v2v_status take_memory(struct v2v_trainer *trainer, const struct v2v_train_job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t slices = job->psf->slices;
+    const int64_t pixels = trainer->height * v2v_sampler_width(trainer->sampler);
+    trainer->voxels = slices * pixels;
+    trainer->view_floats = job->psf->views * pixels;
+    V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
+    for (int o = 0; o < trainer->ops->outputs; o++) {
+        V2V_TRY(V2V_ALLOC(trainer->volume[o], "train.volumes", trainer->voxels));
+        V2V_TRY(V2V_ALLOC(trainer->dvolume[o], "train.volumes", trainer->voxels));
+    }
+    trainer->tail_count = FLAGS + job->config->train.batch * OUTPUTS * V2V_LOSS_TOTAL;
+    V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
+    V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
+                      trainer->network->schema.groups * v2v_comm_size(trainer->grid.world)));
+done:
+    return rc;
 }
 
 static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                         const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    int64_t height = v2v_sampler_height(trainer->sampler);
-    int64_t width = v2v_sampler_width(trainer->sampler);
+    const struct v2v_network_ops *ops = trainer->ops;
+    const int64_t width = v2v_sampler_width(trainer->sampler), slices = job->psf->slices;
+    trainer->height = v2v_sampler_height(trainer->sampler);
     struct v2v_loss_setup setup = {.settings = &job->config->loss,
                                    .psf = job->psf,
                                    .reduce = job->config->psf.reduce,
-                                   .height = height,
+                                   .height = trainer->height,
                                    .width = width,
                                    .window = v2v_sampler_window(trainer->sampler)};
-    trainer->height = height;
-    trainer->voxels = job->psf->slices * height * width;
-    trainer->view_floats = job->psf->views * height * width;
-    V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
-    for (int b = 0; b < BRANCHES; b++) {
-        V2V_TRY(V2V_ALLOC(trainer->volume[b], "train.volumes", trainer->voxels));
-        V2V_TRY(V2V_ALLOC(trainer->dvolume[b], "train.volumes", trainer->voxels));
-    }
-    trainer->tail_count = FLAGS + job->config->train.batch * BRANCHES * V2V_LOSS_TOTAL;
-    V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
-    V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
-                      V2V_TRAINER_PARTS * v2v_comm_size(trainer->grid.world)));
+    V2V_TRY(take_memory(trainer, job));
     V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
-    int64_t shared = trainer->grid.shard_size > 1 ? BRANCHES * job->psf->slices * width : 0;
-    v2v_model_leave_room(trainer->model, v2v_sampler_room(trainer->sampler), shared);
-    V2V_TRY(v2v_model_plan(trainer->model, height, width, 1));
-    if (trainer->grid.shard_size > 1) {
-        int64_t rows = v2v_model_rows(trainer->model).count;
-        V2V_TRY(
-            V2V_ALLOC(trainer->rows, "train.volumes", BRANCHES * job->psf->slices * rows * width));
+    if (ops->traits & V2V_TRAIT_PROJECTS) {
+        V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, trainer->height, width,
+                                     V2V_SPLIT_SLICES, NULL));
     }
-    v2v_model_watch_gradients(trainer->model, gradients_ready, trainer);
+    const struct v2v_network_plan plan = {
+        .height = trainer->height, .width = width, .training = 1, .projector = trainer->projector};
+    if (ops->leave_room != NULL) {
+        int64_t shared = trainer->grid.shard_size > 1 ? ops->outputs * slices * width : 0;
+        ops->leave_room(trainer->network, v2v_sampler_room(trainer->sampler), shared);
+    }
+    V2V_TRY(ops->plan(trainer->network, &plan));
+    if (trainer->grid.shard_size > 1) {
+        V2V_TRY(V2V_ALLOC(trainer->rows, "train.volumes",
+                          ops->outputs * slices * rows_of(trainer).count * width));
+    }
+    ops->watch(trainer->network, gradients_ready, trainer);
 done:
     return rc;
 }
 
 /* Slabs of rows decide on the weights' bits: there are as many as the configuration says, on one
- * rank or on as many. They are shared out when samples and branches leave ranks over. */
+ * rank or on as many. They are shared out when samples and outputs leave ranks over. */
 static enum v2v_status count_slabs(struct v2v_trainer *trainer, struct v2v_grid_shape *wanted,
                                    int ranks)
 {
@@ -163,7 +160,7 @@ static enum v2v_status count_slabs(struct v2v_trainer *trainer, struct v2v_grid_
             "one each, or one rank with all",
             (long long)shards, (long long)slabs);
     }
-    int64_t others = config->train.batch * BRANCHES * trainer->slabs;
+    int64_t others = config->train.batch * trainer->ops->outputs * trainer->slabs;
     wanted->branches = (int)config->parallel.branches;
     wanted->shards = shards > 0 ? (int)shards : ranks >= others ? (int)trainer->slabs : 1;
     return V2V_OK;
@@ -174,7 +171,10 @@ static enum v2v_status lay_out(struct v2v_trainer *trainer, struct v2v_comm *com
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_grid_shape wanted;
-    struct v2v_grid_work work = {.items = trainer->config->train.batch, .height = 1, .unit = 1};
+    struct v2v_grid_work work = {.items = trainer->config->train.batch,
+                                 .height = 1,
+                                 .unit = 1,
+                                 .most_branches = trainer->ops->outputs};
     V2V_TRY(count_slabs(trainer, &wanted, v2v_comm_size(comm)));
     V2V_TRY(v2v_grid_lay_out(&trainer->grid, comm, &wanted, &work));
 done:
@@ -186,13 +186,17 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
 {
     enum v2v_status rc = V2V_OK;
     int precision = V2V_PRECISION_F32;
+    struct v2v_grid_work work;
     *trainer = (struct v2v_trainer){.config = job->config};
+    V2V_TRY(v2v_network_find(&trainer->ops, job->config->model.method));
     V2V_TRY(lay_out(trainer, comm));
     trainer->rounds =
         (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
-    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, comm));
+    struct v2v_network_spec spec = describe(trainer, job);
+    trainer->ops->describe_work(&work, &spec, 1, 1);
+    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
-    V2V_TRY(v2v_par_agree(comm, create_model(trainer, job, precision)));
+    V2V_TRY(v2v_par_agree(comm, create_network(trainer, job, precision)));
     V2V_TRY(create_buckets(trainer));
     V2V_TRY(v2v_par_agree(comm, create_workspace(trainer, job)));
 done:
@@ -202,13 +206,16 @@ done:
 void v2v_trainer_destroy(struct v2v_trainer *trainer)
 {
     v2v_loss_destroy(&trainer->loss);
-    v2v_model_destroy(&trainer->model);
+    v2v_network_destroy(&trainer->network);
+    v2v_projector_destroy(&trainer->projector);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m,          trainer->v,          trainer->sum,
-                       trainer->views,      trainer->volume[0],  trainer->volume[1],
-                       trainer->dvolume[0], trainer->dvolume[1], trainer->rows};
+    float *memory[] = {trainer->m, trainer->v, trainer->sum, trainer->views, trainer->rows};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
+    }
+    for (int o = 0; o < OUTPUTS; o++) {
+        v2v_mem_free(trainer->volume[o]);
+        v2v_mem_free(trainer->dvolume[o]);
     }
     v2v_mem_free(trainer->tail);
     v2v_mem_free(trainer->checksums);
@@ -217,22 +224,23 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     *trainer = (struct v2v_trainer){0};
 }
 
-/* Both volumes of the sample, whole, on every rank that shares it. Collective(shard, pair). */
+/* All volumes of the sample, whole, on every rank that shares it. Collective(shard, pair). */
 static void make_volumes(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    float *part[BRANCHES] = {trainer->volume[0], trainer->volume[1]};
-    int64_t held = v2v_model_rows(trainer->model).count * trainer->voxels / trainer->height;
-    for (int b = 0; b < BRANCHES && grid->shard_size > 1; b++) {
-        part[b] = trainer->rows + b * held;
+    struct v2v_network *network = trainer->network;
+    float *part[OUTPUTS] = {NULL};
+    int64_t held = rows_of(trainer).count * trainer->voxels / trainer->height;
+    for (int o = 0; o < trainer->ops->outputs; o++) {
+        part[o] = grid->shard_size > 1 ? trainer->rows + o * held : trainer->volume[o];
     }
-    v2v_model_forward(trainer->model, part[0], part[1], trainer->views);
-    for (int b = 0; b < BRANCHES; b++) {
-        if (held_branches(grid) & 1u << b) {
-            v2v_model_gather(trainer->model, trainer->volume[b], part[b]);
+    trainer->ops->forward(network, part, trainer->views);
+    for (int o = 0; o < trainer->ops->outputs && grid->shard_size > 1; o++) {
+        if (v2v_network_holds(network, o)) {
+            trainer->ops->gather(network, trainer->volume[o], part[o]);
         }
     }
-    if (grid->branch_size == BRANCHES) {
+    if (grid->branch_size > 1) {
         int own = grid->branch_rank;
         v2v_par_exchange_f32(grid->pair, trainer->volume[1 - own], trainer->volume[own],
                              trainer->voxels, 1 - own);
@@ -242,8 +250,8 @@ static void make_volumes(struct v2v_trainer *trainer)
 /* A volume's rows of this rank's slab, in the same memory. */
 static void keep_rows(const struct v2v_trainer *trainer, float *volume)
 {
-    struct v2v_part rows = v2v_model_rows(trainer->model);
-    int64_t slices = v2v_model_spec(trainer->model)->slices;
+    struct v2v_part rows = rows_of(trainer);
+    int64_t slices = trainer->network->slices;
     int64_t slice = trainer->voxels / slices, width = slice / trainer->height;
     for (int64_t z = 0; z < slices && trainer->grid.shard_size > 1; z++) {
         memmove(volume + z * rows.count * width, volume + z * slice + rows.first * width,
@@ -256,16 +264,21 @@ static void keep_rows(const struct v2v_trainer *trainer, float *volume)
 static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 {
     const struct v2v_grid *grid = &trainer->grid;
+    const float *volume[OUTPUTS] = {NULL}, *dvolume[OUTPUTS] = {NULL};
     double value[V2V_LOSS_TERMS];
     make_volumes(trainer);
-    const float *const volume[BRANCHES] = {trainer->volume[0], trainer->volume[1]};
-    v2v_loss_evaluate(trainer->loss, value, held_branches(grid), trainer->dvolume, volume,
+    for (int o = 0; o < trainer->ops->outputs; o++) {
+        volume[o] = trainer->volume[o];
+        dvolume[o] = trainer->dvolume[o];
+    }
+    v2v_loss_evaluate(trainer->loss, value, trainer->network->held, trainer->dvolume, volume,
                       trainer->views);
-    keep_rows(trainer, trainer->dvolume[0]);
-    keep_rows(trainer, trainer->dvolume[1]);
-    v2v_model_backward(trainer->model, trainer->dvolume[0], trainer->dvolume[1]);
+    for (int o = 0; o < trainer->ops->outputs; o++) {
+        keep_rows(trainer, trainer->dvolume[o]);
+    }
+    trainer->ops->backward(trainer->network, dvolume);
     if (grid->shard_rank == 0) {
-        memcpy(trainer->tail + FLAGS + (sample * BRANCHES + grid->branch_rank) * V2V_LOSS_TOTAL,
+        memcpy(trainer->tail + FLAGS + (sample * OUTPUTS + grid->branch_rank) * V2V_LOSS_TOTAL,
                value, V2V_LOSS_TOTAL * sizeof *value);
     }
 }
@@ -273,7 +286,7 @@ static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 /* Where the batch's gradient ends up. */
 static float *batch_gradients(struct v2v_trainer *trainer)
 {
-    return trainer->sum != NULL ? trainer->sum : v2v_model_gradients(trainer->model);
+    return trainer->sum != NULL ? trainer->sum : trainer->network->gradients;
 }
 
 /* One sample a rank, or none where they have run out; the sum over samples keeps their order, so
@@ -283,9 +296,9 @@ static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int6
 {
     enum v2v_status drawn = V2V_OK;
     const struct v2v_grid *grid = &trainer->grid;
-    int64_t total = v2v_model_fields(trainer->model)->total, batch = trainer->config->train.batch;
+    int64_t total = fields_of(trainer)->total, batch = trainer->config->train.batch;
     int64_t sample = round * grid->data_size + grid->data_rank;
-    struct v2v_bucket_round setup = {.x = v2v_model_gradients(trainer->model),
+    struct v2v_bucket_round setup = {.x = trainer->network->gradients,
                                      .total = batch_gradients(trainer),
                                      .first = round == 0,
                                      .last = round == trainer->rounds - 1,
@@ -311,19 +324,18 @@ finish:
 static double squared_norm(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    const float *gradients = batch_gradients(trainer);
-    double part[1 + BRANCHES] = {0.0}, squares = 0.0;
-    if (grid->branch_rank <= 0) { /* the encoder's are the same on both ranks of a pair */
-        part[0] = v2v_sum_of_squares(gradients, trainer->encoder_floats);
+    const struct v2v_schema *schema = &trainer->network->schema;
+    double part[V2V_NETWORK_MOST_GROUPS] = {0.0}, squares = 0.0;
+    for (int64_t g = 0; g < schema->groups; g++) {
+        const struct v2v_group *group = &schema->group[g];
+        int is_shared = (group->levels >> V2V_LEVEL_BRANCH & 1) != 0;
+        if (!is_shared || grid->branch_rank <= 0) { /* shared: the same on both ranks of a pair */
+            part[g] = v2v_sum_of_squares(batch_gradients(trainer) + group->first, group->count);
+        }
     }
-    gradients += trainer->encoder_floats;
-    for (int b = 0; b < BRANCHES; b++) {
-        part[1 + b] = v2v_sum_of_squares(gradients, trainer->unet_floats[b]);
-        gradients += trainer->unet_floats[b];
-    }
-    v2v_par_sum_f64(grid->pair, part, 1 + BRANCHES);
-    for (int i = 0; i < 1 + BRANCHES; i++) {
-        squares += part[i];
+    v2v_par_sum_f64(grid->pair, part, schema->groups);
+    for (int64_t g = 0; g < schema->groups; g++) {
+        squares += part[g];
     }
     if (grid->data_size * grid->branch_size * grid->shard_size < v2v_comm_size(grid->world)) {
         v2v_par_broadcast(grid->world, &squares, sizeof squares, 0); /* idle ranks have none */
@@ -338,7 +350,7 @@ static void read_tail(const struct v2v_trainer *trainer, struct v2v_step_result 
     int64_t batch = trainer->config->train.batch;
     const double *term = trainer->tail + FLAGS;
     v2v_loss_weights(weight, &trainer->config->loss);
-    for (int64_t s = 0; s < batch; s++, term += BRANCHES * V2V_LOSS_TOTAL) {
+    for (int64_t s = 0; s < batch; s++, term += OUTPUTS * V2V_LOSS_TOTAL) {
         for (int i = 0; i < V2V_LOSS_TOTAL; i++) {
             result->terms[i] += term[i] + term[V2V_LOSS_TOTAL + i];
         }
@@ -360,7 +372,7 @@ static void clip_gradients(struct v2v_trainer *trainer, double norm)
     }
     float *gradients = batch_gradients(trainer);
     const float factor = (float)(most / norm);
-    int64_t total = v2v_model_fields(trainer->model)->total;
+    int64_t total = fields_of(trainer)->total;
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < total; i++) {
         gradients[i] *= factor;
@@ -381,12 +393,12 @@ static void step_weights(struct v2v_trainer *trainer, double grad_norm, int64_t 
                             .beta2 = settings->beta2,
                             .epsilon = settings->epsilon};
     clip_gradients(trainer, grad_norm);
-    v2v_adam_step(&adam, v2v_model_weights(trainer->model), trainer->m, trainer->v,
-                  batch_gradients(trainer), v2v_model_fields(trainer->model)->total, step + 1);
+    v2v_adam_step(&adam, trainer->network->weights, trainer->m, trainer->v,
+                  batch_gradients(trainer), fields_of(trainer)->total, step + 1);
     if (V2V_FAULT_POINT("train.weights") != V2V_OK) {
-        v2v_model_weights(trainer->model)[0] *= 1.0f + FLT_EPSILON; /* what bad memory does */
+        trainer->network->weights[0] *= 1.0f + FLT_EPSILON; /* what bad memory does */
     }
-    v2v_model_weights_changed(trainer->model);
+    trainer->ops->weights_changed(trainer->network);
 }
 
 enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,

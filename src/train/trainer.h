@@ -1,36 +1,33 @@
-/* Model, loss, moments and grid of a training run: what a step works on. */
+/* Network, loss, moments and grid of a training run: what a step works on. */
 #ifndef V2V3D_TRAIN_TRAINER_H
 #define V2V3D_TRAIN_TRAINER_H
 
 #include "train/sampler.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/nn/adam.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/bucket_sum.h"
 #include "v2v3d/par/grid.h"
-
-/* The encoder and two U-Nets. */
-enum { V2V_TRAINER_PARTS = 3 };
 
 struct v2v_trainer {
     const struct v2v_config *config;
     struct v2v_grid grid;
     struct v2v_sampler *sampler;
-    struct v2v_model *model;
+    const struct v2v_network_ops *ops;
+    struct v2v_network *network;
+    struct v2v_projector *projector; /* what the network's method asks for; else NULL */
     struct v2v_loss *loss;
-    float *m, *v;           /* Adam's moments, as the model's fields */
-    int64_t encoder_floats; /* of the arenas: shared by both branches */
-    int64_t unet_floats[2]; /* behind them, 0 for a branch not held */
-    int64_t rounds;         /* in which the ranks run a batch's samples */
-    float *sum;             /* of gradients over rounds; NULL: one round, summed where they are */
+    float *m, *v;   /* Adam's moments, as the network's fields */
+    int64_t rounds; /* in which the ranks run a batch's samples */
+    float *sum;     /* of gradients over rounds; NULL: one round, summed where they are */
     struct v2v_bucket_sum *buckets;
     double *tail; /* numbers of a step that all ranks must know */
     int64_t tail_count;
-    int64_t *checksums; /* [rank,part] of weights */
+    int64_t *checksums; /* [rank,group] of weights */
     float *views;       /* [v,y,x] of a sample */
     int64_t view_floats;
-    float *volume[2]; /* [z,y,x] of both branches */
-    float *dvolume[2];
-    float *rows;    /* of both volumes, this rank's slab; NULL where there are no shards */
+    float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,y,x] of all outputs */
+    float *dvolume[V2V_NETWORK_MOST_OUTPUTS];
+    float *rows;    /* of all volumes, this rank's slab; NULL where there are no shards */
     int64_t slabs;  /* that a sample is cut into */
     int64_t height; /* of a sample */
     int64_t voxels;

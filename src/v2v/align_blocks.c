@@ -1,8 +1,8 @@
 #include "v2v/align_blocks.h"
 
 #include "v2v/align_gather.h"
-#include "v2v3d/nn/layer.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/nn/layer.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/blocks.h"
 #include "v2v3d/tensor/bulk.h"

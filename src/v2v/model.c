@@ -291,6 +291,7 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
     *work = (struct v2v_grid_work){.height = height,
                                    .unit = grid,
                                    .margin = V2V_SLAB_MARGIN,
+                                   .most_branches = BRANCHES,
                                    .fixed_bytes = fixed * (int64_t)sizeof(float),
                                    .bytes = (fixed + floats * pixels) * (int64_t)sizeof(float)};
 }

@@ -4,8 +4,8 @@
 #define V2V3D_V2V_STRIPS_H
 
 #include "v2v/align_conv.h"
-#include "v2v3d/nn/layer.h"
 #include "v2v/scene.h"
+#include "v2v3d/nn/layer.h"
 
 struct v2v_strips;
 

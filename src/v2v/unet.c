@@ -33,6 +33,7 @@ enum v2v_status v2v_unet_create(struct v2v_unet **unet, struct v2v_fields *field
     for (int i = 0; i < LAYERS; i++) {
         self->layer[i] = (struct v2v_layer){.in = channels(self, layer_table[i].in),
                                             .out = channels(self, layer_table[i].out),
+                                            .is_last = i == FINAL4,
                                             .kernel = 3,
                                             .stride = layer_table[i].stride,
                                             .in_slope = layer_table[i].in_slope,

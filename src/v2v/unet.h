@@ -3,9 +3,9 @@
 #define V2V3D_V2V_UNET_H
 
 #include "v2v/align_conv.h"
-#include "v2v3d/nn/layer.h"
 #include "v2v/scene.h"
 #include "v2v/slabs.h"
+#include "v2v3d/nn/layer.h"
 
 struct v2v_unet;
 

@@ -2,7 +2,7 @@
 BEGIN {
     FS = "\t"
     # The floors of the house (DESIGN 2), ground floor first.
-    floor_count = split("base;par tensor conf;io fft op;optics;nn;v2v loss;train recon eval sim;" \
+    floor_count = split("base;par tensor conf;io fft op;optics;nn;v2v loss;method;train recon eval sim;" \
                         "bench;cli", floors, ";")
     for (f = 1; f <= floor_count; f++) {
         n = split(floors[f], names, " ")

@@ -8,7 +8,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/weights_file.h"
-#include "v2v3d/v2v/schema.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/train/train.h"
 
 #include <math.h>
@@ -83,6 +83,7 @@ static inline void scene_init(struct scene *scene, const char *folder, int64_t b
     scene_psf(&scene->psf);
     v2v_config_defaults(&scene->config);
     scene->config.model.width = 4;
+    scene->config.backconv.width = 8;
     scene->config.train.crop = 32;
     scene->config.train.halo = 4;
     scene->config.train.steps = 20;
@@ -114,20 +115,17 @@ static inline enum v2v_status scene_arenas(const struct scene *scene, const char
 {
     static const char *const group[] = {"weights", "adam_m", "adam_v"};
     enum v2v_status rc = V2V_OK;
-    struct v2v_fields fields = {0};
-    struct v2v_model_spec spec = {.views = VIEWS,
-                                  .slices = SLICES,
-                                  .width = scene->config.model.width,
-                                  .features = scene->config.model.features,
-                                  .branches = V2V_BRANCH_BOTH,
-                                  .volume_scale = 1.0};
-    assert_ok(v2v_model_schema(&fields, &spec));
-    assert_ok(V2V_ALLOC(*arenas, "test", 3 * fields.total));
+    struct v2v_schema schema = {0};
+    const struct v2v_network_spec spec = {
+        .config = &scene->config, .views = VIEWS, .slices = SLICES, .outputs = V2V_NETWORK_ALL};
+    assert_ok(v2v_network_schema(&schema, scene->config.model.method, &spec));
+    const int64_t total = schema.fields.total;
+    assert_ok(V2V_ALLOC(*arenas, "test", 3 * total));
     for (int i = 0; i < 3 && rc == V2V_OK; i++) {
-        rc = v2v_weights_file_read(*arenas + i * fields.total, path, group[i], &fields);
+        rc = v2v_weights_file_read(*arenas + i * total, path, group[i], &schema.fields);
     }
-    *count = 3 * fields.total;
-    v2v_fields_fini(&fields);
+    *count = 3 * total;
+    v2v_schema_fini(&schema);
     return rc;
 }
 

@@ -24,9 +24,9 @@
 #ifndef V2V3D_BENCH_FORECAST_H
 #define V2V3D_BENCH_FORECAST_H
 
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/par/cost.h"
+#include "v2v3d/v2v/model.h"
 
 #ifdef __cplusplus
 extern "C" {

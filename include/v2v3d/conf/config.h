@@ -19,6 +19,7 @@
 #define V2V3D_CONF_CONFIG_H
 
 #include "v2v3d/base/status.h"
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 
@@ -44,6 +45,9 @@ enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
  *  where they are emulated. */
 enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16, V2V_PRECISION_BF16_ALWAYS };
 enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
+
+/** Of a method: letters, digits, - and _. */
+#define V2V_CONFIG_NAME_BYTES 32
 
 /** Where a recording's frames lie in a stack of pages. */
 struct v2v_input_settings {
@@ -127,12 +131,16 @@ struct v2v_config {
     } psf;
     struct v2v_optics_settings optics;
     struct {
-        int64_t width;       /**< the paper's n = 128 */
-        int64_t features;    /**< per view, 4 */
-        int backend;         /**< enum v2v_backend */
-        int winograd, merge; /**< how the network's convolutions are computed */
-        double volume_scale; /**< volume = this * the network's output */
+        char method[V2V_CONFIG_NAME_BYTES]; /**< a trainable network of method/networks.h */
+        int64_t width;                      /**< the paper's n = 128 */
+        int64_t features;                   /**< per view, 4 */
+        int backend;                        /**< enum v2v_backend */
+        int winograd, merge;                /**< how the network's convolutions are computed */
+        double volume_scale;                /**< volume = this * the network's output */
     } model;
+    struct {
+        int64_t width; /**< channels between its layers */
+    } backconv;
     struct v2v_loss_settings loss;
     struct v2v_train_settings train;
     struct v2v_recon_settings recon;
@@ -149,6 +157,11 @@ enum v2v_status v2v_config_load(struct v2v_config *config, const char *path) V2V
 
 /** Apply one "section.key=value". @kind Local. @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment) V2V_MUST_CHECK;
+
+/** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`, 64 are
+ *  enough. @return V2V_OK | V2V_E_CONFIG (no such key) */
+enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config *config,
+                               const char *key) V2V_MUST_CHECK;
 
 /** Write the resolved configuration as YAML that v2v_config_load takes back to the same bits; with
  *  `comments` each key's meaning, default and range beside it. @kind Local. */

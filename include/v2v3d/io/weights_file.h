@@ -9,15 +9,20 @@
 extern "C" {
 #endif
 
+enum { V2V_WEIGHTS_WORD_BYTES = 32, V2V_WEIGHTS_SETTINGS_BYTES = 512 };
+
 /** What a weight file says beside its arrays. */
 struct v2v_weights_info {
-    int64_t width, features, views, slices;
-    double volume_scale; /**< volume = this * the network's output; 1 where absent */
-    int64_t step;        /**< training step, 0 for fresh weights */
-    char split[32];      /**< "even-odd" */
+    char method[V2V_WEIGHTS_WORD_BYTES];       /**< the network's; "v2v" where absent */
+    char settings[V2V_WEIGHTS_SETTINGS_BYTES]; /**< lines "section.key=value": the method's, which
+                                                    shapes and function depend on */
+    char split[V2V_WEIGHTS_WORD_BYTES];        /**< which views which volume sees, "even-odd" */
+    int64_t views, slices;
+    int64_t step; /**< training step, 0 for fresh weights */
 };
 
-/** Read the attributes only. @kind Local. @return V2V_OK | V2V_E_INPUT */
+/** Read the attributes only. Of files without `method` the settings are what the attributes width,
+ *  features and volume_scale say. @kind Local. @return V2V_OK | V2V_E_INPUT */
 enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info,
                                       const char *path) V2V_MUST_CHECK;
 
@@ -29,7 +34,8 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
                                       const struct v2v_fields *fields) V2V_MUST_CHECK;
 
 /** Write weights, and with moments (adam_m, adam_v not NULL) a checkpoint; `history` (may be NULL)
- *  and `config` (may be NULL) are stored as text. CRC-32C of every array in its attr `crc32c`.
+ *  and `config` (may be NULL) are stored as text. Every setting also is an attribute by the name of
+ *  its key, for people and other programs. CRC-32C of every array in its attr `crc32c`.
  *  Written under a temporary name, fsynced, renamed. @kind Local (one rank). */
 enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
                                        const struct v2v_fields *fields, const float *weights,

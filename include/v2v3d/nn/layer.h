@@ -15,6 +15,7 @@ struct v2v_layer {
     int kernel, stride;
     float in_slope;        /* negative slope of the activation before it, 0: none of its own */
     float slope;           /* of the activation after it, 1: none */
+    int is_last;           /* 1: its output is the network's */
     int upsample;          /* 1: the input is repeated 2 x 2 before it */
     int in_form, out_form; /* enum v2v_form of its images, for the next plan */
     struct v2v_conv *conv; /* NULL until planned */

@@ -13,7 +13,7 @@
  *                                      .slices = psf.slices, .outputs = V2V_NETWORK_ALL};
  *      V2V_TRY(v2v_network_create(&network, "v2v", &spec));
  *      V2V_TRY(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HE, 7));
- *      V2V_TRY(network->ops->plan(network, &(struct v2v_network_plan){.height = 128, .width = 128}));
+ *      V2V_TRY(network->ops->plan(network, &plan));
  *      network->ops->forward(network, volume, views);
  *  done:
  *      v2v_network_destroy(&network);
@@ -67,17 +67,17 @@ struct v2v_network_spec {
     const struct v2v_config *config; /**< the method reads its own section */
     const struct v2v_psf_file *psf;  /**< borrowed at creation; NULL: for the schema alone */
     int64_t views, slices;
-    unsigned outputs; /**< bits 1u << output: what this rank holds */
-    int precision;    /**< V2V_PRECISION_F32 or _BF16 */
-    double skip;      /**< 0: nothing; a method may not offer it, see traits */
-    int64_t slabs;    /**< of rows that a frame is cut into; 0 and 1: it is not */
+    unsigned outputs;             /**< bits 1u << output: what this rank holds */
+    int precision;                /**< V2V_PRECISION_F32 or _BF16 */
+    double skip;                  /**< 0: nothing; a method may not offer it, see traits */
+    int64_t slabs;                /**< of rows that a frame is cut into; 0 and 1: it is not */
     const struct v2v_comm *shard; /**< ranks that compute one slab each; NULL: this one all */
 };
 
 /** Frames that a network is planned for. */
 struct v2v_network_plan {
-    int64_t height, width; /**< multiples of what describe_work calls a unit */
-    int training;          /**< bool: keep what backward needs */
+    int64_t height, width;           /**< multiples of what describe_work calls a unit */
+    int training;                    /**< bool: keep what backward needs */
     struct v2v_projector *projector; /**< for frames of this size, over the shard; borrowed; NULL
                                           unless the method's traits ask for it */
 };
@@ -130,7 +130,7 @@ struct v2v_network_ops {
                           int64_t height, int64_t width);
 
     /** What the next plans leave free where memory is limited, for arrays that are taken later:
-     *  these floats, and more for each row of the volumes of this rank. May be NULL. @kind Local. */
+     *  these floats, and more for each row of the volumes of this rank. May be NULL. Local. */
     void (*leave_room)(struct v2v_network *network, int64_t floats, int64_t floats_a_row);
     /** Again with another size replaces the plan. @kind Collective(shard).
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL; not agreed */
@@ -144,7 +144,8 @@ struct v2v_network_ops {
     void (*forward)(struct v2v_network *network, float *const *volume, const float *views);
     /** The part of the work that the last forward did, 0 .. 1; NULL: 1. @kind Local. */
     double (*computed_part)(const struct v2v_network *network);
-    /** A volume [z,y,x] on all ranks of the shard from their rows. @kind Collective(shard) */
+    /** A volume [z,y,x] on all ranks of the shard from their rows; NULL without V2V_TRAIT_SLABS.
+     *  @kind Collective(shard) */
     void (*gather)(struct v2v_network *network, float *volume, const float *rows);
 
     /** From now on backward tells `ready` of gradients [first, first + count) that it will not

@@ -23,6 +23,7 @@ struct v2v_grid_work {
     int64_t bytes;       /**< that an item takes on one rank, and .. */
     int64_t fixed_bytes; /**< .. what of it a slab takes whatever its rows, a branch half of */
     int most_shards;
+    int most_branches; /**< outputs of the method, that ranks may hold one each */
 };
 
 /** Rows that the slab with most of them computes, margins included. @kind Local. */
@@ -32,7 +33,7 @@ int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards);
  *  free. Frames side by side come first, then branches, then slabs: that is the order of what they
  *  lose. Shapes that do not fit most_bytes are left out while there are others.
  *  @kind Local: the same on all ranks. @return V2V_OK | V2V_E_CONFIG (more than `ranks`; branches
- *  outside [0, 2]) */
+ *  outside [0, work->most_branches]) */
 enum v2v_status v2v_grid_choose(struct v2v_grid_shape *shape, const struct v2v_grid_shape *wanted,
                                 const struct v2v_grid_work *work, int ranks) V2V_MUST_CHECK;
 

@@ -5,8 +5,8 @@
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/io/volume.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/par/grid.h"
+#include "v2v3d/v2v/model.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -32,8 +32,9 @@ struct v2v_field {
     char name[V2V_FIELD_NAME_BYTES];
     int rank;
     int64_t shape[V2V_FIELD_MAX_RANK];
-    int64_t count;  /**< elements */
-    int64_t offset; /**< floats from the start of the arena */
+    int64_t count;    /**< elements */
+    int64_t offset;   /**< floats from the start of the arena */
+    int starts_small; /**< bool: of a network's last layer; initialisers may make it small */
 };
 
 struct v2v_fields {

@@ -2,8 +2,8 @@
 #define V2V3D_V2V_SCHEMA_H
 
 #include "v2v3d/base/status.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/tensor/fields.h"
+#include "v2v3d/v2v/model.h"
 #include <stdint.h>
 
 #ifdef __cplusplus

@@ -6,8 +6,8 @@
 #include "bench/work.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/v2v/schema.h"
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -5,10 +5,10 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/loss/loss.h"
 #include "v2v3d/nn/adam.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/tensor/statistics.h"
+#include "v2v3d/v2v/model.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -2,10 +2,10 @@
 #include "support.h"
 
 #include "v2v3d/base/memory.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/v2v/model.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -2,10 +2,10 @@
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/recon/network.h"
 #include "v2v3d/tensor/statistics.h"
+#include "v2v3d/v2v/model.h"
 
 #include <math.h>
 #include <stdio.h>

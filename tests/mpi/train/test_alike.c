@@ -16,7 +16,7 @@ static void setup(struct scene *scene, struct v2v_trainer *trainer, int64_t bran
     scene->config.parallel.branches = branches;
     struct v2v_train_job job = scene_job(scene, run, "run");
     assert_ok(v2v_trainer_create(trainer, &job, test_world()));
-    assert_ok(v2v_rule_weights(v2v_model_fields(trainer->model), v2v_model_weights(trainer->model),
+    assert_ok(v2v_rule_weights(&trainer->network->schema.fields, trainer->network->weights,
                                V2V_RULE_HE, 3));
 }
 
@@ -31,9 +31,9 @@ static void flip(struct v2v_trainer *trainer, int rank, int64_t i)
 {
     if (v2v_comm_rank(test_world()) == rank) {
         uint32_t bits = 0;
-        memcpy(&bits, &v2v_model_weights(trainer->model)[i], sizeof bits);
+        memcpy(&bits, &trainer->network->weights[i], sizeof bits);
         bits ^= 1;
-        memcpy(&v2v_model_weights(trainer->model)[i], &bits, sizeof bits);
+        memcpy(&trainer->network->weights[i], &bits, sizeof bits);
     }
 }
 
@@ -62,9 +62,12 @@ static void one_flipped_bit_is_found_on_any_rank_in_any_part(void **state)
     assert_ok(v2v_alike_weights(&trainer, 41));
     for (int rank = 0; rank < v2v_comm_size(test_world()) && v2v_comm_size(test_world()) > 1;
          rank++) {
-        check_flip(&trainer, rank, 0, "the encoder");
-        check_flip(&trainer, rank, trainer.encoder_floats, "unet1");
-        check_flip(&trainer, rank, v2v_model_fields(trainer.model)->total - 16, "unet2");
+        const struct v2v_schema *schema = &trainer.network->schema;
+        for (int64_t g = 0; g < schema->groups; g++) {
+            const struct v2v_group *group = &schema->group[g];
+            check_flip(&trainer, rank, group->first, group->name);
+            check_flip(&trainer, rank, group->first + group->count - 1, group->name);
+        }
     }
     fini(&scene, &trainer);
 }
@@ -81,13 +84,14 @@ static void branches_are_compared_with_their_own(void **state)
         skip();
     }
     setup(&scene, &trainer, 2);
+    const int64_t own = trainer.network->schema.group[0].first;
     assert_ok(v2v_alike_weights(&trainer, 1));
-    flip(&trainer, 0, trainer.encoder_floats); /* who holds unet1 beside rank 0? */
+    flip(&trainer, 0, own); /* who holds unet1 beside rank 0? */
     assert_int_equal(v2v_alike_weights(&trainer, 2), size >= 4 ? V2V_E_INTERNAL : V2V_OK);
-    flip(&trainer, 0, trainer.encoder_floats);
+    flip(&trainer, 0, own);
     flip(&trainer, 1, 5);
     assert_int_equal(v2v_alike_weights(&trainer, 3), V2V_E_INTERNAL);
-    assert_non_null(strstr(v2v_status_message(), "the weights of the encoder on rank 1 are"));
+    assert_non_null(strstr(v2v_status_message(), "the weights of feat_extract on rank 1 are"));
     flip(&trainer, 1, 5);
     if (size == 3) {
         flip(&trainer, 2, 5);

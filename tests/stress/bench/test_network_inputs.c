@@ -16,8 +16,8 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/tensor/statistics.h"
+#include "v2v3d/v2v/schema.h"
 
 #include <math.h>
 #include <string.h>

@@ -17,13 +17,13 @@
 static char path[512];
 static struct v2v_fields fields;
 static size_t held_by_fields;
-static const struct v2v_weights_info info = {.width = 32,
-                                             .features = 4,
+#define SETTINGS "model.width=32\nmodel.volume_scale=0.7\nmodel.kind=plain\n"
+static const struct v2v_weights_info info = {.method = "some-net",
+                                             .settings = SETTINGS,
+                                             .split = "even-odd",
                                              .views = 13,
                                              .slices = 39,
-                                             .volume_scale = 0.7,
-                                             .step = 12345,
-                                             .split = "even-odd"};
+                                             .step = 12345};
 
 static void use(const char *name)
 {
@@ -107,8 +107,11 @@ static void a_checkpoint_is_read_back_to_the_bit(void **state)
     }
     memset(&found, 0, sizeof found);
     assert_ok(v2v_weights_file_info(&found, path));
-    assert_true(found.width == 32 && found.features == 4 && found.views == 13 &&
-                found.slices == 39 && found.volume_scale == 0.7 && found.step == 12345);
+    assert_true(found.views == 13 && found.slices == 39 && found.step == 12345);
+    assert_string_equal(found.method, "some-net");
+    assert_string_equal(found.settings, SETTINGS);
+    assert_true(test_h5_attribute(path, "/", "width") == 32.0 &&
+                test_h5_attribute(path, "/", "volume_scale") == 0.7);
     assert_string_equal(found.split, "even-odd");
     assert_ok(v2v_weights_file_text(&text, path, "history"));
     assert_string_equal(text, "1 0.5\n2 0.25\n");
@@ -180,7 +183,7 @@ static void files_that_are_no_weights_are_refused(void **state)
     test_h5_make(path, &(struct test_h5_spec){.dataset = "/views", .rank = 3, .shape = {2, 3, 4}});
     assert_refused("has no group /weights");
     assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
-    assert_says("attribute width: is missing: not a weight file");
+    assert_says("attribute views: is missing: not a weight file");
     test_h5_numbers(path, "/", "format_version", (double[]){2}, 1);
     assert_refused("has no group /weights");
     assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
@@ -229,8 +232,9 @@ static void no_flipped_bit_changes_what_is_read(void **state)
         memset(&found, 0, sizeof found);
         const enum v2v_status rc = v2v_weights_file_info(&found, path);
         if (rc == V2V_OK) {
-            assert_true(found.width == 32 && found.features == 4 && found.views == 13 &&
-                        found.slices == 39 && found.volume_scale == 0.7 && found.step == 12345);
+            assert_true(found.views == 13 && found.slices == 39 && found.step == 12345);
+            assert_string_equal(found.method, info.method);
+            assert_string_equal(found.settings, info.settings);
         }
         if (rc == V2V_OK && v2v_weights_file_read(arena, path, "weights", &fields) == V2V_OK) {
             assert_memory_equal(arena, expected, (size_t)fields.total * sizeof *arena);

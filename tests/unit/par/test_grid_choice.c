@@ -9,8 +9,12 @@ static const struct v2v_grid_shape any = {0, 0};
 
 static struct v2v_grid_work frames_of(int64_t items)
 {
-    return (struct v2v_grid_work){
-        .items = items, .height = 512, .unit = 32, .margin = 8, .most_shards = 64};
+    return (struct v2v_grid_work){.items = items,
+                                  .height = 512,
+                                  .unit = 32,
+                                  .margin = 8,
+                                  .most_shards = 64,
+                                  .most_branches = 2};
 }
 
 static void assert_choice(const struct v2v_grid_shape *wanted, const struct v2v_grid_work *work,

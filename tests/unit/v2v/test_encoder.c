@@ -1,7 +1,7 @@
 /* The encoder in lines, against the same encoder that keeps every image as a whole. */
-#include "v2v/encoder.h"
 #include "small_draw.h"
 #include "support.h"
+#include "v2v/encoder.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/gemm.h"

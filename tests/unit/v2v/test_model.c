@@ -3,9 +3,9 @@
 
 #include "v2v3d/conf/config.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/op/gemm.h"
+#include "v2v3d/v2v/schema.h"
 
 #include <math.h>
 #include <stdio.h>

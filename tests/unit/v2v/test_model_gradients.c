@@ -2,8 +2,8 @@
 #include "small_model.h"
 
 #include "v2v3d/conf/config.h"
-#include "v2v3d/v2v/schema.h"
 #include "v2v3d/op/gemm.h"
+#include "v2v3d/v2v/schema.h"
 
 #include <string.h>
 

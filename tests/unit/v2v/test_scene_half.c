@@ -1,7 +1,7 @@
 /* Which tiles of images of half the sides a scene needs, against the definition and against a whole
  * convolution. */
-#include "v2v/scene_half.h"
 #include "support.h"
+#include "v2v/scene_half.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"

@@ -1,9 +1,9 @@
 /* Chains of layers in strips of rows, and of a scene's tiles alone, against the same layers one by
  * one. */
-#include "v2v/strips.h"
 #include "small_draw.h"
 #include "small_shifts.h"
 #include "support.h"
+#include "v2v/strips.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"

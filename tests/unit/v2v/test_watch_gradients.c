@@ -2,8 +2,8 @@
 #include "small_shifts.h"
 
 #include "v2v3d/base/memory.h"
-#include "v2v3d/v2v/model.h"
 #include "v2v3d/nn/rule.h"
+#include "v2v3d/v2v/model.h"
 
 #include <string.h>
 
