@@ -158,8 +158,8 @@ enum v2v_status v2v_config_load(struct v2v_config *config, const char *path) V2V
 /** Apply one "section.key=value". @kind Local. @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment) V2V_MUST_CHECK;
 
-/** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`, 64 are
- *  enough. @return V2V_OK | V2V_E_CONFIG (no such key) */
+/** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`; 64
+ *  are enough. @return V2V_OK | V2V_E_CONFIG (no such key) */
 enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config *config,
                                const char *key) V2V_MUST_CHECK;
 
