@@ -175,6 +175,27 @@ static void fields_that_do_not_fit_the_network_are_refused_by_name(void **state)
     v2v_mem_free(arena);
 }
 
+/* Files of before there were methods: three attributes and no text. */
+static void files_that_name_no_method_are_of_the_first_one(void **state)
+{
+    (void)state;
+    struct v2v_weights_info found;
+    use("w.h5");
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/x", .rank = 1, .shape = {3}});
+    test_h5_numbers(path, "/", "views", (double[]){13}, 1);
+    test_h5_numbers(path, "/", "slices", (double[]){39}, 1);
+    test_h5_numbers(path, "/", "width", (double[]){64}, 1);
+    assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
+    assert_says("attribute features: is missing: not a weight file");
+    test_h5_numbers(path, "/", "features", (double[]){4}, 1);
+    test_h5_numbers(path, "/", "volume_scale", (double[]){0.25}, 1);
+    assert_ok(v2v_weights_file_info(&found, path));
+    assert_string_equal(found.method, "v2v");
+    assert_string_equal(found.settings,
+                        "model.width=64\nmodel.features=4\nmodel.volume_scale=0.25\n");
+    assert_string_equal(found.split, "even-odd");
+}
+
 static void files_that_are_no_weights_are_refused(void **state)
 {
     (void)state;
@@ -291,6 +312,7 @@ int main(void)
         cmocka_unit_test(texts_may_be_absent_empty_or_long),
         cmocka_unit_test(weights_without_moments_have_no_moments_to_read),
         cmocka_unit_test(fields_that_do_not_fit_the_network_are_refused_by_name),
+        cmocka_unit_test(files_that_name_no_method_are_of_the_first_one),
         cmocka_unit_test(files_that_are_no_weights_are_refused),
         cmocka_unit_test(no_flipped_bit_changes_what_is_read),
         cmocka_unit_test(a_truncated_file_is_refused_at_every_length),
