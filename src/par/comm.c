@@ -1,7 +1,6 @@
 #include "v2v3d/par/comm.h"
 
 #include "par/comm_mpi.h"
-#include "par/mates.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -114,7 +113,6 @@ enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)
     MPI_Comm_dup(MPI_COMM_WORLD, &(*world)->mpi);
     (*world)->rank = (*world)->world_rank = rank;
     (*world)->size = size;
-    v2v_mates_learn(MPI_COMM_WORLD);
 done:
     if (rc != V2V_OK) {
         v2v_par_finalize(world);
@@ -125,7 +123,6 @@ done:
 void v2v_par_finalize(struct v2v_comm **world)
 {
     v2v_comm_destroy(world);
-    v2v_mates_forget();
     v2v_status_on_bug(NULL);
     MPI_Finalize();
 }

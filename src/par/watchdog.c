@@ -1,12 +1,10 @@
 #include "v2v3d/par/watchdog.h"
 
-#include "par/mates.h"
 #include "v2v3d/base/status.h"
 
 #include <mpi.h>
 #include <signal.h>
 #include <stdio.h>
-#include <string.h>
 #include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
@@ -29,13 +27,7 @@ static double period; /* of beats, as the program has set it */
 static void on_alarm(int number)
 {
     (void)number;
-    static const char end[] = "the watchdog ends the job\n";
-    char line[1024]; /* in one piece: other ranks write, too */
-    size_t length = last_words.bytes;
-    memcpy(line, last_words.text, length);
-    length += v2v_mates_lost(line + length, sizeof line - sizeof end - length);
-    memcpy(line + length, end, sizeof end - 1);
-    if (write(STDERR_FILENO, line, length + sizeof end - 1) < 0) {
+    if (write(STDERR_FILENO, last_words.text, last_words.bytes) < 0) {
         /* Nobody listens; the exit code still tells. */
     }
     const struct timespec grace = {.tv_sec = GRACE_SECONDS};
@@ -78,8 +70,9 @@ void v2v_watchdog_arm(double seconds, const char *what)
     }
     seconds = seconds < MOST_SECONDS ? seconds : MOST_SECONDS;
     int length = snprintf(last_words.text, sizeof last_words.text,
-                          "error (rank %d): no progress for %.3g s in %.128s; ", world_rank(),
-                          seconds, what);
+                          "error (rank %d): no progress for %.3g s in %.128s; the watchdog ends "
+                          "the job\n",
+                          world_rank(), seconds, what);
     last_words.bytes = length > 0 ? (size_t)length : 0;
     last_words.exit_code = v2v_status_exit_code(V2V_E_IO);
     sigemptyset(&action.sa_mask);
