@@ -11,13 +11,10 @@ failures=0
 clean_tree()
 {
     rm -rf "$scratch/tree"
-    mkdir -p "$scratch"/tree/{src/{base,par,io},include/v2v3d/{base,par},tests/unit/base,tools,.ci}
+    mkdir -p "$scratch"/tree/{src/{base,par},include/v2v3d/{base,par},tests/unit/base,tools,.ci}
     cd "$scratch/tree"
     cp "$root/.clang-format" .
     cp -r "$root/jobs" .
-    printf 'v2v_room(base)\n' >src/base/CMakeLists.txt
-    printf 'v2v_room(par ROOMS base\n  LIBRARIES PkgConfig::MPI)\n' >src/par/CMakeLists.txt
-    printf 'v2v_room(io ROOMS base)\n' >src/io/CMakeLists.txt
     printf '#ifndef A_H\n#define A_H\nint a(int x);\n#endif\n' >include/v2v3d/base/a.h
     printf '#ifndef B_H\n#define B_H\n#include "v2v3d/base/a.h"\n#endif\n' >include/v2v3d/par/b.h
     {
@@ -40,11 +37,6 @@ plant()
 {
     case $1 in
     spaces) echo 'int   c;' >>tests/unit/base/test_a.c ;;
-    undeclared_room) sed -i 's/ ROOMS base//' src/par/CMakeLists.txt ;;
-    upward_room) echo 'v2v_room(base ROOMS io)' >src/base/CMakeLists.txt ;;
-    unknown_room) echo 'v2v_room(attic)' >src/base/CMakeLists.txt ;;
-    include_upward) echo '#include "v2v3d/par/b.h"' >>src/base/a.c ;;
-    private_header) echo '#include "base/a.h"' >>src/par/b.c ;;
     outside_header) echo '# include <mpi.h>' >>src/base/a.c ;;
     outside_in_public) echo '#include <mpi.h>' >>include/v2v3d/par/b.h ;;
     needs_another) echo 'size_t c(void);' >include/v2v3d/base/c.h ;;
@@ -70,11 +62,6 @@ plant()
 # lint | violation | what its report must say (a part of it)
 cases='
 format|spaces|tests/unit/base/test_a.c:2
-arrows|undeclared_room|include/v2v3d/par/b.h:3: room par includes v2v3d/base/a.h
-arrows|upward_room|src/base/CMakeLists.txt:1: room base names io, which is not below it
-arrows|unknown_room|src/base/CMakeLists.txt:1: room attic is on no floor
-arrows|include_upward|src/base/a.c:10: room base includes v2v3d/par/b.h
-arrows|private_header|src/par/b.c:4: base/a.h is private to room base
 arrows|outside_header|src/base/a.c:10: <mpi.h> belongs to
 arrows|outside_in_public|include/v2v3d/par/b.h:5: <mpi.h> belongs to
 headers|needs_another|include/v2v3d/base/c.h:1: does not compile alone: gcc
