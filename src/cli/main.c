@@ -289,6 +289,7 @@ static enum v2v_status run_program(int argc, char *const *argv, struct v2v_comm 
 int v2v_cli_main(int argc, char **argv)
 {
     struct v2v_comm *world = NULL;
+    v2v_file_guard_start();
     v2v_watchdog_arm(START_SECONDS, "the start");
     enum v2v_status rc = v2v_par_init(&world, &argc, &argv);
     int on_root = v2v_comm_rank(world) == 0;
@@ -314,6 +315,7 @@ int v2v_cli_main(int argc, char **argv)
         v2v_par_finalize(&world);
     }
     v2v_watchdog_disarm();
+    v2v_file_guard_stop();
     if (v2v_mem_held() != 0) {
         v2v_log(V2V_LOG_WARNING, "%zu bytes are still held at the end", v2v_mem_held());
     }

@@ -191,21 +191,6 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_h5_array_probe(const struct v2v_h5_array *array)
-{
-    enum v2v_status rc = V2V_OK;
-    const int64_t one[4] = {1, 1, 1, 1};
-    int64_t last[4];
-    float element = 0.0f;
-    for (int i = 0; i < 4; i++) {
-        last[i] = array->shape[i] - 1;
-    }
-    V2V_TRY(read_block(array, &element, (int64_t[4]){0}, one));
-    V2V_TRY(read_block(array, &element, last, one));
-done:
-    return rc;
-}
-
 void v2v_h5_array_close(struct v2v_h5_array *array)
 {
     v2v_h5_close(&array->set);

@@ -34,9 +34,6 @@ enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
 enum v2v_status v2v_h5_array_read(const struct v2v_h5_array *array, float *out, int64_t t,
                                   int64_t first, int64_t count) V2V_MUST_CHECK;
 
-/** Read the first and the last element: does decoding work at all? @kind Local. */
-enum v2v_status v2v_h5_array_probe(const struct v2v_h5_array *array) V2V_MUST_CHECK;
-
 /** @kind Local; accepts one that is not open. */
 void v2v_h5_array_close(struct v2v_h5_array *array);
 

@@ -1,4 +1,5 @@
 #include "io/h5_guard.h"
+#include "io/h5_common.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include <errno.h>
@@ -7,19 +8,101 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define GUARD_SECONDS 10 /* RELIABILITY.md, promise P6 */
+#define GUARD_SECONDS 10
 /* On top of what the process holds already: chunks of up to 2 GiB and their decoding. */
 #define GUARD_BYTES ((rlim_t)6 << 30)
 
-/* What the child sends back through the pipe. */
-struct verdict {
-    enum v2v_status status;
-    char message[V2V_MESSAGE_BYTES];
-    char place[128];
-};
+/* How a look ended: well, or by one of these, or by a signal (> 0). */
+enum { WELL = 0, LATE = -1, NOT_DONE = -2, FAILED = -3 };
+
+/* ---- the look ---- */
+
+/* What can't be read with this little memory would take the caller long, or all memory. */
+static void need(int done)
+{
+    if (!done) {
+        _exit(1);
+    }
+}
+
+/* A number, a few of them, or a text. */
+static herr_t look_at_attribute(hid_t object, const char *name, const H5A_info_t *info, void *data)
+{
+    enum { NUMBERS = 16, TEXT = 65536 };
+    static char text[TEXT];
+    double numbers[NUMBERS];
+    const hid_t attribute = H5Aopen(object, name, H5P_DEFAULT);
+    const hid_t type = H5Aget_type(attribute), space = H5Aget_space(attribute);
+    const H5T_class_t class = H5Tget_class(type);
+    const hssize_t count = H5Sget_simple_extent_npoints(space);
+    (void)info;
+    (void)data;
+    need(attribute >= 0 && type >= 0 && space >= 0);
+    if ((class == H5T_INTEGER || class == H5T_FLOAT) && count > 0 && count <= NUMBERS) {
+        need(H5Aread(attribute, H5T_NATIVE_DOUBLE, numbers) >= 0);
+    } else if (class == H5T_STRING && count == 1 && H5Tget_size(type) <= TEXT) {
+        need(H5Aread(attribute, H5Tget_native_type(type, H5T_DIR_DEFAULT), text) >= 0);
+    }
+    return 0;
+}
+
+/* The first element and the last. */
+static void read_ends(hid_t set)
+{
+    const hsize_t one = 1;
+    hsize_t at[H5S_MAX_RANK] = {0};
+    float value;
+    const hid_t space = H5Dget_space(set), memory = H5Screate_simple(1, &one, NULL);
+    const int rank = H5Sget_simple_extent_ndims(space);
+    need(rank >= 0 && memory >= 0);
+    for (int end = 0; end < 2 && rank > 0 && H5Sget_simple_extent_npoints(space) > 0; end++) {
+        need(H5Sselect_elements(space, H5S_SELECT_SET, 1, at) >= 0 &&
+             H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, &value) >= 0 &&
+             H5Sget_simple_extent_dims(space, at, NULL) == rank);
+        for (int i = 0; i < rank; i++) {
+            at[i]--;
+        }
+    }
+}
+
+/* Datasets that v2v_h5_open_dataset refuses are not read later on either. */
+static herr_t look_at_link(hid_t file, const char *name, const H5L_info_t *info, void *path)
+{
+    hid_t set = H5I_INVALID_HID;
+    if (info->type != H5L_TYPE_HARD) {
+        return 0;
+    }
+    const hid_t object = H5Oopen(file, name, H5P_DEFAULT);
+    need(object >= 0);
+    need(H5Aiterate(object, H5_INDEX_NAME, H5_ITER_NATIVE, NULL, look_at_attribute, NULL) >= 0);
+    if (H5Iget_type(object) == H5I_DATASET &&
+        v2v_h5_open_dataset(&set, file, path, name) == V2V_OK) {
+        const H5T_class_t class = H5Tget_class(H5Dget_type(set));
+        if (class == H5T_INTEGER || class == H5T_FLOAT) {
+            read_ends(set);
+        }
+    }
+    return 0;
+}
+
+/* In the child, which then ends: nothing is closed. A file that HDF5 doesn't open is refused by the
+ * caller, who says why. */
+static void look_at_file(const char *path)
+{
+    char name[V2V_PATH_BYTES];
+    hid_t file = H5I_INVALID_HID;
+    snprintf(name, sizeof name, "%s", path);
+    if (v2v_h5_open(&file, name) == V2V_OK) {
+        need(H5Aiterate(file, H5_INDEX_NAME, H5_ITER_NATIVE, NULL, look_at_attribute, NULL) >= 0);
+        need(H5Lvisit(file, H5_INDEX_NAME, H5_ITER_NATIVE, look_at_link, name) >= 0);
+    }
+}
+
+/* ---- the child ---- */
 
 #ifndef __SANITIZE_ADDRESS__
 /* Virtual size of this process in bytes, 0 when unknown. */
@@ -66,70 +149,124 @@ static void restrain_child(void)
 #endif
 }
 
-static _Noreturn void be_child(int out, enum v2v_status (*look)(const void *), const void *argument)
-{
-    struct verdict verdict = {.status = V2V_OK};
-    restrain_child();
-    verdict.status = look(argument);
-    snprintf(verdict.message, sizeof verdict.message, "%s", v2v_status_message());
-    snprintf(verdict.place, sizeof verdict.place, "%s", v2v_status_place());
-    /* Below PIPE_BUF (4096 bytes): written whole or not at all. */
-    const ssize_t sent = write(out, &verdict, sizeof verdict);
-    _exit(sent == (ssize_t)sizeof verdict ? 0 : 1);
-}
-
-/* 1: the verdict is here; 0: the child ended without one, or its time is over (*late). */
-static int receive(struct verdict *verdict, int in, int *late)
+/* Does the other end of the pipe close, as it does when the child ends, within its time? */
+static int ends_in_time(int in)
 {
     const double end = v2v_clock_now() + GUARD_SECONDS;
-    *late = 0;
+    struct pollfd waiting = {.fd = in, .events = POLLIN};
     for (;;) {
         const double left = end - v2v_clock_now();
-        struct pollfd waiting = {.fd = in, .events = POLLIN};
         const int ready = left > 0.0 ? poll(&waiting, 1, (int)(left * 1000.0) + 1) : 0;
-        if (ready > 0) {
-            return read(in, verdict, sizeof *verdict) == (ssize_t)sizeof *verdict;
-        }
-        if (ready == 0 || errno != EINTR) {
-            *late = 1;
-            return 0;
+        if (ready >= 0 || errno != EINTR) {
+            return ready > 0;
         }
     }
 }
 
-enum v2v_status v2v_h5_guard(const char *path, enum v2v_status (*look)(const void *),
-                             const void *argument)
+static int watch(const char *path, void (*look)(const char *path))
 {
-    struct verdict verdict = {.status = V2V_OK};
-    int ends[2], late = 0, how = 0;
+    int ends[2], how = 0;
     const pid_t child = pipe(ends) == 0 ? fork() : -1;
     if (child < 0) {
-        v2v_log(V2V_LOG_WARNING, "%s: is read without a look from a child process first: %s", path,
-                strerror(errno));
-        return V2V_OK;
+        return NOT_DONE;
     }
     if (child == 0) {
         close(ends[0]);
-        be_child(ends[1], look, argument);
+        restrain_child();
+        look(path);
+        _exit(0);
     }
     close(ends[1]);
-    const int received = receive(&verdict, ends[0], &late);
+    const int late = !ends_in_time(ends[0]);
     close(ends[0]);
-    if (!received) {
+    if (late) {
         kill(child, SIGKILL);
     }
     while (waitpid(child, &how, 0) < 0 && errno == EINTR) {
     }
-    if (received) {
-        if (verdict.status != V2V_OK) {
-            v2v_status_set_message(verdict.message, verdict.place);
-        }
-        return verdict.status;
-    }
     if (late || (WIFSIGNALED(how) && WTERMSIG(how) == SIGXCPU)) {
+        return LATE;
+    }
+    return WIFSIGNALED(how) ? WTERMSIG(how) : WEXITSTATUS(how) == 0 ? WELL : FAILED;
+}
+
+static enum v2v_status judge(const char *path, int how)
+{
+    if (how == NOT_DONE) {
+        v2v_log(V2V_LOG_WARNING, "%s: is read without a look from a child process first: %s", path,
+                strerror(errno));
+        return V2V_OK;
+    }
+    if (how == LATE) {
         return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 looked at it for more than %d s", path,
                         GUARD_SECONDS);
     }
-    return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 crashed on it (signal %d)", path,
-                    WIFSIGNALED(how) ? WTERMSIG(how) : 0);
+    if (how == FAILED) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 can't read all of it", path);
+    }
+    return how == WELL
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 crashed on it (signal %d)", path, how);
+}
+
+enum v2v_status v2v_h5_guard_with(const char *path, void (*look)(const char *path))
+{
+    return judge(path, watch(path, look));
+}
+
+/* ---- the helper ---- */
+
+static int helper = -1; /* this process's end of the socket; written before MPI starts */
+
+/* Paths in, how each look ended out, until the other end closes. Signals to the job are not meant
+ * for it. */
+static _Noreturn void serve(int line)
+{
+    static const int others[] = {SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2};
+    char path[V2V_PATH_BYTES];
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        signal(others[i], SIG_IGN);
+    }
+    while (recv(line, path, sizeof path, 0) > 0) {
+        path[sizeof path - 1] = '\0';
+        const int how = watch(path, look_at_file);
+        if (send(line, &how, sizeof how, MSG_NOSIGNAL) != (ssize_t)sizeof how) {
+            break;
+        }
+    }
+    _exit(0);
+}
+
+void v2v_file_guard_start(void)
+{
+    int ends[2];
+    if (helper >= 0 || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) {
+        return;
+    }
+    const pid_t child = fork();
+    if (child == 0) {
+        close(ends[0]);
+        serve(ends[1]);
+    }
+    close(ends[1]);
+    helper = ends[0];
+}
+
+void v2v_file_guard_stop(void)
+{
+    close(helper);
+    helper = -1;
+}
+
+enum v2v_status v2v_h5_guard(const char *path)
+{
+    int how = NOT_DONE;
+    ssize_t got = -1;
+    const size_t bytes = strlen(path) + 1;
+    if (helper >= 0 && send(helper, path, bytes, MSG_NOSIGNAL) == (ssize_t)bytes) {
+        do {
+            got = recv(helper, &how, sizeof how, 0);
+        } while (got < 0 && errno == EINTR);
+    }
+    return got == (ssize_t)sizeof how ? judge(path, how) : v2v_h5_guard_with(path, look_at_file);
 }

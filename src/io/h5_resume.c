@@ -46,35 +46,29 @@ done:
     return rc;
 }
 
-struct look {
-    const char *path;
-    const struct v2v_h5_plan *plan;
-};
-
-/* Runs in the child, which then ends: nothing is closed. */
-static enum v2v_status look_at(const void *argument)
+/* Is it what the plan says? */
+static enum v2v_status check_file(const char *path, const struct v2v_h5_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
-    const struct look *look = argument;
-    const struct v2v_h5_plan *plan = look->plan;
     hid_t file = H5I_INVALID_HID;
     char task[64];
     int there = 0;
-    V2V_TRY(v2v_h5_open(&file, look->path));
-    V2V_TRY(v2v_h5_get_text(task, sizeof task, &there, file, look->path, V2V_VOLUME_TASK));
+    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_open(&file, path));
+    V2V_TRY(v2v_h5_get_text(task, sizeof task, &there, file, path, V2V_VOLUME_TASK));
     if (!there || strcmp(task, plan->task) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
-                         look->path));
+                         path));
     }
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {
-            V2V_TRY(
-                check_dataset(file, look->path, plan->dataset[i], 4, plan->shape, sizeof(float)));
+            V2V_TRY(check_dataset(file, path, plan->dataset[i], 4, plan->shape, sizeof(float)));
         }
     }
-    V2V_TRY(check_dataset(file, look->path, "/done", 1, plan->shape, sizeof(uint8_t)));
-    V2V_TRY(check_dataset(file, look->path, V2V_H5_CHECKSUM, 1, plan->shape, sizeof(uint64_t)));
+    V2V_TRY(check_dataset(file, path, "/done", 1, plan->shape, sizeof(uint8_t)));
+    V2V_TRY(check_dataset(file, path, V2V_H5_CHECKSUM, 1, plan->shape, sizeof(uint64_t)));
 done:
+    v2v_h5_close(&file);
     return rc;
 }
 
@@ -178,7 +172,7 @@ static int is_usable(const char *temporary, const struct v2v_h5_plan *plan)
     if (!v2v_file_exists(temporary)) {
         return 0;
     }
-    if (v2v_h5_guard(temporary, look_at, &(struct look){temporary, plan}) != V2V_OK) {
+    if (check_file(temporary, plan) != V2V_OK) {
         v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
         return 0;
     }

@@ -1,5 +1,6 @@
 #include "v2v3d/io/psf_file.h"
 #include "io/h5_common.h"
+#include "io/h5_guard.h"
 #include "io/stack.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
@@ -88,7 +89,8 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_array array = {0};
-    V2V_TRY(v2v_stack_guard(path, &v2v_h5_psf));
+    V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_array_open(&array, path, &v2v_h5_psf));
     file->views = array.shape[0];
     file->slices = array.shape[1];

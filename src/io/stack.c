@@ -37,26 +37,6 @@ int v2v_stack_is_hdf5(const char *path)
     return 0;
 }
 
-struct look {
-    const char *path;
-    const struct v2v_h5_kind *kind;
-};
-
-/* Runs in the child, which then ends: nothing is closed. */
-static enum v2v_status look_at(const void *argument)
-{
-    const struct look *look = argument;
-    struct v2v_h5_array array;
-    const enum v2v_status rc = v2v_h5_array_open(&array, look->path, look->kind);
-    return rc == V2V_OK ? v2v_h5_array_probe(&array) : rc;
-}
-
-enum v2v_status v2v_stack_guard(const char *path, const struct v2v_h5_kind *kind)
-{
-    enum v2v_status rc = v2v_file_check_input(path);
-    return rc == V2V_OK ? v2v_h5_guard(path, look_at, &(struct look){path, kind}) : rc;
-}
-
 static enum v2v_status open_local(struct v2v_stack *stack, int hdf5)
 {
     enum v2v_status rc = V2V_OK;
@@ -91,7 +71,7 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
         rc = v2v_file_check_input(stack->path);
         hdf5 = rc == V2V_OK && v2v_stack_is_hdf5(stack->path);
         if (hdf5) {
-            rc = v2v_stack_guard(stack->path, kind);
+            rc = v2v_h5_guard(stack->path);
         }
     }
     V2V_TRY(v2v_par_agree(comm, rc));

@@ -40,8 +40,4 @@ enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page
 /** @kind Local; accepts a zeroed one. */
 void v2v_stack_fini(struct v2v_stack *stack);
 
-/** Open an HDF5 dataset and read its corners in a child; for v2v_h5_array_open's callers.
- *  @kind Local. */
-enum v2v_status v2v_stack_guard(const char *path, const struct v2v_h5_kind *kind) V2V_MUST_CHECK;
-
 #endif

@@ -149,7 +149,6 @@ done:
     return rc;
 }
 
-/* With arena = NULL the fields are only looked at. */
 static enum v2v_status read_fields(float *arena, hid_t file, const char *path, const char *group,
                                    const struct v2v_fields *fields)
 {
@@ -164,13 +163,11 @@ static enum v2v_status read_fields(float *arena, hid_t file, const char *path, c
         const struct v2v_field *field = &fields->item[i];
         V2V_TRY(v2v_text_format(place, sizeof place, "/%s/%s", group, field->name));
         V2V_TRY(open_field(&set, file, path, place, field));
-        if (arena != NULL) {
-            float *values = arena + field->offset;
-            if (H5Dread(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
-                V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, place, "can't be read"));
-            }
-            V2V_TRY(check_values(values, field->count, set, path, place));
+        float *values = arena + field->offset;
+        if (H5Dread(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
+            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, place, "can't be read"));
         }
+        V2V_TRY(check_values(values, field->count, set, path, place));
         v2v_h5_close(&set);
     }
 done:
@@ -178,31 +175,12 @@ done:
     return rc;
 }
 
-/* What a child looks at before this process does: info when there are no fields. */
-struct look {
-    const char *path, *group;
-    const struct v2v_fields *fields;
-};
-
-static enum v2v_status look_at(const void *argument)
-{
-    const struct look *look = argument;
-    struct v2v_weights_info info;
-    hid_t file = H5I_INVALID_HID;
-    const enum v2v_status rc = v2v_h5_open(&file, look->path);
-    if (rc != V2V_OK) {
-        return rc;
-    }
-    return look->fields != NULL ? read_fields(NULL, file, look->path, look->group, look->fields)
-                                : read_info(&info, file, look->path);
-}
-
 enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_h5_guard(path, look_at, &(struct look){.path = path}));
+    V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(read_info(info, file, path));
 done:
@@ -216,7 +194,7 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_h5_guard(path, look_at, &(struct look){path, group, fields}));
+    V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(check_version(file, path));
     V2V_TRY(read_fields(arena, file, path, group, fields));

@@ -67,11 +67,18 @@ completed() { # JOB
     is_state "$1" COMPLETED
 }
 
-# The processes of the program on a node.
+is_program() { # PID
+    [ "$(readlink "/proc/$1/exe")" = "$(readlink -f "$program")" ]
+}
+
+# The processes of the program on a node, but for those that it has forked itself.
 ranks_on() { # NODE
     local pid
     for pid in $(ip netns pids "v2vslurm-$1"); do
-        if [ "$(readlink "/proc/$pid/exe")" = "$(readlink -f "$program")" ]; then echo "$pid"; fi
+        if is_program "$pid" && ! is_program "$(awk '/^PPid:/ { print $2 }' "/proc/$pid/status")"
+        then
+            echo "$pid"
+        fi
     done
 }
 

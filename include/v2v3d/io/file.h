@@ -66,6 +66,12 @@ enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;
 /** Write text crash-safely (temporary, fsync, rename). @kind Local. */
 enum v2v_status v2v_file_write_text(const char *path, const char *text) V2V_MUST_CHECK;
 
+/** Start the helper that looks at HDF5 files before this process does, and end it. It is forked
+ *  before MPI starts: a later fork shares pages that a network card writes to by itself, which then
+ *  has the wrong ones (ibv_fork_init(3)). Without it every look is such a fork. @kind Local. */
+void v2v_file_guard_start(void);
+void v2v_file_guard_stop(void);
+
 /** CRC-32C of bytes, continuing from `crc` (0 to start). @kind Local. */
 uint32_t v2v_file_crc32c(uint32_t crc, const void *data, int64_t bytes);
 
