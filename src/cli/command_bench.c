@@ -1,145 +1,271 @@
-#include "cli/bench_input.h"
 #include "cli/processor.h"
 #include "cli/steps.h"
 #include "cli/versions.h"
 
-#include "v2v3d/base/text.h"
-#include "v2v3d/bench/bench.h"
-#include "v2v3d/par/watchdog.h"
-#include "v2v3d/v2v/model.h"
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/io/json.h"
+#include "v2v3d/method/networks.h"
+#include "v2v3d/nn/rule.h"
+#include "v2v3d/op/bf16.h"
+#include "v2v3d/optics/psf.h"
+#include "v2v3d/tensor/pad.h"
 #include <inttypes.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+
+enum { MOST_REPEAT = 99, OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
+
+/* Ways to compute the configured network, the most exact one first: settings over the
+ * configuration, bf16 where the processor has it, skipping as far as `--skip auto` goes. */
+static const struct variant {
+    const char *name;
+    const char *setting[2];
+    int precision, skips;
+} variants[] = {
+    {.name = "exact", .setting = {"model.winograd=false", "model.merge=false"}},
+    {.name = "as configured"},
+    {.name = "winograd off", .setting = {"model.winograd=false"}},
+    {.name = "merging off", .setting = {"model.merge=false"}},
+    {.name = "openblas", .setting = {"model.backend=openblas", "model.winograd=false"}},
+    {.name = "bf16", .precision = V2V_PRECISION_BF16},
+    {.name = "skip auto", .skips = 1},
+};
+enum { VARIANTS = sizeof variants / sizeof variants[0] };
 
 struct arguments {
     struct v2v_common common;
-    const char *psf, *weights, *input, *truth, *folder;
-    int64_t size, step_size, width, repeat; /* 0: not given */
-    int quick;
+    const char *psf;
+    int64_t size, repeat;
+    int json;
 };
-
-enum { SIZE, STEP_SIZE, WIDTH, WIDEST, REPEAT, SIZES };
-static const int64_t full_sizes[SIZES] = {256, 128, 128, 128, 3};
-static const int64_t quick_sizes[SIZES] = {64, 32, 16, 32, 3};
-
-#define OPTION_INTEGER(field, word, letters, low, high, text)                                      \
-    {                                                                                              \
-        .name = (word), .kind = V2V_OPTION_INTEGER, .at = offsetof(struct arguments, field),       \
-        .value = (letters), .help = (text), .least = (low), .most = (high)                         \
-    }
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct arguments, psf, 0),
-    OPTION_INTEGER(size, "size", "N", 32, 16384, "pixels of the frame's side; 256 if not given"),
-    OPTION_INTEGER(step_size, "step-size", "N", 32, 16384,
-                   "pixels of a training step's side; 128 if not given"),
-    OPTION_INTEGER(width, "width", "N", 1, 1024, "of the network; that of --weights, or 128"),
-    OPTION_INTEGER(repeat, "repeat", "N", V2V_BENCH_LEAST_REPEAT, V2V_BENCH_MOST_REPEAT,
-                   "rounds of which the median is taken; 3 if not given"),
-    V2V_OPTION_FILE(struct arguments, weights, "weights", 0, "of a trained network"),
-    V2V_OPTION_FILE(struct arguments, input, "input", 0,
-                    "recording: the middle of its first frame, not random views"),
-    V2V_OPTION_FILE(struct arguments, truth, "truth", 0,
-                    "true volume: with --weights and --input, the change of PSNR"),
-    {.name = "output",
-     .letter = 'o',
-     .kind = V2V_OPTION_TEXT,
-     .at = offsetof(struct arguments, folder),
-     .value = "FOLDER",
-     .help = "for bench.json and bench.png",
-     .required = 1},
-    V2V_OPTION_SWITCH(struct arguments, quick, "quick",
-                      "sizes 64 and 32, width 16: seconds, to see that it works"),
-    V2V_OPTION_OFFSET,
-    V2V_OPTION_GAIN,
-    V2V_OPTION_NORMALIZE,
-    V2V_OPTIONS_PAGES,
+    {.name = "size",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, size),
+     .value = "N",
+     .help = "pixels of a frame's side; 256 if not given",
+     .initial = "256",
+     .least = 1,
+     .most = 16384},
+    {.name = "repeat",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, repeat),
+     .value = "N",
+     .help = "rounds of which the median is taken; 3 if not given",
+     .initial = "3",
+     .least = 1,
+     .most = MOST_REPEAT},
+    V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a variant"),
     {0}};
 
-/* What was given, or else --quick's figures or the full ones. */
-static void settle_sizes(int64_t *sizes, const struct arguments *given)
+struct row {
+    double forward_s[MOST_REPEAT], gradient_s[MOST_REPEAT];
+    double error[OUTPUTS], computed_part, bytes;
+};
+
+struct bench {
+    const struct v2v_network_ops *ops;
+    struct v2v_psf_file psf;
+    int64_t size, voxels;
+    float *views, *volume[OUTPUTS], *exact[OUTPUTS];
+    struct row row[VARIANTS];
+};
+
+static enum v2v_status prepare(struct bench *bench, const struct arguments *given,
+                               const struct v2v_session *session)
 {
-    const int64_t own[SIZES] = {given->size, given->step_size, given->width, 0, given->repeat};
-    for (int i = 0; i < SIZES; i++) {
-        sizes[i] = own[i] != 0 ? own[i] : given->quick ? quick_sizes[i] : full_sizes[i];
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_config *config = &session->config;
+    struct v2v_grid_work work = {0};
+    V2V_TRY(v2v_network_find(&bench->ops, config->model.method));
+    if (given->psf != NULL) {
+        V2V_TRY(v2v_step_psf(session, &bench->psf, given->psf));
+    } else {
+        V2V_TRY(v2v_psf_simulate(&bench->psf, &config->optics));
+        v2v_psf_normalize_views(&bench->psf);
     }
+    const struct v2v_network_spec spec = {
+        .config = config, .views = bench->psf.views, .slices = bench->psf.slices};
+    bench->ops->describe_work(&work, &spec, given->size, given->size);
+    bench->size = v2v_pad_size(given->size, work.unit);
+    bench->voxels = v2v_mem_product(bench->psf.slices, bench->size, bench->size);
+    const int64_t pixels = v2v_mem_product(bench->psf.views, bench->size, bench->size);
+    V2V_TRY(V2V_ALLOC(bench->views, "bench.views", pixels));
+    for (int64_t i = 0; i < pixels; i++) {
+        bench->views[i] = (float)(0.2 + 0.2 * v2v_random_rule("lfi", 0, (uint64_t)i));
+    }
+    for (int o = 0; o < bench->ops->outputs; o++) {
+        V2V_TRY(V2V_ALLOC(bench->volume[o], "bench.volume", bench->voxels));
+        V2V_TRY(V2V_ALLOC(bench->exact[o], "bench.volume", bench->voxels));
+    }
+done:
+    return rc;
 }
 
-static enum v2v_status check(const struct arguments *given, const int64_t *sizes,
+static void forget(struct bench *bench)
+{
+    for (int o = 0; o < OUTPUTS; o++) {
+        v2v_mem_free(bench->exact[o]);
+        v2v_mem_free(bench->volume[o]);
+    }
+    v2v_mem_free(bench->views);
+    v2v_psf_file_fini(&bench->psf);
+}
+
+/* The time of emulated bf16 would say nothing about bf16. */
+static int can_run(const struct variant *variant, const struct v2v_network_ops *ops)
+{
+    return (variant->precision == V2V_PRECISION_F32 ||
+            ((ops->traits & V2V_TRAIT_BF16) && v2v_op_bf16() >= V2V_BF16_NATIVE)) &&
+           (!variant->skips || (ops->traits & V2V_TRAIT_SKIPS));
+}
+
+/* Seconds of the second of two passes: the first one touches the memory. */
+static enum v2v_status time_passes(double *seconds, struct bench *bench,
+                                   struct v2v_network *network, int training)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_projector *projector = NULL;
+    struct v2v_network_plan plan = {
+        .height = bench->size, .width = bench->size, .training = training};
+    const float *dvolume[OUTPUTS];
+    if (bench->ops->traits & V2V_TRAIT_PROJECTS) {
+        V2V_TRY(v2v_projector_create(&projector, &bench->psf, bench->size, bench->size,
+                                     V2V_SPLIT_SLICES, NULL));
+        plan.projector = projector;
+    }
+    V2V_TRY(bench->ops->plan(network, &plan));
+    for (int pass = 0; pass < 2; pass++) {
+        *seconds = v2v_clock_now();
+        bench->ops->forward(network, bench->volume, bench->views);
+        if (training) {
+            memcpy(dvolume, bench->volume, sizeof dvolume); /* any gradient takes as long */
+            bench->ops->backward(network, dvolume);
+        }
+    }
+    *seconds = v2v_clock_now() - *seconds;
+done:
+    v2v_projector_destroy(&projector);
+    return rc;
+}
+
+static double relative_error(const float *volume, const float *exact, int64_t count)
+{
+    double difference = 0.0, norm = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        const double d = (double)volume[i] - exact[i];
+        difference += d * d;
+        norm += (double)exact[i] * exact[i];
+    }
+    return sqrt(difference / norm);
+}
+
+/* The network lives for one measurement: all of them together would not fit into memory. */
+static enum v2v_status measure(struct bench *bench, int i, int64_t round,
+                               const struct v2v_config *configured)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct variant *variant = &variants[i];
+    struct row *row = &bench->row[i];
+    struct v2v_config config = *configured;
+    struct v2v_network *network = NULL;
+    const size_t held = v2v_mem_held();
+    if (v2v_stop_requested()) {
+        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request"));
+    }
+    for (int s = 0; s < 2 && variant->setting[s] != NULL; s++) {
+        V2V_TRY(v2v_config_set(&config, variant->setting[s]));
+    }
+    const struct v2v_network_spec spec = {.config = &config,
+                                          .psf = &bench->psf,
+                                          .views = bench->psf.views,
+                                          .slices = bench->psf.slices,
+                                          .outputs = V2V_NETWORK_ALL,
+                                          .precision = variant->precision,
+                                          .skip = variant->skips ? V2V_SKIP_AUTO : 0.0};
+    V2V_TRY(v2v_network_create(&network, bench->ops->name, &spec));
+    V2V_TRY(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HASH, 7));
+    V2V_TRY(time_passes(&row->forward_s[round], bench, network, 0));
+    row->bytes = (double)(v2v_mem_held() - held);
+    row->computed_part =
+        bench->ops->computed_part != NULL ? bench->ops->computed_part(network) : 1.0;
+    for (int o = 0; o < bench->ops->outputs; o++) {
+        if (i == 0) {
+            memcpy(bench->exact[o], bench->volume[o], (size_t)bench->voxels * sizeof(float));
+        }
+        row->error[o] = relative_error(bench->volume[o], bench->exact[o], bench->voxels);
+    }
+    V2V_TRY(time_passes(&row->gradient_s[round], bench, network, 1));
+    v2v_log(V2V_LOG_INFO, "round %" PRId64 ", %s: %.3f s", round + 1, variant->name,
+            row->forward_s[round]);
+done:
+    v2v_network_destroy(&network);
+    return rc;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *seconds, int64_t count)
+{
+    qsort(seconds, (size_t)count, sizeof *seconds, by_size);
+    return (seconds[(count - 1) / 2] + seconds[count / 2]) / 2.0;
+}
+
+static enum v2v_status print(struct bench *bench, const struct arguments *given,
                              const struct v2v_session *session)
-{
-    if (v2v_comm_size(session->world) > 1) {
-        return V2V_FAIL(V2V_E_USAGE, "bench measures one rank; here are %d",
-                        v2v_comm_size(session->world));
-    }
-    if (sizes[SIZE] % V2V_MODEL_GRID != 0 || sizes[STEP_SIZE] % V2V_MODEL_GRID != 0) {
-        return V2V_FAIL(V2V_E_USAGE,
-                        "--size %" PRId64 ", --step-size %" PRId64 ": both must be multiples of %d",
-                        sizes[SIZE], sizes[STEP_SIZE], V2V_MODEL_GRID);
-    }
-    if (sizes[STEP_SIZE] > sizes[SIZE]) {
-        return V2V_FAIL(V2V_E_USAGE, "--step-size %" PRId64 " is larger than --size %" PRId64,
-                        sizes[STEP_SIZE], sizes[SIZE]);
-    }
-    if (given->truth != NULL && (given->input == NULL || given->weights == NULL)) {
-        return V2V_FAIL(V2V_E_USAGE, "--truth needs --input and --weights");
-    }
-    return V2V_OK;
-}
-
-static enum v2v_status open_folder(char (*path)[V2V_PATH_BYTES], const struct arguments *given,
-                                   const struct v2v_session *session)
-{
-    static const char *const names[] = {"bench.json", "bench.png"};
-    enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_file_make_folder(given->folder));
-    for (int i = 0; i < 2; i++) {
-        V2V_TRY(v2v_text_format(path[i], V2V_PATH_BYTES, "%s/%s", given->folder, names[i]));
-        V2V_TRY(v2v_step_output(session, path[i], NULL, 0));
-    }
-done:
-    return rc;
-}
-
-/* The network: the weight file's, or the configuration's at the width asked for. */
-static enum v2v_status settle_network(struct v2v_bench_job *job, const struct arguments *given,
-                                      struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_weights_info info;
-    if (given->weights != NULL) {
-        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, job->psf));
-        job->width = session->config.model.width;
-    }
-    if (given->weights != NULL && given->width != 0 && given->width != job->width) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--width %" PRId64 ", but %s has width %" PRId64,
-                         given->width, given->weights, job->width));
-    }
-    job->features = session->config.model.features;
-    job->volume_scale = session->config.model.volume_scale;
-done:
-    return rc;
-}
-
-static enum v2v_status write_results(char (*path)[V2V_PATH_BYTES],
-                                     const struct v2v_bench_result *result, double load,
-                                     const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_processor processor;
-    struct v2v_canvas canvas = {0};
     v2v_cli_processor(&processor);
-    struct v2v_bench_machine machine = {.processor = processor.model,
-                                        .instructions = processor.instructions,
-                                        .libraries = V2V_LIBRARY_VERSIONS,
-                                        .threads = session->threads,
-                                        .load = load};
-    v2v_bench_print(stdout, result, &machine);
-    V2V_TRY(v2v_bench_write_json(path[0], result, &machine));
-    V2V_TRY(v2v_bench_plot(&canvas, result));
-    V2V_TRY(v2v_png_write(path[1], canvas.rgb, canvas.height, canvas.width, 3));
+    if (!given->json) {
+        printf("%s, threads: %d; %s\n%s, %" PRId64 " views of %" PRId64 " x %" PRId64
+               " pixels, %" PRId64 " slices\n%-14s  %10s  %11s  %9s  %7s  %s\n",
+               processor.model, session->threads, V2V_LIBRARY_VERSIONS, bench->ops->name,
+               bench->psf.views, bench->size, bench->size, bench->psf.slices, "", "forward s",
+               "+ gradient s", "memory MB", "parts %", "relative L2 error of each volume");
+    }
+    for (int i = 0; i < VARIANTS; i++) {
+        struct row *row = &bench->row[i];
+        if (!can_run(&variants[i], bench->ops)) {
+            continue;
+        }
+        const double forward_s = median(row->forward_s, given->repeat);
+        const double gradient_s = median(row->gradient_s, given->repeat);
+        const struct v2v_json_item items[] = {
+            {.name = "variant", .text = variants[i].name},
+            {.name = "method", .text = bench->ops->name},
+            {.name = "processor", .text = processor.model},
+            {.name = "threads", .number = session->threads},
+            {.name = "size", .number = (double)bench->size},
+            {.name = "forward_s", .number = forward_s},
+            {.name = "forward_backward_s", .number = gradient_s},
+            {.name = "bytes", .number = row->bytes},
+            {.name = "computed_part", .number = row->computed_part},
+            {.name = "error", .values = row->error, .count = bench->ops->outputs}};
+        if (given->json) {
+            V2V_TRY(v2v_json_print(stdout, items, sizeof items / sizeof items[0]));
+            continue;
+        }
+        printf("%-14s  %10.4f  %12.4f  %9.0f  %7.1f ", variants[i].name, forward_s, gradient_s,
+               row->bytes / 1e6, 100.0 * row->computed_part);
+        for (int o = 0; o < bench->ops->outputs; o++) {
+            printf(" %8.1e", row->error[o]);
+        }
+        printf("\n");
+    }
 done:
-    v2v_canvas_fini(&canvas);
     return rc;
 }
 
@@ -147,37 +273,26 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    int64_t sizes[SIZES];
-    char path[2][V2V_PATH_BYTES];
-    struct v2v_bench_input input = {0};
-    struct v2v_bench_result result;
-    struct v2v_bench_paths paths = {
-        .psf = given->psf, .input = given->input, .truth = given->truth};
-    double load = NAN;
-    settle_sizes(sizes, given);
-    V2V_TRY(check(given, sizes, session));
-    v2v_watchdog_disarm(); /* one rank waits for nobody */
-    V2V_TRY(open_folder(path, given, session));
-    V2V_TRY(v2v_bench_input_init(&input, &paths, sizes[SIZE], session));
-    struct v2v_bench_job job = {.config = &session->config,
-                                .psf = &input.psf,
-                                .views = input.views,
-                                .truth = input.truth,
-                                .gain = input.gain,
-                                .weights = given->weights,
-                                .size = sizes[SIZE],
-                                .step_size = sizes[STEP_SIZE],
-                                .width = sizes[WIDTH],
-                                .widest = sizes[WIDEST],
-                                .repeat = sizes[REPEAT]};
-    V2V_TRY(settle_network(&job, given, session));
-    if (getloadavg(&load, 1) != 1) {
-        load = NAN;
+    struct bench *bench = NULL;
+    if (v2v_comm_size(session->world) > 1) {
+        return V2V_FAIL(V2V_E_USAGE, "bench measures one rank; here are %d",
+                        v2v_comm_size(session->world));
     }
-    V2V_TRY(v2v_bench_run(&result, &job));
-    V2V_TRY(write_results(path, &result, load, session));
+    V2V_TRY(V2V_ALLOC(bench, "bench", 1));
+    V2V_TRY(prepare(bench, given, session));
+    for (int64_t round = 0; round < given->repeat; round++) {
+        for (int i = 0; i < VARIANTS; i++) {
+            if (can_run(&variants[i], bench->ops)) {
+                V2V_TRY(measure(bench, i, round, &session->config));
+            }
+        }
+    }
+    V2V_TRY(print(bench, given, session));
 done:
-    v2v_bench_input_fini(&input);
+    if (bench != NULL) {
+        forget(bench);
+    }
+    v2v_mem_free(bench);
     return rc;
 }
 

@@ -1,4 +1,3 @@
-#include "cli/forecast_report.h"
 #include "cli/processor.h"
 #include "cli/projection.h"
 #include "cli/steps.h"
@@ -14,54 +13,7 @@
 #include <math.h>
 #include <stdio.h>
 
-struct arguments {
-    struct v2v_common common;
-    int scaling;
-    struct v2v_forecast_options of; /* the scaling */
-};
-
-static const struct v2v_option options[] = {
-    V2V_OPTION_SWITCH(struct arguments, scaling, "scaling",
-                      "predict training and reconstruction on 1 to 512 ranks; takes a while"),
-    V2V_OPTION_PSF(struct arguments, of.psf, 0),
-    {.name = "frames",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, of.frames),
-     .value = "N",
-     .help = "scaling: of the recording; 100 if not given",
-     .initial = "100",
-     .least = 1,
-     .most = 1e6},
-    {.name = "side",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, of.side),
-     .value = "N",
-     .help = "scaling: pixels of a frame's side; 512 if not given",
-     .initial = "512",
-     .least = 1,
-     .most = 16384},
-    {.name = "link-rate",
-     .kind = V2V_OPTION_NUMBER,
-     .at = offsetof(struct arguments, of.link_gb_s),
-     .value = "GB/S",
-     .help = "scaling: between hosts, for when all ranks are on one; 1.25 if not given",
-     .initial = "1.25",
-     .least = 1e-6,
-     .most = 1e6},
-    {.name = "link-delay",
-     .kind = V2V_OPTION_NUMBER,
-     .at = offsetof(struct arguments, of.link_delay_us),
-     .value = "US",
-     .help = "scaling: of a message between hosts, likewise; 20 if not given",
-     .initial = "20",
-     .least = 0,
-     .most = 1e9},
-    {.name = "scratch",
-     .kind = V2V_OPTION_TEXT,
-     .at = offsetof(struct arguments, of.scratch),
-     .value = "FOLDER",
-     .help = "scaling: every rank writes a frame here for a moment, to time it"},
-    {0}};
+static const struct v2v_option options[] = {{0}};
 
 /* Every rank contributes rank + 1: small integers, exact in float. */
 static enum v2v_status all_reduce(double *error, const struct v2v_session *session)
@@ -236,8 +188,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     int on_root = v2v_step_on_root(session), failed = 0;
     int64_t cores[2] = {v2v_cli_cores(), v2v_cli_neighbours(session->world)};
-    const struct arguments *given = arguments;
     struct v2v_processor processor;
+    (void)arguments;
     v2v_par_max_i64(session->world, cores, 2);
     if (on_root) {
         v2v_cli_processor(&processor);
@@ -260,9 +212,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         }
     }
     V2V_TRY(predict(session));
-    if (given->scaling) {
-        V2V_TRY(v2v_forecast_report(&given->of, session));
-    }
     if (failed > 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "%d of %d checks failed", failed, (int)CHECKS));
     }
@@ -273,5 +222,5 @@ done:
 const struct v2v_command v2v_command_check = {.name = "check",
                                               .summary = "self-test of a machine or cluster",
                                               .options = options,
-                                              .bytes = sizeof(struct arguments),
+                                              .bytes = sizeof(struct v2v_common),
                                               .run = run};

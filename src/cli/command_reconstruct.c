@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/nn/network.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/recon/network.h"

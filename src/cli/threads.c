@@ -35,8 +35,7 @@ static int64_t place_of_rank(void)
     return (int64_t)(hash >> 1); /* stays positive: places are compared, not ordered */
 }
 
-/* Ranks that share this one's place, and the lowest of them. */
-static int look_around(const struct v2v_comm *world, int *first)
+int v2v_cli_neighbours(const struct v2v_comm *world)
 {
     int size = v2v_comm_size(world);
     int64_t mine = place_of_rank();
@@ -44,24 +43,9 @@ static int look_around(const struct v2v_comm *world, int *first)
     for (int r = 0; r < size; r++) {
         int64_t place = mine;
         v2v_par_broadcast(world, &place, (int64_t)sizeof place, r);
-        if (place == mine && neighbours++ == 0) {
-            *first = r;
-        }
+        neighbours += place == mine;
     }
     return neighbours;
-}
-
-int v2v_cli_neighbours(const struct v2v_comm *world)
-{
-    int first;
-    return look_around(world, &first);
-}
-
-enum v2v_status v2v_cli_neighbourhood(struct v2v_comm **host, const struct v2v_comm *world)
-{
-    int first = 0;
-    look_around(world, &first);
-    return v2v_comm_split(host, world, first, v2v_comm_rank(world));
 }
 
 int v2v_cli_threads(int64_t wanted, const struct v2v_comm *world)

@@ -12,10 +12,6 @@ int v2v_cli_threads(int64_t wanted, const struct v2v_comm *world);
 /** Ranks on this host whose cores are the same as this rank's. @kind Collective(world) */
 int v2v_cli_neighbours(const struct v2v_comm *world);
 
-/** A communicator of those ranks. @kind Collective(world). @return V2V_OK | V2V_E_MEMORY; agreed */
-enum v2v_status v2v_cli_neighbourhood(struct v2v_comm **host,
-                                      const struct v2v_comm *world) V2V_MUST_CHECK;
-
 /** Cores that this rank may run on. @kind Local */
 int v2v_cli_cores(void);
 

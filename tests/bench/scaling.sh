@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Training, reconstruction and projection on 1, 2 and 4 ranks of one thread, the same work on more
-# ranks (strong) and as much more work (weak), measured in turn beside what `check --scaling`
+# ranks (strong) and as much more work (weak), measured in turn beside what bench_forecast
 # predicts from figures of the same run; and its rows for ranks that are not here.
 #   scaling.sh PROGRAM OUT.tsv [--quick] [NAME=VALUE...]
 # Every run's seconds are left in OUT-runs.txt.
@@ -12,6 +12,7 @@ program=$(realpath "$1")
 out=$(realpath -m "$2")
 shift 2
 projector=$(dirname "$program")/tests/bench/bench_projector
+forecaster=$(dirname "$program")/tests/bench/bench_forecast
 
 # name | value | with --quick | meaning
 settings='
@@ -104,12 +105,11 @@ run_reconstruction() { # KIND RANKS FRAMES
         awk -v "name=recording $1 $2" -v "frames=$3" '{ print name, frames / $1 }' >>measured
 }
 
-run_check() {
-    on "$((cores < 4 ? cores : 4))" "$program" check --scaling "${train[@]}" \
-        --set "train.batch=${value[batch]}" --frames "${value[frames]}" --side "${value[side]}" \
-        --psf "${value[psf]}" --scratch . >check.txt
-    awk '$2 == "strong" || $2 == "weak" { sub(/\*/, "", $4); print $1, $2, $3, $4, $5, $7 }' \
-        check.txt >>predicted
+run_forecast() {
+    on "$((cores < 4 ? cores : 4))" "$forecaster" "${value[psf]}" "width=${value[width]}" \
+        "batch=${value[batch]}" "crop=${value[crop]}" "frames=${value[frames]}" \
+        "side=${value[side]}" scratch=. >forecast.txt
+    awk '$2 == "strong" || $2 == "weak" { print $1, $2, $3, $4, $5, $7 }' forecast.txt >>predicted
 }
 
 # There and back, all views at once.
@@ -134,7 +134,7 @@ run_projector() { # RANKS
 turn() {
     local kind ranks times
     for kind in strong weak; do
-        run_check
+        run_forecast
         for ranks in "${counts[@]}"; do
             times=$([[ $kind == strong ]] && echo 1 || echo "$ranks")
             [[ $kind == strong || $ranks -gt 1 ]] || continue # that is the same

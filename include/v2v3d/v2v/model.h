@@ -31,10 +31,6 @@
 extern "C" {
 #endif
 
-/** The tolerance of skipping that is called auto. Measured on noisy recordings (13 views, noise
- *  0.1, 0.2 and 0.4 of their peak): PSNR of thin and thick structures falls by 0.04 dB at most. */
-#define V2V_SKIP_AUTO 0.085
-
 enum { V2V_BRANCH_1 = 1, V2V_BRANCH_2 = 2, V2V_BRANCH_BOTH = 3 };
 
 /** Height and width of what the network takes are multiples of this. */

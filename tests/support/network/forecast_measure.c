@@ -1,6 +1,6 @@
+#include "network/forecast.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/bench/forecast.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/nn/rule.h"
 #include <math.h>

@@ -1,8 +1,8 @@
 /** What a forward pass has to compute and to move, whatever computes it. */
-#ifndef V2V_BENCH_WORK_H
-#define V2V_BENCH_WORK_H
+#ifndef V2V_TEST_WORK_H
+#define V2V_TEST_WORK_H
 
-#include "bench/network_table.h"
+#include "network/network_table.h"
 #include "v2v3d/optics/shifts.h"
 
 struct v2v_work {

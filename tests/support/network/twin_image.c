@@ -1,4 +1,4 @@
-#include "bench/twin_image.h"
+#include "network/twin_image.h"
 
 #include "v2v3d/base/memory.h"
 #include <string.h>

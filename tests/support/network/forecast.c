@@ -1,7 +1,7 @@
-#include "v2v3d/bench/forecast.h"
+#include "network/forecast.h"
 
-#include "bench/network_table.h"
-#include "bench/work.h"
+#include "network/network_table.h"
+#include "network/work.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/par/bucket_sum.h"
 #include "v2v3d/tensor/pad.h"

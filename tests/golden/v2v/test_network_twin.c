@@ -1,9 +1,9 @@
-/* The double-precision twin that `v2v3d bench` measures errors against, and the multiply-adds of
+/* The double-precision twin that errors are measured against, and the multiply-adds of
  * its floors, on the reference's golden frame and the real PSFs. */
 #include "support.h"
 
-#include "bench/network_twin.h"
-#include "bench/work.h"
+#include "network/network_twin.h"
+#include "network/work.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/optics/psf.h"

@@ -1,7 +1,7 @@
 /** The network's layers as REFERENCE.md 4 tells them, apart from room nn: what the twin computes by
  *  and what the multiply-adds are counted by. */
-#ifndef V2V_BENCH_NETWORK_TABLE_H
-#define V2V_BENCH_NETWORK_TABLE_H
+#ifndef V2V_TEST_NETWORK_TABLE_H
+#define V2V_TEST_NETWORK_TABLE_H
 
 #include "v2v3d/v2v/model.h"
 

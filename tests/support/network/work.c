@@ -1,4 +1,4 @@
-#include "bench/work.h"
+#include "network/work.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/blocks.h"

@@ -1,7 +1,7 @@
 /* Multiply-adds and bytes of the network against the figures of REFERENCE.md 4. */
 #include "support.h"
 
-#include "bench/work.h"
+#include "network/work.h"
 #include "v2v3d/base/memory.h"
 
 enum { VIEWS = 13, SLICES = 39, BRANCH1 = 7, BRANCH2 = 6, SIDE = 64 };

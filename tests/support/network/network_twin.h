@@ -1,7 +1,7 @@
 /** The whole network forward in double precision, by REFERENCE.md 3 and 4 alone: nothing of rooms
  *  nn and optics that computes is used, so that it can judge them. */
-#ifndef V2V_BENCH_NETWORK_TWIN_H
-#define V2V_BENCH_NETWORK_TWIN_H
+#ifndef V2V_TEST_NETWORK_TWIN_H
+#define V2V_TEST_NETWORK_TWIN_H
 
 #include "v2v3d/v2v/model.h"
 

@@ -1,7 +1,7 @@
 /* The limits in which the time on many ranks is known without a model. */
 #include "small_shifts.h"
 
-#include "v2v3d/bench/forecast.h"
+#include "network/forecast.h"
 #include <float.h>
 #include <math.h>
 

@@ -12,7 +12,7 @@
 #include "hard_input.h"
 #include "support.h"
 
-#include "bench/network_twin.h"
+#include "network/network_twin.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/nn/rule.h"

@@ -21,8 +21,8 @@
  *  done:
  *      return rc;
  */
-#ifndef V2V3D_BENCH_FORECAST_H
-#define V2V3D_BENCH_FORECAST_H
+#ifndef V2V_TEST_FORECAST_H
+#define V2V_TEST_FORECAST_H
 
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/par/cost.h"

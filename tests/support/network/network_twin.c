@@ -1,7 +1,7 @@
-#include "bench/network_twin.h"
+#include "network/network_twin.h"
 
-#include "bench/network_table.h"
-#include "bench/twin_image.h"
+#include "network/network_table.h"
+#include "network/twin_image.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/op/gemm.h"

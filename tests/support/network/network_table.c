@@ -1,4 +1,4 @@
-#include "bench/network_table.h"
+#include "network/network_table.h"
 
 #include <string.h>
 

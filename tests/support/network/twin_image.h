@@ -1,6 +1,6 @@
 /** Feature maps of the double-precision twin and what it does to them beside convolving. */
-#ifndef V2V_BENCH_TWIN_IMAGE_H
-#define V2V_BENCH_TWIN_IMAGE_H
+#ifndef V2V_TEST_TWIN_IMAGE_H
+#define V2V_TEST_TWIN_IMAGE_H
 
 #include "v2v3d/base/status.h"
 #include <stdint.h>
