@@ -9,7 +9,6 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/recon/rld.h"
 #include "v2v3d/tensor/statistics.h"
-#include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -156,46 +155,6 @@ done:
     return rc;
 }
 
-/* The number behind a key such as "\"total\":" in one line of metrics.jsonl; 0 without one. */
-static double number_of(const char *line, const char *key)
-{
-    const char *found = strstr(line, key);
-    return found != NULL ? strtod(found + strlen(key), NULL) : 0.0;
-}
-
-static enum v2v_status draw_loss(const struct v2v_demo *demo)
-{
-    enum v2v_status rc = V2V_OK;
-    char path[V2V_PATH_BYTES];
-    FILE *file = NULL;
-    char *line = NULL;
-    size_t room = 0;
-    double *total = NULL, step = 0.0;
-    int64_t count = 0, most = demo->session->config.train.steps;
-    struct v2v_canvas canvas = {0};
-    V2V_TRY(V2V_ALLOC(total, "demo.loss", most));
-    V2V_TRY(v2v_demo_path(path, demo, "run/metrics.jsonl"));
-    file = fopen(path, "r");
-    if (file == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
-    }
-    while (count < most && getline(&line, &room, file) > 0) {
-        total[count++] = number_of(line, "\"total\":");
-        step = number_of(line, "\"step\":");
-    }
-    V2V_TRY(v2v_picture_curve(&canvas, total, count, step, "total loss by step"));
-    V2V_TRY(v2v_demo_path(path, demo, "loss.png"));
-    V2V_TRY(v2v_png_write(path, canvas.rgb, canvas.height, canvas.width, 3));
-done:
-    v2v_canvas_fini(&canvas);
-    free(line);
-    if (file != NULL) {
-        fclose(file);
-    }
-    v2v_mem_free(total);
-    return rc;
-}
-
 enum v2v_status v2v_demo_pictures(const struct v2v_demo *demo)
 {
     enum { VOLUMES = 3 };
@@ -212,9 +171,6 @@ enum v2v_status v2v_demo_pictures(const struct v2v_demo *demo)
     }
     if (v2v_step_on_root(session)) {
         rc = draw_comparison(demo, &frame, volumes);
-        if (rc == V2V_OK) {
-            rc = draw_loss(demo);
-        }
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
 done:

@@ -32,7 +32,7 @@ enum v2v_status v2v_demo_path(char path[V2V_PATH_BYTES], const struct v2v_demo *
  *  @kind Collective(world), agreed */
 enum v2v_status v2v_demo_rld_curve(struct v2v_demo *demo) V2V_MUST_CHECK;
 
-/** comparison.png: first view | RLD | V2V3D | truth, one grey scale; loss.png.
+/** comparison.png: first view | RLD | V2V3D | truth, one grey scale.
  *  @kind Collective(world), agreed */
 enum v2v_status v2v_demo_pictures(const struct v2v_demo *demo) V2V_MUST_CHECK;
 

@@ -1,4 +1,4 @@
-/** Pictures: one frame of a volume; several side by side; a curve. */
+/** Pictures: one frame of a volume; several side by side. */
 #ifndef V2V_CLI_PICTURE_H
 #define V2V_CLI_PICTURE_H
 
@@ -15,10 +15,5 @@ enum v2v_status v2v_picture_frame(struct v2v_canvas *canvas, struct v2v_volume *
 /** `count` pictures in a row, twice as large, each under its label. @kind Local */
 enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
                                 const char *const *labels, int64_t count) V2V_MUST_CHECK;
-
-/** y against its index, on a logarithmic axis; `last` is written at the end of the x axis.
- *  @kind Local */
-enum v2v_status v2v_picture_curve(struct v2v_canvas *canvas, const double *y, int64_t count,
-                                  double last, const char *title) V2V_MUST_CHECK;
 
 #endif

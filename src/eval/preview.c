@@ -62,10 +62,8 @@ static enum v2v_status choose_range(double *low, double *high, const float *mip,
 
 static void draw_separators(struct v2v_canvas *canvas, int64_t height, int64_t width)
 {
-    for (int64_t k = 0; k < SEPARATOR; k++) {
-        v2v_canvas_line(canvas, 0, width + k, canvas->height - 1, width + k, separator_colour);
-        v2v_canvas_line(canvas, height + k, 0, height + k, canvas->width - 1, separator_colour);
-    }
+    v2v_canvas_fill(canvas, 0, width, canvas->height, SEPARATOR, separator_colour);
+    v2v_canvas_fill(canvas, height, 0, SEPARATOR, canvas->width, separator_colour);
 }
 
 enum v2v_status v2v_preview_volume(struct v2v_canvas *canvas, const float *volume, int64_t slices,

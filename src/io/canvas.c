@@ -3,7 +3,6 @@
 #include "io/font.h"
 #include "v2v3d/base/memory.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 enum v2v_status v2v_canvas_init(struct v2v_canvas *canvas, int64_t height, int64_t width)
@@ -33,10 +32,11 @@ static void set_pixel(struct v2v_canvas *canvas, int64_t y, int64_t x, uint32_t 
     pixel[2] = (uint8_t)rgb;
 }
 
-static void set_square(struct v2v_canvas *canvas, int64_t y0, int64_t x0, int side, uint32_t rgb)
+void v2v_canvas_fill(struct v2v_canvas *canvas, int64_t y0, int64_t x0, int64_t height,
+                     int64_t width, uint32_t rgb)
 {
-    for (int64_t y = y0; y < y0 + side; y++) {
-        for (int64_t x = x0; x < x0 + side; x++) {
+    for (int64_t y = y0; y < y0 + height; y++) {
+        for (int64_t x = x0; x < x0 + width; x++) {
             set_pixel(canvas, y, x, rgb);
         }
     }
@@ -52,33 +52,7 @@ void v2v_canvas_image(struct v2v_canvas *canvas, int64_t y0, int64_t x0, const f
             float grey = (image[y * width + x] - low) * scale;
             /* NaN fails both comparisons and is black. */
             uint32_t level = grey >= 255 ? 255 : grey > 0 ? (uint32_t)(grey + 0.5F) : 0;
-            set_square(canvas, y0 + y * zoom, x0 + x * zoom, zoom, level * 0x010101U);
-        }
-    }
-}
-
-/* Bresenham's error term, for all directions (J. E. Bresenham, IBM Systems Journal 4, 1965). */
-void v2v_canvas_line(struct v2v_canvas *canvas, int64_t y0, int64_t x0, int64_t y1, int64_t x1,
-                     uint32_t rgb)
-{
-    const int64_t height = llabs(y1 - y0);
-    const int64_t width = llabs(x1 - x0);
-    const int64_t step_y = y1 > y0 ? 1 : -1;
-    const int64_t step_x = x1 > x0 ? 1 : -1;
-    int64_t error = width - height;
-    int64_t y = y0;
-    int64_t x = x0;
-
-    for (int64_t left = width > height ? width : height; left >= 0; left--) {
-        set_pixel(canvas, y, x, rgb);
-        int64_t twice = 2 * error;
-        if (twice >= -height) {
-            error -= height;
-            x += step_x;
-        }
-        if (twice <= width) {
-            error += width;
-            y += step_y;
+            v2v_canvas_fill(canvas, y0 + y * zoom, x0 + x * zoom, zoom, zoom, level * 0x010101U);
         }
     }
 }
@@ -91,7 +65,7 @@ void v2v_canvas_text(struct v2v_canvas *canvas, int64_t y0, int64_t x0, const ch
         for (int64_t y = 0; y < V2V_FONT_ROWS; y++) {
             for (int64_t x = 0; x < V2V_FONT_COLUMNS; x++) {
                 if (glyph[y] >> (V2V_FONT_COLUMNS - 1 - x) & 1) {
-                    set_square(canvas, y0 + y * zoom, x0 + x * zoom, zoom, rgb);
+                    v2v_canvas_fill(canvas, y0 + y * zoom, x0 + x * zoom, zoom, zoom, rgb);
                 }
             }
         }

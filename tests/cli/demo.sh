@@ -7,7 +7,7 @@ works demo -c "$root/configs/tiny.yaml" -o shown --max-time 60s
 says 'V2V3D'
 [ "$(tail -1 stdout)" = 'pictures, volumes and results are in shown' ] ||
     fail "the last line names no folder: $(tail -1 stdout)"
-for name in comparison.png loss.png results.txt results.json psf.h5 truth.h5 recording.h5 \
+for name in comparison.png results.txt results.json psf.h5 truth.h5 recording.h5 \
     volume.h5 rld.h5 rld_best.h5 run/weights.h5 run/metrics.jsonl config.yaml; do
     [ -s "shown/$name" ] || fail "no $name"
 done

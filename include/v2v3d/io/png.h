@@ -13,7 +13,7 @@ extern "C" {
 enum v2v_status v2v_png_write(const char *path, const uint8_t *pixels, int64_t height,
                               int64_t width, int channels) V2V_MUST_CHECK;
 
-/** A canvas to draw on: pictures of projections and curves. Caller's struct, heap pixels. */
+/** A canvas to draw on: pictures of projections. Caller's struct, heap pixels. */
 struct v2v_canvas {
     int64_t height, width;
     uint8_t *rgb; /**< [y,x,3], black at first */
@@ -27,9 +27,9 @@ void v2v_canvas_fini(struct v2v_canvas *canvas);
 void v2v_canvas_image(struct v2v_canvas *canvas, int64_t y, int64_t x, const float *image,
                       int64_t height, int64_t width, float low, float high, int zoom);
 
-/** A line with both ends, and text in a built-in 5x7 font of printable ASCII (scaled by `zoom`,
+/** A rectangle, and text in a built-in 5x7 font of printable ASCII (scaled by `zoom`,
  *  6 x zoom pixels a character); rgb is 0xRRGGBB. Clipped to the canvas. @kind Local. */
-void v2v_canvas_line(struct v2v_canvas *canvas, int64_t y0, int64_t x0, int64_t y1, int64_t x1,
+void v2v_canvas_fill(struct v2v_canvas *canvas, int64_t y, int64_t x, int64_t height, int64_t width,
                      uint32_t rgb);
 void v2v_canvas_text(struct v2v_canvas *canvas, int64_t y, int64_t x, const char *text, int zoom,
                      uint32_t rgb);
