@@ -15,9 +15,6 @@
 /* "/adam_m/" and a field's name. */
 #define PLACE_BYTES (V2V_FIELD_NAME_BYTES + 32)
 
-/* A stored text can't be larger than this: loss histories grow by about 100 bytes a step. */
-#define MOST_TEXT_BYTES ((int64_t)1 << 28)
-
 /* ---- reading ---- */
 
 static enum v2v_status check_version(hid_t file, const char *path)
@@ -199,46 +196,6 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
     V2V_TRY(check_version(file, path));
     V2V_TRY(read_fields(arena, file, path, group, fields));
 done:
-    v2v_h5_close(&file);
-    return rc;
-}
-
-static enum v2v_status read_text(char **text, hid_t set, const char *path, const char *name)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t type = H5Dget_type(set), space = H5Dget_space(set);
-    const size_t bytes = H5Tget_size(type);
-    if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type) != 0 ||
-        H5Sget_simple_extent_npoints(space) != 1 || bytes > (size_t)MOST_TEXT_BYTES) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not a text of fixed length", path, name));
-    }
-    V2V_TRY(V2V_ALLOC(*text, "io.text", (int64_t)bytes + 1));
-    if (H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, *text) < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be read"));
-    }
-done:
-    v2v_h5_close(&space);
-    v2v_h5_close(&type);
-    return rc;
-}
-
-enum v2v_status v2v_weights_file_text(char **text, const char *path, const char *name)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t file = H5I_INVALID_HID, set = H5I_INVALID_HID;
-    *text = NULL;
-    V2V_TRY(v2v_h5_open(&file, path));
-    if (H5Lexists(file, name, H5P_DEFAULT) == 0) {
-        goto done;
-    }
-    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
-    V2V_TRY(read_text(text, set, path, name));
-done:
-    if (rc != V2V_OK) {
-        v2v_mem_free(*text);
-        *text = NULL;
-    }
-    v2v_h5_close(&set);
     v2v_h5_close(&file);
     return rc;
 }

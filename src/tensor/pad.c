@@ -30,12 +30,3 @@ void v2v_pad_reflect(float *out, const float *in, int64_t planes, int64_t height
         }
     }
 }
-
-void v2v_pad_cut(float *out, const float *in, int64_t planes, int64_t height, int64_t width,
-                 int64_t padded_height, int64_t padded_width)
-{
-    for (int64_t row = 0; row < planes * height; row++) {
-        const float *from = in + (row / height * padded_height + row % height) * padded_width;
-        memmove(out + row * width, from, (size_t)width * sizeof *out);
-    }
-}

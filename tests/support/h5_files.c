@@ -177,3 +177,19 @@ int test_h5_has_attribute(const char *path, const char *object, const char *name
     H5Fclose(file);
     return there > 0;
 }
+
+char *test_h5_string(const char *path, const char *dataset)
+{
+    char *text = NULL;
+    hid_t file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
+    if (H5Lexists(file, dataset, H5P_DEFAULT) > 0) {
+        hid_t set = H5Dopen2(file, dataset, H5P_DEFAULT), type = H5Dget_type(set);
+        text = calloc(H5Tget_size(type) + 1, 1);
+        assert_non_null(text);
+        assert_true(H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) >= 0);
+        H5Tclose(type);
+        H5Dclose(set);
+    }
+    H5Fclose(file);
+    return text;
+}

@@ -55,4 +55,7 @@ void test_h5_text(const char *path, const char *object, const char *name, const 
 /** 1 when the object has that attribute. */
 int test_h5_has_attribute(const char *path, const char *object, const char *name);
 
+/** A text of fixed length, to be freed with free(); NULL when there is no such dataset. */
+char *test_h5_string(const char *path, const char *dataset);
+
 #endif

@@ -42,11 +42,6 @@ enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weight
                                        const float *adam_m, const float *adam_v,
                                        const char *history, const char *config) V2V_MUST_CHECK;
 
-/** Read a stored text: "history" or "config". *text is NULL when the file has none; give it back
- * with v2v_mem_free. @kind Local. @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
-enum v2v_status v2v_weights_file_text(char **text, const char *path,
-                                      const char *name) V2V_MUST_CHECK;
-
 #ifdef __cplusplus
 }
 #endif

@@ -16,10 +16,6 @@ int64_t v2v_pad_size(int64_t n, int64_t grid);
 void v2v_pad_reflect(float *out, const float *in, int64_t planes, int64_t height, int64_t width,
                      int64_t padded_height, int64_t padded_width);
 
-/** The upper left [planes,height,width] of padded planes; out may be in. @kind Local. */
-void v2v_pad_cut(float *out, const float *in, int64_t planes, int64_t height, int64_t width,
-                 int64_t padded_height, int64_t padded_width);
-
 #ifdef __cplusplus
 }
 #endif

@@ -56,19 +56,6 @@ static void padding_reflects_to_and_fro_without_repeating_the_edge(void **state)
     check_reflection(HEIGHT, 1);
 }
 
-static void cutting_undoes_padding_also_in_place(void **state)
-{
-    (void)state;
-    float in[PLANES * HEIGHT * WIDTH], padded[PLANES * PADDED_HEIGHT * PADDED_WIDTH];
-    float out[PLANES * HEIGHT * WIDTH];
-    fill(in, PLANES * HEIGHT * WIDTH);
-    v2v_pad_reflect(padded, in, PLANES, HEIGHT, WIDTH, PADDED_HEIGHT, PADDED_WIDTH);
-    v2v_pad_cut(out, padded, PLANES, HEIGHT, WIDTH, PADDED_HEIGHT, PADDED_WIDTH);
-    assert_memory_equal(out, in, sizeof in);
-    v2v_pad_cut(padded, padded, PLANES, HEIGHT, WIDTH, PADDED_HEIGHT, PADDED_WIDTH);
-    assert_memory_equal(padded, in, sizeof in);
-}
-
 static void a_frame_on_the_grid_is_copied(void **state)
 {
     (void)state;
@@ -83,7 +70,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sizes_round_up_to_the_grid),
         cmocka_unit_test(padding_reflects_to_and_fro_without_repeating_the_edge),
-        cmocka_unit_test(cutting_undoes_padding_also_in_place),
         cmocka_unit_test(a_frame_on_the_grid_is_copied),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
