@@ -68,13 +68,12 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
 {
     enum v2v_status rc = V2V_OK;
     enum v2v_split split;
-    *projection = (struct v2v_projection){.pixels = height * width};
+    *projection = (struct v2v_projection){
+        .scale = session->config.psf.reduce == V2V_REDUCE_MEAN ? 1.0f / (float)psf->slices : 1.0f,
+        .pixels = height * width};
     V2V_TRY(v2v_projection_split(&split, session, psf, height, width, psf->views));
     V2V_TRY(
         v2v_projector_create(&projection->projector, psf, height, width, split, session->world));
-    if (session->config.psf.reduce == V2V_REDUCE_MEAN) {
-        v2v_projector_set_scale(projection->projector, 1.0f / (float)psf->slices);
-    }
     projection->mine = v2v_projector_slices(projection->projector);
     V2V_TRY(v2v_par_agree(session->world, take_memory(projection, psf->views, width)));
 done:
@@ -95,7 +94,8 @@ void v2v_projection_forward(struct v2v_projection *projection, int64_t views)
 {
     struct v2v_projector *projector = projection->projector;
     v2v_projector_from_slices(projector, projection->volume, projection->slices);
-    v2v_projector_forward(projector, projection->rows, projection->volume, NULL, views);
+    v2v_projector_forward(projector, projection->rows, projection->volume, NULL, views,
+                          projection->scale);
     v2v_projector_gather_views(projector, projection->views, projection->rows, views);
 }
 
@@ -103,6 +103,7 @@ void v2v_projection_adjoint(struct v2v_projection *projection, int64_t views)
 {
     struct v2v_projector *projector = projection->projector;
     v2v_projector_cut_views(projector, projection->rows, projection->views, views);
-    v2v_projector_adjoint(projector, projection->volume, projection->rows, NULL, views);
+    v2v_projector_adjoint(projector, projection->volume, projection->rows, NULL, views,
+                          projection->scale);
     v2v_projector_to_slices(projector, projection->slices, projection->volume);
 }

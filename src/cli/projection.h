@@ -9,6 +9,7 @@
 /** A projector with the arrays that it works on. */
 struct v2v_projection {
     struct v2v_projector *projector;
+    float scale;          /**< as psf.reduce says */
     struct v2v_part mine; /**< slices of this rank, as files have them */
     int64_t pixels;       /**< of a frame */
     float *slices;        /**< [mine.count,y,x] */

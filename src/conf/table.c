@@ -38,6 +38,17 @@
                   .mode = V2V_NUMBER_AUTO, .meaning = meaning_                                     \
     }
 
+/* The weight of a term of the loss, from its row. */
+#define TERM(NAME, name_, meaning_, ...)                                                           \
+    {.section = "loss",                                                                            \
+     .name = #name_,                                                                               \
+     .offset = offsetof(struct v2v_config, loss.weight[V2V_LOSS_##NAME]),                          \
+     .kind = V2V_KEY_NUMBER,                                                                       \
+     .real = {0.0, 1e9, 0.0},                                                                      \
+     .may_auto = 1,                                                                                \
+     .mode = V2V_NUMBER_AUTO,                                                                      \
+     .meaning = meaning_},
+
 /* A number, "auto" or "off" (the default). */
 #define SKIP(s, n, least_, most_, meaning_)                                                        \
     {                                                                                              \
@@ -99,11 +110,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(backconv, width, 1, 1024, 32, "channels between the three convolutions"),
 
     WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),
-    AUTO(loss, mse, 0.0, 1e9, "weight of the squared differences; none: 0"),
-    AUTO(loss, fft, 0.0, 1e9, "weight of the differences in the frequency domain"),
-    AUTO(loss, dc, 0.0, 1e9, "weight of the de-crosstalk term"),
-    AUTO(loss, pos, 0.0, 1e9, "weight of negative voxels"),
-    AUTO(loss, tv, 0.0, 1e9, "weight of the axial smoothness"),
+    V2V_LOSS_VIEW_TERMS(TERM)
+    V2V_LOSS_VOLUME_TERMS(TERM)
 
     WHOLE(train, steps, 1, BILLION, 2000, "optimiser steps"),
     WHOLE(train, batch, 1, 65536, 1, "crops of one step over all ranks"),

@@ -3,16 +3,18 @@
 #include <math.h>
 #include <string.h>
 
-double v2v_term_mse(float *gradient, const float *difference, int64_t count, double weight)
+/* Mean of difference^2. */
+double v2v_term_mse(const struct v2v_term_view *view, float *gradient, const float *difference,
+                    double weight)
 {
     double sum = 0.0;
-    const float factor = (float)(2.0 * weight / (double)count);
+    const float factor = (float)(2.0 * weight / view->compared);
 #pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < count; i++) {
+    for (int64_t i = 0; i < view->ny * view->nx; i++) {
         sum += (double)difference[i] * difference[i];
-        gradient[i] = factor * difference[i];
+        gradient[i] += factor * difference[i];
     }
-    return sum / (double)count;
+    return sum / view->compared;
 }
 
 /* |D| to the power of the term, D replaced by what the inverse transform turns into the gradient.
@@ -31,75 +33,90 @@ static double modulus(struct v2v_complex *d, int squared)
     return size;
 }
 
-double v2v_term_fourier(const struct v2v_term_fft *term, float *gradient, const float *image,
-                        struct v2v_complex *spectrum, float *scratch, double weight)
+/* Sum over all frequencies of the difference's |D| (reference) or |D|^2 (paper), D its unnormalised
+ * transform, over the pixels compared: in the reference a mean over all frequencies. */
+double v2v_term_fft(const struct v2v_term_view *view, float *gradient, const float *difference,
+                    double weight)
 {
-    int64_t ny = term->ny, nx = term->nx, half = nx / 2 + 1;
+    const int squared = view->profile == V2V_LOSS_PAPER;
+    const int64_t nx = view->nx, pixels = view->ny * nx, half = nx / 2 + 1;
+    const double mean = 1.0 / view->compared;
     double sum = 0.0;
-    memcpy(scratch, image, (size_t)(ny * nx) * sizeof *image);
-    v2v_fft2_forward(term->fft, spectrum, scratch);
-    for (int64_t y = 0; y < ny; y++) {
-        for (int64_t x = 0; x < half; x++) {
-            /* the half spectrum leaves out the mirror image of all but these columns */
-            int alone = x == 0 || 2 * x == nx;
-            sum += (alone ? 1.0 : 2.0) * modulus(&spectrum[y * half + x], term->squared);
-        }
+    memcpy(view->scratch, difference, (size_t)pixels * sizeof *difference);
+    v2v_fft2_forward(view->fft, view->spectrum, view->scratch);
+    for (int64_t i = 0; i < view->ny * half; i++) {
+        /* the half spectrum leaves out the mirror image of all but these columns */
+        int alone = i % half == 0 || 2 * (i % half) == nx;
+        sum += (alone ? 1.0 : 2.0) * modulus(&view->spectrum[i], squared);
     }
     if (weight != 0.0) {
-        v2v_fft2_inverse(term->fft, scratch, spectrum);
-        for (int64_t i = 0; i < ny * nx; i++) {
-            gradient[i] += (float)weight * scratch[i];
+        v2v_fft2_inverse(view->fft, view->scratch, view->spectrum);
+        for (int64_t i = 0; i < pixels; i++) {
+            gradient[i] += (float)(weight * mean) * view->scratch[i];
         }
     }
-    return sum;
+    return sum * mean;
 }
 
-double v2v_term_positivity(float *gradient, const float *volume, int64_t count, double weight)
+/* Sum of relu(-own). */
+double v2v_term_pos(const struct v2v_term_volume *volume, float *gradient, const float *own,
+                    const float *other, double weight)
 {
     double sum = 0.0;
     const float step = (float)-weight;
+    (void)other;
+    for (int64_t z = 0; z < volume->slices; z++) {
 #pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < count; i++) {
-        float below = volume[i] < 0.0f ? 1.0f : 0.0f;
-        sum -= (double)(below * volume[i]);
-        gradient[i] += below * step;
+        for (int64_t i = z * volume->stride; i < z * volume->stride + volume->width; i++) {
+            float below = own[i] < 0.0f ? 1.0f : 0.0f;
+            sum -= (double)(below * own[i]);
+            gradient[i] += below * step;
+        }
     }
     return sum;
 }
 
-double v2v_term_crosstalk(float *gradient, const float *a, const float *b, int64_t count,
-                          double background, double weight)
+/* Sum (paper) or mean over all voxels (reference) of relu(background - m), m the mean volume. */
+double v2v_term_dc(const struct v2v_term_volume *volume, float *gradient, const float *own,
+                   const float *other, double weight)
 {
-    double sum = 0.0;
-    const float step = (float)(-0.5 * weight);
+    double voxels = (double)volume->slices * volume->slice, sum = 0.0;
+    double scale = volume->share * (volume->profile == V2V_LOSS_REFERENCE ? 1.0 / voxels : 1.0);
+    const float step = (float)(-weight * scale);
+    for (int64_t z = 0; z < volume->slices; z++) {
 #pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < count; i++) {
-        double lack = background - 0.5 * ((double)a[i] + (double)b[i]);
-        sum += lack > 0.0 ? lack : 0.0;
-        gradient[i] += lack > 0.0 ? step : 0.0f;
+        for (int64_t i = z * volume->stride; i < z * volume->stride + volume->width; i++) {
+            double lack = volume->background - 0.5 * ((double)own[i] + (double)other[i]);
+            sum += lack > 0.0 ? lack : 0.0;
+            gradient[i] += lack > 0.0 ? step : 0.0f;
+        }
     }
-    return sum;
+    return scale * sum;
 }
 
-double v2v_term_smoothness(float *gradient, const float *a, const float *b, int64_t slices,
-                           int64_t pixels, double weight)
+/* Mean over the inner slices of |2 m[z] - m[z-1] - m[z+1]|, m the mean volume. */
+double v2v_term_tv(const struct v2v_term_volume *volume, float *gradient, const float *own,
+                   const float *other, double weight)
 {
+    const int64_t stride = volume->stride;
+    const double inner = volume->slices > 2 ? (double)(volume->slices - 2) * volume->slice : 1.0;
+    const double scale = volume->share / inner;
+    const float step = (float)(weight * scale);
     double sum = 0.0;
-    const float step = (float)(0.5 * weight);
-    for (int64_t z = 1; z + 1 < slices; z++) {
-        const float *am = a + z * pixels, *bm = b + z * pixels;
-        float *g = gradient + z * pixels;
+    for (int64_t z = 1; z + 1 < volume->slices; z++) {
+        const float *a = own + z * stride, *b = other + z * stride;
+        float *g = gradient + z * stride;
 #pragma omp simd reduction(+ : sum)
-        for (int64_t i = 0; i < pixels; i++) {
-            float middle = am[i] + bm[i];
-            float around = am[i - pixels] + bm[i - pixels] + am[i + pixels] + bm[i + pixels];
+        for (int64_t i = 0; i < volume->width; i++) {
+            float middle = a[i] + b[i];
+            float around = a[i - stride] + b[i - stride] + a[i + stride] + b[i + stride];
             float bend = 0.5f * (2.0f * middle - around);
             float sign = bend > 0.0f ? step : bend < 0.0f ? -step : 0.0f;
             sum += (double)fabsf(bend);
             g[i] += 2.0f * sign;
-            g[i - pixels] -= sign;
-            g[i + pixels] -= sign;
+            g[i - stride] -= sign;
+            g[i + stride] -= sign;
         }
     }
-    return sum;
+    return scale * sum;
 }

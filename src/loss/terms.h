@@ -1,34 +1,46 @@
-/* The single terms of the loss: each adds its gradient and returns its value. Double sums; `weight`
- * 0 leaves the gradient alone. */
+/* The terms of the loss: v2v_term_NAME for every row of v2v3d/conf/loss_terms.h. Each returns its
+ * value and adds its gradient, times `weight`, where there is one: 0 leaves the gradient alone. Sums
+ * in double precision. Many run side by side. */
 #ifndef V2V3D_LOSS_TERMS_H
 #define V2V3D_LOSS_TERMS_H
 
+#include "v2v3d/conf/loss_terms.h"
 #include "v2v3d/fft/fft2.h"
 #include <stdint.h>
 
-/* Mean over `count` of difference^2; gradient[i] = weight * 2 difference[i] / count. */
-double v2v_term_mse(float *gradient, const float *difference, int64_t count, double weight);
-
-/* Sum over all frequencies of one image's |D| (L1) or |D|^2 (squared), D its unnormalised
- * transform; gradient[i] += weight * d(sum)/d(image[i]). `image` [ny,nx], spectrum and scratch
- * borrowed. */
-struct v2v_term_fft {
-    const struct v2v_fft2 *fft;
-    int64_t ny, nx;
-    int squared;
+/* What a term of views knows beside one view's difference. */
+struct v2v_term_view {
+    int profile;                  /* enum v2v_loss_profile */
+    int64_t ny, nx;               /* of the window */
+    double compared;              /* pixels of all views that the volume is judged by */
+    const struct v2v_fft2 *fft;   /* of the window */
+    struct v2v_complex *spectrum; /* room for a half spectrum */
+    float *scratch;               /* [ny,nx] */
 };
-double v2v_term_fourier(const struct v2v_term_fft *term, float *gradient, const float *image,
-                        struct v2v_complex *spectrum, float *scratch, double weight);
 
-/* Sum of relu(-volume). */
-double v2v_term_positivity(float *gradient, const float *volume, int64_t count, double weight);
+/* This view's share of the term; gradient[ny,nx] by the difference[ny,nx], projection - view. */
+typedef double v2v_view_term(const struct v2v_term_view *view, float *gradient,
+                             const float *difference, double weight);
 
-/* Sum of relu(background - m), m the mean of a and b; the gradient is the one of a. */
-double v2v_term_crosstalk(float *gradient, const float *a, const float *b, int64_t count,
-                          double background, double weight);
+/* What a term of volumes knows beside one row of all slices. */
+struct v2v_term_volume {
+    int profile;
+    int64_t slices, width, stride; /* of the row; numbers from slice to slice */
+    double slice;                  /* pixels of a whole slice */
+    double share;                  /* this output's in a term of the mean volume */
+    double background;             /* of the views, in units of the volume */
+};
 
-/* Sum of |2 m[z] - m[z-1] - m[z+1]| over the inner slices, m the mean of a and b; gradient of a. */
-double v2v_term_smoothness(float *gradient, const float *a, const float *b, int64_t slices,
-                           int64_t pixels, double weight);
+/* This row's share of the term; gradient[z,x] by own[z,x]. The mean volume is that of own and
+ * other[z,x], which are the same where there is one output. */
+typedef double v2v_volume_term(const struct v2v_term_volume *volume, float *gradient,
+                               const float *own, const float *other, double weight);
+
+#define V2V_TERM_OF_VIEW(NAME, name, ...) v2v_view_term v2v_term_##name;
+#define V2V_TERM_OF_VOLUME(NAME, name, ...) v2v_volume_term v2v_term_##name;
+V2V_LOSS_VIEW_TERMS(V2V_TERM_OF_VIEW)
+V2V_LOSS_VOLUME_TERMS(V2V_TERM_OF_VOLUME)
+#undef V2V_TERM_OF_VIEW
+#undef V2V_TERM_OF_VOLUME
 
 #endif

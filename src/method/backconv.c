@@ -228,7 +228,7 @@ static void back_project(struct backconv *self, float *x0, const float *views, i
         memcpy(self->views + i * pixels, views + self->seen[h][i] * pixels,
                (size_t)pixels * sizeof *views);
     }
-    v2v_projector_adjoint(self->projector, x0, self->views, self->seen[h], self->seen_count[h]);
+    v2v_projector_adjoint(self->projector, x0, self->views, self->seen[h], self->seen_count[h], 1.0f);
     for (int64_t i = 0; i < slices * pixels; i++) {
         x0[i] *= self->factor[h];
     }

@@ -10,15 +10,10 @@ struct v2v_projector_share v2v_projector_share(const struct v2v_projector *proje
     return projector->share;
 }
 
-void v2v_projector_set_scale(struct v2v_projector *projector, float scale)
-{
-    projector->scale = scale;
-}
-
-static float transform_factor(const struct v2v_projector *projector)
+static float transform_factor(const struct v2v_projector *projector, float scale)
 {
     const struct v2v_fft_shape *shape = &projector->layout.shape;
-    return (float)((double)projector->scale / (double)(shape->ny * shape->nx));
+    return (float)((double)scale / (double)(shape->ny * shape->nx));
 }
 
 /* The listed views of one call. */
@@ -157,7 +152,7 @@ static void exchange_sums(struct v2v_projector *projector, struct v2v_part round
 }
 
 void v2v_projector_forward(struct v2v_projector *projector, float *views, const float *volume,
-                           const int32_t *list, int64_t count)
+                           const int32_t *list, int64_t count, float scale)
 {
     const struct v2v_projector_layout *layout = &projector->layout;
     const struct views wanted = {list, count};
@@ -174,7 +169,7 @@ void v2v_projector_forward(struct v2v_projector *projector, float *views, const 
         }
         j += rounds.count;
     }
-    v2v_fft_slabs_inverse(projector->together, views, transform_factor(projector),
+    v2v_fft_slabs_inverse(projector->together, views, transform_factor(projector, scale),
                           projector->view_spectra, layout->view_stride, count);
 }
 
@@ -241,7 +236,7 @@ static void project_adjoint(struct v2v_projector *projector, const struct views 
 }
 
 void v2v_projector_adjoint(struct v2v_projector *projector, float *volume, const float *views,
-                           const int32_t *list, int64_t count)
+                           const int32_t *list, int64_t count, float scale)
 {
     const struct v2v_projector_layout *layout = &projector->layout;
     const struct views wanted = {list, count};
@@ -257,6 +252,7 @@ void v2v_projector_adjoint(struct v2v_projector *projector, float *volume, const
         project_adjoint(projector, &wanted, rounds);
         j += rounds.count;
     }
-    v2v_fft_slabs_inverse(v2v_projector_slice_fft(projector), volume, transform_factor(projector),
-                          projector->slice_spectra, layout->slice_stride, layout->slices);
+    v2v_fft_slabs_inverse(v2v_projector_slice_fft(projector), volume,
+                          transform_factor(projector, scale), projector->slice_spectra,
+                          layout->slice_stride, layout->slices);
 }

@@ -137,7 +137,6 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
         made->height = height;
         made->width = width;
         made->threads = omp_get_max_threads();
-        made->scale = 1.0f;
         made->share.view_rows = my_rows;
         made->share.slices = split == V2V_SPLIT_SLABS ? all_slices : my_slices;
         made->share.rows = split == V2V_SPLIT_SLABS ? my_rows : all_rows;

@@ -45,7 +45,6 @@ struct v2v_projector {
     struct v2v_part columns; /* of the views' spectra, of this rank */
     int64_t height, width;
     int threads;
-    float scale;
     const struct v2v_comm *comm;         /* borrowed */
     struct v2v_fft_slabs *alone;         /* slices over several ranks: this rank's frames */
     struct v2v_fft_slabs *together;      /* frames that all ranks share */

@@ -243,9 +243,9 @@ static enum v2v_status iterate(struct v2v_rld *rld, float *volume, const float *
     const float *rows = views + rld->share.view_rows.first * rld->width;
     v2v_watchdog_beat("an RLD iteration");
     for (int32_t v = 0; v < rld->views; v++) {
-        v2v_projector_forward(rld->projector, rld->ratio, volume, &v, 1);
+        v2v_projector_forward(rld->projector, rld->ratio, volume, &v, 1, 1.0f);
         divide(rld->ratio, rows + v * pixels, rld->blind + v * here, here, mean);
-        v2v_projector_adjoint(rld->projector, rld->correction, rld->ratio, &v, 1);
+        v2v_projector_adjoint(rld->projector, rld->correction, rld->ratio, &v, 1, 1.0f);
         multiply(rld, volume, v);
     }
     return v2v_par_agree(rld->comm, look(rld, volume, iteration));

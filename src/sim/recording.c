@@ -50,7 +50,7 @@ static enum v2v_status project_frame(struct job *job, struct v2v_volume *volume,
     enum v2v_status rc =
         v2v_volume_read(volume, job->slab, t, job->slices.first, job->slices.count);
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_projector_forward(job->projector, job->rows, job->slab, NULL, job->views);
+    v2v_projector_forward(job->projector, job->rows, job->slab, NULL, job->views, 1.0f);
     v2v_projector_gather_views(job->projector, job->clean, job->rows, job->views);
 done:
     return rc;

@@ -99,28 +99,29 @@ done:
     return rc;
 }
 
+static struct v2v_json_item number(const char *name, double value)
+{
+    return (struct v2v_json_item){.name = name, .number = value, .count = -1};
+}
+
 enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
                                    const struct v2v_step_result *result,
                                    const struct v2v_par_time *began)
 {
     struct v2v_par_time now = v2v_par_time_now();
-    const double *terms = result->terms;
-    const struct v2v_json_item items[] = {
-        {.name = "step", .number = (double)step, .count = -1},
-        {.name = "mse", .number = terms[V2V_LOSS_MSE], .count = -1},
-        {.name = "fft", .number = terms[V2V_LOSS_FFT], .count = -1},
-        {.name = "pos", .number = terms[V2V_LOSS_POS], .count = -1},
-        {.name = "dc", .number = terms[V2V_LOSS_DC], .count = -1},
-        {.name = "tv", .number = terms[V2V_LOSS_TV], .count = -1},
-        {.name = "total", .number = terms[V2V_LOSS_TOTAL], .count = -1},
-        {.name = "grad_norm", .number = result->grad_norm, .count = -1},
-        {.name = "seconds", .number = now.clock - began->clock, .count = -1},
-        {.name = "communication", .number = v2v_par_spent_between(began, &now), .count = -1},
-    };
+    struct v2v_json_item items[V2V_LOSS_TERMS + 4];
+    int64_t count = 0;
     if (folder->log == NULL) {
         return V2V_OK;
     }
-    return v2v_json_print(folder->log, items, (int64_t)(sizeof items / sizeof *items));
+    items[count++] = number("step", (double)step);
+    for (int t = 0; t < V2V_LOSS_TERMS; t++) {
+        items[count++] = number(v2v_loss_name(t), result->terms[t]);
+    }
+    items[count++] = number("grad_norm", result->grad_norm);
+    items[count++] = number("seconds", now.clock - began->clock);
+    items[count++] = number("communication", v2v_par_spent_between(began, &now));
+    return v2v_json_print(folder->log, items, count);
 }
 
 void v2v_run_folder_leave(struct v2v_run_folder *folder)

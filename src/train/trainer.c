@@ -116,13 +116,17 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                    .reduce = job->config->psf.reduce,
                                    .height = trainer->height,
                                    .width = width,
-                                   .window = v2v_sampler_window(trainer->sampler)};
-    V2V_TRY(take_memory(trainer, job));
-    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
-    if (ops->traits & V2V_TRAIT_PROJECTS) {
-        V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, trainer->height, width,
-                                     V2V_SPLIT_SLICES, NULL));
+                                   .window = v2v_sampler_window(trainer->sampler),
+                                   .outputs = ops->outputs};
+    for (int o = 0; o < ops->outputs; o++) {
+        const struct v2v_output *output = &trainer->network->output[o];
+        setup.held_out[o] = (struct v2v_held_out){output->held_out, output->count};
     }
+    V2V_TRY(take_memory(trainer, job));
+    V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, trainer->height, width,
+                                 V2V_SPLIT_SLABS, NULL));
+    setup.projector = trainer->projector;
+    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
     const struct v2v_network_plan plan = {
         .height = trainer->height, .width = width, .training = 1, .projector = trainer->projector};
     if (ops->leave_room != NULL) {

@@ -14,7 +14,7 @@ struct v2v_trainer {
     struct v2v_sampler *sampler;
     const struct v2v_network_ops *ops;
     struct v2v_network *network;
-    struct v2v_projector *projector; /* what the network's method asks for; else NULL */
+    struct v2v_projector *projector; /* lent to the loss and to the network */
     struct v2v_loss *loss;
     float *m, *v;   /* Adam's moments, as the network's fields */
     int64_t rounds; /* in which the ranks run a batch's samples */

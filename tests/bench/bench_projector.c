@@ -71,9 +71,9 @@ static void run(const struct bench *bench, struct side *side, int kind)
 {
     const int64_t count = kind < 2 ? bench->psf.views : 1;
     if (kind % 2 == 0) {
-        v2v_projector_forward(side->projector, side->rows_out, side->volume, NULL, count);
+        v2v_projector_forward(side->projector, side->rows_out, side->volume, NULL, count, 1.0f);
     } else {
-        v2v_projector_adjoint(side->projector, side->volume_out, side->rows, NULL, count);
+        v2v_projector_adjoint(side->projector, side->volume_out, side->rows, NULL, count, 1.0f);
     }
 }
 

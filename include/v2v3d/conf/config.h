@@ -19,6 +19,7 @@
 #define V2V3D_CONF_CONFIG_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/conf/loss_terms.h"
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -40,7 +41,6 @@ enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
 enum v2v_split { V2V_SPLIT_AUTO, V2V_SPLIT_SLICES, V2V_SPLIT_SLABS };
 enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
-enum v2v_loss_profile { V2V_LOSS_REFERENCE, V2V_LOSS_PAPER };
 /** Of the convolutions. BF16: on processors with the instructions, else float32; BF16_ALWAYS: also
  *  where they are emulated. */
 enum v2v_precision { V2V_PRECISION_F32, V2V_PRECISION_BF16, V2V_PRECISION_BF16_ALWAYS };
@@ -74,7 +74,7 @@ struct v2v_optics_settings {
 
 struct v2v_loss_settings {
     int profile; /**< enum v2v_loss_profile: what the weights below mean and their auto values */
-    struct v2v_number mse, fft, dc, pos, tv;
+    struct v2v_number weight[V2V_LOSS_TOTAL]; /**< in the order of conf/loss_terms.h */
 };
 
 struct v2v_train_settings {

@@ -45,19 +45,17 @@ int64_t v2v_projector_bytes(const struct v2v_psf_file *psf, int64_t height, int6
 /** @kind Local. */
 struct v2v_projector_share v2v_projector_share(const struct v2v_projector *projector);
 
-/** Factor on every projection (1 at creation; 1/Z for the mean over z). @kind Local. */
-void v2v_projector_set_scale(struct v2v_projector *projector, float scale);
-
 /** @kind   Collective(comm), no allocation
  *  @param  views [count, view_rows, x] out; view list[i] is written at i (list NULL: views 0 ..
  *          count-1)
  *  @param  volume [slices, rows, x]
+ *  @param  scale 1, or 1/Z for the mean over z
  *  @cost   Z forward + count inverse transforms and count*Z*ny*(nx/2+1) complex products over all
  *          ranks. Sent by one of p ranks, (p-1)/p of: slices count*ny*(nx/2+1)*16 bytes and
  *          count/p*height*(nx/2+1)*8; slabs (Z+count)/p*height*(nx/2+1)*8
  *  @source REFERENCE.md 2 and 8 */
 void v2v_projector_forward(struct v2v_projector *projector, float *views, const float *volume,
-                           const int32_t *list, int64_t count);
+                           const int32_t *list, int64_t count, float scale);
 
 /** volume = sum over the listed views of the adjoint.
  *  @kind   Collective(comm), no allocation
@@ -65,7 +63,7 @@ void v2v_projector_forward(struct v2v_projector *projector, float *views, const 
  *  @param  views [count, view_rows, x]
  *  @cost   as forward; slices send half as much for the sum */
 void v2v_projector_adjoint(struct v2v_projector *projector, float *volume, const float *views,
-                           const int32_t *list, int64_t count);
+                           const int32_t *list, int64_t count, float scale);
 
 /** whole[count,y,x] on all ranks, from every rank's rows of `count` views. @kind Collective(comm),
  *  no allocation. */

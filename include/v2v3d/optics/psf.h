@@ -9,7 +9,7 @@
  *
  *      V2V_TRY(v2v_psf_read(&psf, "psf/2psam", V2V_NORMALIZE_VIEW, comm));
  *      V2V_TRY(v2v_projector_create(&projector, &psf, 256, 256, V2V_SPLIT_SLICES, comm));
- *      v2v_projector_forward(projector, views, volume, NULL, psf.views);
+ *      v2v_projector_forward(projector, views, volume, NULL, psf.views, 1.0f);
  *  done:
  *      v2v_projector_destroy(&projector);
  *      v2v_psf_file_fini(&psf);

@@ -68,7 +68,7 @@ static void projection_summed_over_z_matches_the_reference(void **state)
     struct golden g;
     (void)state;
     setup(&g);
-    v2v_projector_forward(g.projector, g.views, g.volume, NULL, g.psf.views);
+    v2v_projector_forward(g.projector, g.views, g.volume, NULL, g.psf.views, 1.0f);
     assert_close(&g, g.sums);
     teardown(&g);
 }
@@ -78,8 +78,8 @@ static void projection_averaged_over_z_matches_the_reference(void **state)
     struct golden g;
     (void)state;
     setup(&g);
-    v2v_projector_set_scale(g.projector, 1.0f / (float)g.psf.slices);
-    v2v_projector_forward(g.projector, g.views, g.volume, NULL, g.psf.views);
+    v2v_projector_forward(g.projector, g.views, g.volume, NULL, g.psf.views,
+                          1.0f / (float)g.psf.slices);
     assert_close(&g, g.means);
     teardown(&g);
 }

@@ -167,8 +167,8 @@ static void compare_views(struct fixture *f, const int32_t *list, int64_t count)
 {
     const int64_t pixels = count * f->frame;
     cut(f, f->share, f->volume);
-    v2v_projector_forward(f->serial, f->views, f->volume, list, count);
-    v2v_projector_forward(f->parallel, f->rows, f->share, list, count);
+    v2v_projector_forward(f->serial, f->views, f->volume, list, count, 1.0f);
+    v2v_projector_forward(f->parallel, f->rows, f->share, list, count, 1.0f);
     v2v_projector_gather_views(f->parallel, f->views2, f->rows, count);
     if (f->mine.rows.count < f->height) {
         assert_memory_equal(f->views2, f->views, (size_t)pixels * sizeof(float));
@@ -198,8 +198,8 @@ static void check_adjoint(struct fixture *f)
     for (int64_t count = VIEWS; count >= 2; count--) {
         const int32_t *some = count == VIEWS ? NULL : list;
         v2v_projector_cut_views(f->parallel, f->rows, f->views, count);
-        v2v_projector_adjoint(f->serial, f->volume, f->views, some, count);
-        v2v_projector_adjoint(f->parallel, f->share, f->rows, some, count);
+        v2v_projector_adjoint(f->serial, f->volume, f->views, some, count, 1.0f);
+        v2v_projector_adjoint(f->parallel, f->share, f->rows, some, count, 1.0f);
         join(f);
         assert_memory_equal(f->volume2, f->volume, (size_t)(f->slices * f->frame) * sizeof(float));
     }
@@ -241,8 +241,8 @@ static void check_inner_products(struct fixture *f)
     assert_ok(V2V_ALLOC(y, "test", pixels));
     cut(f, x, f->volume);
     v2v_projector_cut_views(f->parallel, y, f->views, VIEWS);
-    v2v_projector_forward(f->parallel, f->rows, x, NULL, VIEWS);
-    v2v_projector_adjoint(f->parallel, f->share, y, NULL, VIEWS);
+    v2v_projector_forward(f->parallel, f->rows, x, NULL, VIEWS, 1.0f);
+    v2v_projector_adjoint(f->parallel, f->share, y, NULL, VIEWS, 1.0f);
     double sums[] = {
         inner(f->rows, y, pixels), inner(x, f->share, voxels), inner(f->rows, f->rows, pixels),
         inner(y, y, pixels),       inner(x, x, voxels),        inner(f->share, f->share, voxels)};
@@ -268,7 +268,7 @@ static void both_splits_agree(void **state)
         for (int k = 0; k < SPLITS; k++) {
             setup(&f[k], i, splits[k]);
             cut(&f[k], f[k].share, f[k].volume);
-            v2v_projector_forward(f[k].parallel, f[k].rows, f[k].share, NULL, VIEWS);
+            v2v_projector_forward(f[k].parallel, f[k].rows, f[k].share, NULL, VIEWS, 1.0f);
             v2v_projector_gather_views(f[k].parallel, f[k].views2, f[k].rows, VIEWS);
         }
         /* as compare_views */
@@ -286,8 +286,8 @@ static void neither_projection_allocates(void **state)
         struct fixture f;
         setup(&f, 2, splits[k]);
         const size_t held = v2v_mem_held(), peak = v2v_mem_peak();
-        v2v_projector_forward(f.parallel, f.rows, f.share, NULL, VIEWS);
-        v2v_projector_adjoint(f.parallel, f.share, f.rows, NULL, VIEWS);
+        v2v_projector_forward(f.parallel, f.rows, f.share, NULL, VIEWS, 1.0f);
+        v2v_projector_adjoint(f.parallel, f.share, f.rows, NULL, VIEWS, 1.0f);
         v2v_projector_to_slices(f.parallel, f.slices_share, f.share);
         assert_true(v2v_mem_held() == held && v2v_mem_peak() == peak);
         teardown(&f);

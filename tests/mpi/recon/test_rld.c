@@ -24,7 +24,7 @@ static int setup(void **state)
         truth[i] = bright ? (float)(1 + v2v_random_uniform(11, 1, (uint64_t)i)) : 0;
     }
     assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, truth, NULL, VIEWS);
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
     return 0;
 }
 
@@ -134,7 +134,7 @@ static void volume_equals_the_plain_definition(void **state)
 static double residual_of(const float volume[VOXELS])
 {
     static float projection[SAMPLES];
-    v2v_projector_forward(projector, projection, volume, NULL, VIEWS);
+    v2v_projector_forward(projector, projection, volume, NULL, VIEWS, 1.0f);
     return test_relative_l2(projection, views, SAMPLES);
 }
 
@@ -158,7 +158,7 @@ static void a_constant_scene_is_found_at_once_and_kept(void **state)
     for (int64_t i = 0; i < VOXELS; i++) {
         constant[i] = 3;
     }
-    v2v_projector_forward(projector, flat, constant, NULL, VIEWS);
+    v2v_projector_forward(projector, flat, constant, NULL, VIEWS, 1.0f);
     for (int64_t n = 0; n <= 4; n += 2) {
         assert_ok(run(volume, flat, n, test_world()));
         /* Each of the 4n updates carries the round-off of two transforms (10 levels x eps 6e-8);

@@ -68,7 +68,7 @@ static void expect(float expected[FRAMES][SAMPLES], struct v2v_noise *noise, uin
     struct v2v_projector *projector = NULL;
     assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
     for (int64_t t = 0; t < FRAMES; t++) {
-        v2v_projector_forward(projector, clean, scene[t % SOURCES], NULL, VIEWS);
+        v2v_projector_forward(projector, clean, scene[t % SOURCES], NULL, VIEWS, 1.0f);
         if (t == 0) {
             assert_ok(v2v_noise_level(noise, clean, SAMPLES));
         }

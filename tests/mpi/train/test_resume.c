@@ -233,7 +233,7 @@ static void gradients_too_large_to_square_step_nothing(void **state)
     struct v2v_train_report report;
     setup(&scene);
     scene.config.input.gain = (struct v2v_number){V2V_NUMBER_GIVEN, 1e12};
-    scene.config.loss.mse = (struct v2v_number){V2V_NUMBER_GIVEN, 1e9};
+    scene.config.loss.weight[V2V_LOSS_MSE] = (struct v2v_number){V2V_NUMBER_GIVEN, 1e9};
     assert_int_equal(train(&scene, 30, FRESH, &report), V2V_E_NUMERIC);
     assert_int_equal(report.steps, 10);
     assert_int_equal(step_of(&scene, "weights.h5"), 9);

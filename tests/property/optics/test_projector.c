@@ -139,7 +139,7 @@ static void forward_matches_the_plain_loops(void **state)
             twin_project(f.views_exact + v * f.frame_count, f.volume_exact, kernel_of(&f, v),
                          &f.twin);
         }
-        v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views);
+        v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views, 1.0f);
         const double error =
             test_relative_l2_to_double(f.views, f.views_exact, f.s.views * f.frame_count);
         print_message("forward %d: error %.2g, bound %.2g\n", i, error, bound(&f.s));
@@ -159,7 +159,7 @@ static void adjoint_matches_the_plain_loops(void **state)
             twin_project_adjoint(f.volume_exact, f.views_exact + v * f.frame_count,
                                  kernel_of(&f, v), &f.twin);
         }
-        v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, f.s.views);
+        v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, f.s.views, 1.0f);
         const double error = test_relative_l2_to_double(f.volume, f.volume_exact, f.volume_count);
         print_message("adjoint %d: error %.2g, bound %.2g\n", i, error, bound(&f.s));
         assert_true(error <= bound(&f.s));
@@ -168,11 +168,11 @@ static void adjoint_matches_the_plain_loops(void **state)
 }
 
 /* <A x, y> = <x, A' y> within the operators' own errors, in the size of the vectors. */
-static void assert_adjoint(struct fixture *f, const int32_t *list, int64_t count)
+static void assert_adjoint(struct fixture *f, const int32_t *list, int64_t count, float scale)
 {
     const int64_t pixels = count * f->frame_count;
-    v2v_projector_forward(f->projector, f->views2, f->volume, list, count);
-    v2v_projector_adjoint(f->projector, f->volume2, f->views, list, count);
+    v2v_projector_forward(f->projector, f->views2, f->volume, list, count, scale);
+    v2v_projector_adjoint(f->projector, f->volume2, f->views, list, count, scale);
     const double left = inner(f->views2, f->views, pixels);
     const double right = inner(f->volume, f->volume2, f->volume_count);
     const double size =
@@ -188,9 +188,8 @@ static void adjoint_matches_inner_product(void **state)
     for (int i = 0; i < SHAPES; i++) {
         struct fixture f;
         setup(&f, &shapes[i]);
-        assert_adjoint(&f, NULL, f.s.views);
-        v2v_projector_set_scale(f.projector, 0.25f);
-        assert_adjoint(&f, NULL, f.s.views);
+        assert_adjoint(&f, NULL, f.s.views, 1.0f);
+        assert_adjoint(&f, NULL, f.s.views, 0.25f);
         teardown(&f);
     }
 }
@@ -203,7 +202,7 @@ static void adjoint_of_listed_views_matches_inner_product(void **state)
         struct fixture f;
         setup(&f, &shapes[7]);
         for (int64_t count = 0; count <= 3; count++) {
-            assert_adjoint(&f, lists[i], count);
+            assert_adjoint(&f, lists[i], count, 1.0f);
         }
         teardown(&f);
     }
@@ -215,8 +214,8 @@ static void listed_views_are_the_same_bits_as_all_views(void **state)
     struct fixture f;
     (void)state;
     setup(&f, &shapes[7]);
-    v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views);
-    v2v_projector_forward(f.projector, f.views2, f.volume, list, 2);
+    v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views, 1.0f);
+    v2v_projector_forward(f.projector, f.views2, f.volume, list, 2, 1.0f);
     for (int i = 0; i < 2; i++) {
         assert_memory_equal(f.views2 + i * f.frame_count, f.views + list[i] * f.frame_count,
                             (size_t)f.frame_count * sizeof(float));
@@ -230,8 +229,8 @@ static void first_views_are_taken_without_a_list(void **state)
     struct fixture f;
     (void)state;
     setup(&f, &shapes[7]);
-    v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, 2);
-    v2v_projector_adjoint(f.projector, f.volume2, f.views, list, 2);
+    v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, 2, 1.0f);
+    v2v_projector_adjoint(f.projector, f.volume2, f.views, list, 2, 1.0f);
     assert_memory_equal(f.volume, f.volume2, (size_t)f.volume_count * sizeof(float));
     teardown(&f);
 }
@@ -241,12 +240,11 @@ static void scale_multiplies_projection_and_adjoint(void **state)
     struct fixture f;
     (void)state;
     setup(&f, &shapes[4]);
-    v2v_projector_forward(f.projector, f.views2, f.volume, NULL, f.s.views);
-    v2v_projector_adjoint(f.projector, f.volume2, f.views2, NULL, f.s.views);
+    v2v_projector_forward(f.projector, f.views2, f.volume, NULL, f.s.views, 1.0f);
+    v2v_projector_adjoint(f.projector, f.volume2, f.views2, NULL, f.s.views, 1.0f);
     /* A power of two scales without rounding. */
-    v2v_projector_set_scale(f.projector, 0.5f);
-    v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views);
-    v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, f.s.views);
+    v2v_projector_forward(f.projector, f.views, f.volume, NULL, f.s.views, 0.5f);
+    v2v_projector_adjoint(f.projector, f.volume, f.views, NULL, f.s.views, 0.5f);
     for (int64_t k = 0; k < f.s.views * f.frame_count; k++) {
         assert_true(f.views[k] == 0.5f * f.views2[k]);
     }
@@ -266,12 +264,12 @@ static void thread_count_does_not_change_bits(void **state)
     omp_set_num_threads(5);
     setup(&many, &shapes[7]);
     omp_set_num_threads(before);
-    v2v_projector_forward(one.projector, one.views2, one.volume, NULL, one.s.views);
-    v2v_projector_forward(many.projector, many.views2, many.volume, NULL, many.s.views);
+    v2v_projector_forward(one.projector, one.views2, one.volume, NULL, one.s.views, 1.0f);
+    v2v_projector_forward(many.projector, many.views2, many.volume, NULL, many.s.views, 1.0f);
     assert_memory_equal(one.views2, many.views2,
                         (size_t)(one.s.views * one.frame_count) * sizeof(float));
-    v2v_projector_adjoint(one.projector, one.volume2, one.views, NULL, one.s.views);
-    v2v_projector_adjoint(many.projector, many.volume2, many.views, NULL, many.s.views);
+    v2v_projector_adjoint(one.projector, one.volume2, one.views, NULL, one.s.views, 1.0f);
+    v2v_projector_adjoint(many.projector, many.volume2, many.views, NULL, many.s.views, 1.0f);
     assert_memory_equal(one.volume2, many.volume2, (size_t)one.volume_count * sizeof(float));
     teardown(&many);
     teardown(&one);

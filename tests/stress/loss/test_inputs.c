@@ -8,6 +8,7 @@
  * |D| and never by more than 2. Adjoints carry errors of view gradients as the kernels' sums say.
  */
 #include "hard_input.h"
+#include "held_out.h"
 #include "support.h"
 #include "twin_projector.h"
 
@@ -29,6 +30,7 @@ static const double pi = 3.14159265358979323846;
 
 static struct v2v_config config;
 static struct v2v_psf_file psf;
+static struct v2v_projector *projector;
 static struct v2v_loss *loss;
 static double weight[V2V_LOSS_TERMS];
 static float views[VIEWS * PIXELS], volume[BRANCHES][VOXELS], dvolume[BRANCHES][VOXELS];
@@ -58,12 +60,16 @@ static void setup(int profile)
     }
     v2v_psf_normalize_views(&psf);
     v2v_loss_weights(weight, &config.loss);
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLABS, NULL));
+    setup.projector = projector;
+    test_hold_out_halves(&setup, VIEWS);
     assert_ok(v2v_loss_create(&loss, &setup));
 }
 
 static void teardown(void)
 {
     v2v_loss_destroy(&loss);
+    v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
     assert_int_equal(v2v_mem_held(), 0);
 }

@@ -135,7 +135,7 @@ static void projections_and_adjoints_err_as_their_transforms_do(void **state)
             twin_project(exact_views + v * PIXELS, exact_volume, psf.data + v * SLICES * TAPS,
                          &shape);
         }
-        v2v_projector_forward(projector, views, volume, NULL, VIEWS);
+        v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
         judge(views, exact_views, VIEWS * PIXELS, bound(0));
 
         memset(exact_volume, 0, sizeof exact_volume);
@@ -147,7 +147,7 @@ static void projections_and_adjoints_err_as_their_transforms_do(void **state)
             twin_project_adjoint(exact_volume, exact_views + v * PIXELS,
                                  psf.data + v * SLICES * TAPS, &shape);
         }
-        v2v_projector_adjoint(projector, volume, views, NULL, VIEWS);
+        v2v_projector_adjoint(projector, volume, views, NULL, VIEWS, 1.0f);
         judge(volume, exact_volume, SLICES * PIXELS, bound(1));
         print_message("\n");
     }
@@ -162,7 +162,7 @@ static void a_hot_pixel_lights_its_kernel_and_nothing_else(void **state)
     (void)state;
     memset(volume, 0, sizeof volume);
     volume[y * WIDTH + x] = 1e6f;
-    v2v_projector_forward(projector, views, volume, NULL, VIEWS);
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
     for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
         int near = llabs(i / WIDTH % HEIGHT - y) <= KERNEL_HEIGHT / 2 &&
                    llabs(i % WIDTH - x) <= KERNEL_WIDTH / 2;

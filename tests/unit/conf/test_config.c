@@ -66,7 +66,7 @@ static void defaults_are_those_of_the_method(void **state)
     assert_int_equal(c.train.flips, 1);
     assert_int_equal(c.psf.normalize, V2V_NORMALIZE_VIEW);
     assert_int_equal(c.psf.reduce, V2V_REDUCE_SUM);
-    assert_int_equal(c.loss.mse.mode, V2V_NUMBER_AUTO);
+    assert_int_equal(c.loss.weight[V2V_LOSS_MSE].mode, V2V_NUMBER_AUTO);
     assert_int_equal(c.recon.skip.mode, V2V_NUMBER_NONE);
 }
 
@@ -87,9 +87,9 @@ static void every_kind_of_value_is_read(void **state)
     assert_int_equal(c.input.offset.mode, V2V_NUMBER_NONE);
     assert_int_equal(c.input.gain.mode, V2V_NUMBER_GIVEN);
     assert_true(c.input.gain.value == 2.5);
-    assert_int_equal(c.loss.mse.mode, V2V_NUMBER_AUTO);
-    assert_int_equal(c.loss.fft.mode, V2V_NUMBER_GIVEN);
-    assert_true(c.loss.fft.value == 0.0);
+    assert_int_equal(c.loss.weight[V2V_LOSS_MSE].mode, V2V_NUMBER_AUTO);
+    assert_int_equal(c.loss.weight[V2V_LOSS_FFT].mode, V2V_NUMBER_GIVEN);
+    assert_true(c.loss.weight[V2V_LOSS_FFT].value == 0.0);
     assert_int_equal(c.demo.size, 128);
 }
 
@@ -243,7 +243,7 @@ static void set_changes_one_value_or_nothing(void **state)
     assert_ok(v2v_config_set(&c, "recon.precision=bf16"));
     assert_ok(v2v_config_set(&c, "train.precision=bf16-always"));
     assert_int_equal(c.train.crop, 32);
-    assert_true(c.loss.fft.value == 0.1);
+    assert_true(c.loss.weight[V2V_LOSS_FFT].value == 0.1);
     assert_int_equal(c.recon.precision, V2V_PRECISION_BF16);
     assert_int_equal(c.train.precision, V2V_PRECISION_BF16_ALWAYS);
 }
@@ -283,7 +283,7 @@ static void unusual_values(struct v2v_config *c)
     c->train.seed = INT64_MAX;
     set_number(&c->input.offset, V2V_NUMBER_GIVEN, -123456.78901234567);
     set_number(&c->input.gain, V2V_NUMBER_NONE, 0.0);
-    set_number(&c->loss.tv, V2V_NUMBER_GIVEN, 1e9);
+    set_number(&c->loss.weight[V2V_LOSS_TV], V2V_NUMBER_GIVEN, 1e9);
     set_number(&c->recon.skip, V2V_NUMBER_GIVEN, 1e-300);
     c->model.backend = V2V_BACKEND_OPENBLAS;
 }

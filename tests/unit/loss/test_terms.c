@@ -1,4 +1,5 @@
 /* Every term against plain loops in double precision, and what the window leaves out. */
+#include "held_out.h"
 #include "support.h"
 
 #include "loss/terms.h"
@@ -30,17 +31,30 @@ static void assert_sum(double sum, double expected)
 
 /* ---- single terms ---- */
 
+/* COUNT voxels as one row of `slices`, of the first of two outputs. */
+static struct v2v_term_volume row_of(int profile, int64_t slices)
+{
+    return (struct v2v_term_volume){.profile = profile,
+                                    .slices = slices,
+                                    .width = COUNT / slices,
+                                    .stride = COUNT / slices,
+                                    .slice = (double)(COUNT / slices),
+                                    .share = 0.5,
+                                    .background = 0.2};
+}
+
 static void mse_is_the_mean_square(void **state)
 {
     (void)state;
-    float d[COUNT], gradient[COUNT];
+    float d[COUNT], gradient[COUNT] = {0};
+    const struct v2v_term_view view = {.ny = 6, .nx = COUNT / 6, .compared = COUNT};
     double expected = 0.0;
     fill(d, COUNT, 0, 0.1);
     for (int i = 0; i < COUNT; i++) {
         expected += (double)d[i] * d[i] / COUNT;
     }
-    assert_sum(v2v_term_mse(gradient, d, COUNT, WEIGHT), expected);
-    for (int i = 0; i < COUNT; i++) { /* overwritten; two roundings */
+    assert_sum(v2v_term_mse(&view, gradient, d, WEIGHT), expected);
+    for (int i = 0; i < COUNT; i++) { /* two roundings */
         double g = WEIGHT * 2.0 * d[i] / COUNT;
         assert_true(fabs(gradient[i] - g) <= 2 * 6e-8 * fabs(g));
     }
@@ -50,6 +64,7 @@ static void positivity_sums_what_is_below_zero(void **state)
 {
     (void)state;
     float x[COUNT], gradient[COUNT];
+    const struct v2v_term_volume row = row_of(V2V_LOSS_REFERENCE, 5);
     double expected = 0.0;
     fill(x, COUNT, 1, 0.0);
     fill(gradient, COUNT, 2, 0.0);
@@ -59,7 +74,7 @@ static void positivity_sums_what_is_below_zero(void **state)
     for (int i = 0; i < COUNT; i++) {
         expected += x[i] < 0.0f ? -(double)x[i] : 0.0;
     }
-    assert_sum(v2v_term_positivity(gradient, x, COUNT, WEIGHT), expected);
+    assert_sum(v2v_term_pos(&row, gradient, x, NULL, WEIGHT), expected);
     for (int i = 0; i < COUNT; i++) {
         assert_true(gradient[i] == before[i] - (x[i] < 0.0f ? (float)WEIGHT : 0.0f));
     }
@@ -69,17 +84,17 @@ static void crosstalk_sums_what_the_mean_lacks(void **state)
 {
     (void)state;
     float a[COUNT], b[COUNT], gradient[COUNT] = {0};
-    const double background = 0.2;
+    const struct v2v_term_volume row = row_of(V2V_LOSS_PAPER, 5);
     double expected = 0.0;
     fill(a, COUNT, 3, 0.2);
     fill(b, COUNT, 4, 0.2);
     for (int i = 0; i < COUNT; i++) {
-        double lack = background - 0.5 * ((double)a[i] + b[i]);
-        expected += lack > 0.0 ? lack : 0.0;
+        double lack = row.background - 0.5 * ((double)a[i] + b[i]);
+        expected += lack > 0.0 ? 0.5 * lack : 0.0; /* half of it is the other output's */
     }
-    assert_sum(v2v_term_crosstalk(gradient, a, b, COUNT, background, WEIGHT), expected);
+    assert_sum(v2v_term_dc(&row, gradient, a, b, WEIGHT), expected);
     for (int i = 0; i < COUNT; i++) {
-        int lacks = 0.5 * ((double)a[i] + b[i]) < background;
+        int lacks = 0.5 * ((double)a[i] + b[i]) < row.background;
         assert_true(gradient[i] == (lacks ? (float)(-0.5 * WEIGHT) : 0.0f));
     }
 }
@@ -89,7 +104,9 @@ static void smoothness_sums_the_second_difference_over_z(void **state)
     (void)state;
     enum { DEPTH = 6, AREA = COUNT / DEPTH };
     float a[COUNT], b[COUNT], gradient[COUNT] = {0};
+    struct v2v_term_volume row = row_of(V2V_LOSS_REFERENCE, DEPTH);
     double expected = 0.0, slope[COUNT] = {0.0};
+    row.slice = 1.0 / (DEPTH - 2); /* a sum instead of a mean: its slopes are eighths */
     fill(a, COUNT, 5, 0.2);
     fill(b, COUNT, 6, 0.2);
     for (int i = AREA; i < COUNT - AREA; i++) {
@@ -99,19 +116,21 @@ static void smoothness_sums_the_second_difference_over_z(void **state)
             m[k] = 0.5 * ((double)a[j] + b[j]);
         }
         double bend = 2.0 * m[1] - m[0] - m[2], sign = bend > 0.0 ? 0.5 : -0.5;
-        expected += fabs(bend);
+        expected += 0.5 * fabs(bend);
         slope[i] += 2.0 * WEIGHT * sign;
         slope[i - AREA] -= WEIGHT * sign;
         slope[i + AREA] -= WEIGHT * sign;
     }
     /* each bend, of size 1, is made of six float32 roundings */
-    double sum = v2v_term_smoothness(gradient, a, b, DEPTH, AREA, WEIGHT);
+    double sum = v2v_term_tv(&row, gradient, a, b, WEIGHT);
     assert_true(fabs(sum - expected) <= 6 * 6e-8 * (DEPTH - 2) * AREA);
     for (int i = 0; i < COUNT; i++) {
         assert_true((double)gradient[i] == slope[i]); /* eighths */
     }
-    assert_true(v2v_term_smoothness(gradient, a, b, 2, COUNT / 2, WEIGHT) == 0.0);
-    assert_true(v2v_term_smoothness(gradient, a, b, 1, COUNT, WEIGHT) == 0.0);
+    for (int64_t slices = 1; slices <= 2; slices++) {
+        row = row_of(V2V_LOSS_REFERENCE, slices);
+        assert_true(v2v_term_tv(&row, gradient, a, b, WEIGHT) == 0.0);
+    }
 }
 
 /* ---- Fourier term ---- */
@@ -152,11 +171,17 @@ static void check_fourier(int ny, int nx, int squared)
     assert_ok(V2V_ALLOC(scratch, "test", ny * nx));
     assert_ok(V2V_ALLOC(spectrum, "test", ny * (nx / 2 + 1)));
     assert_ok(v2v_fft2_create(&fft, ny, nx));
-    struct v2v_term_fft term = {.fft = fft, .ny = ny, .nx = nx, .squared = squared};
+    struct v2v_term_view view = {.profile = squared ? V2V_LOSS_PAPER : V2V_LOSS_REFERENCE,
+                                 .ny = ny,
+                                 .nx = nx,
+                                 .compared = 1.0,
+                                 .fft = fft,
+                                 .spectrum = spectrum,
+                                 .scratch = scratch};
     double expected = plain_fourier(gradient, image, ny, nx, squared);
-    double alone = v2v_term_fourier(&term, got, image, spectrum, scratch, 0.0);
+    double alone = v2v_term_fft(&view, got, image, 0.0);
     assert_true(got[0] == 0.0f); /* weight 0: no gradient */
-    double sum = v2v_term_fourier(&term, got, image, spectrum, scratch, WEIGHT);
+    double sum = v2v_term_fft(&view, got, image, WEIGHT);
     assert_true(sum == alone);
     assert_true(fabs(sum - expected) <= (squared ? 4e-7 : 2e-7) * expected);
     for (int i = 0; i < ny * nx; i++) {
@@ -188,8 +213,9 @@ static void a_difference_of_zero_has_no_slope(void **state)
     assert_ok(V2V_ALLOC(scratch, "test", 64));
     assert_ok(V2V_ALLOC(spectrum, "test", 8 * 5));
     assert_ok(v2v_fft2_create(&fft, 8, 8));
-    struct v2v_term_fft term = {.fft = fft, .ny = 8, .nx = 8};
-    assert_true(v2v_term_fourier(&term, gradient, image, spectrum, scratch, WEIGHT) == 0.0);
+    struct v2v_term_view view = {
+        .ny = 8, .nx = 8, .compared = 64.0, .fft = fft, .spectrum = spectrum, .scratch = scratch};
+    assert_true(v2v_term_fft(&view, gradient, image, WEIGHT) == 0.0);
     for (int i = 0; i < 64; i++) {
         assert_true(gradient[i] == 0.0f);
     }
@@ -203,9 +229,23 @@ static void a_difference_of_zero_has_no_slope(void **state)
 struct judged {
     struct v2v_psf_file psf;
     struct v2v_config config;
+    struct v2v_projector *projector;
     struct v2v_loss *loss;
     float views[VIEWS * PIXELS], volume[2][SLICES * PIXELS], dvolume[2][SLICES * PIXELS];
 };
+
+static void create_loss(struct judged *j, struct v2v_window window)
+{
+    struct v2v_loss_setup setup = {.settings = &j->config.loss,
+                                   .psf = &j->psf,
+                                   .reduce = V2V_REDUCE_SUM,
+                                   .height = SIDE,
+                                   .width = SIDE,
+                                   .window = window,
+                                   .projector = j->projector};
+    test_hold_out_halves(&setup, VIEWS);
+    assert_ok(v2v_loss_create(&j->loss, &setup));
+}
 
 static void judge_init(struct judged *j, int profile, struct v2v_window window)
 {
@@ -221,18 +261,14 @@ static void judge_init(struct judged *j, int profile, struct v2v_window window)
     v2v_psf_normalize_views(&j->psf);
     fill(j->views, VIEWS * PIXELS, 8, 0.5);
     fill(&j->volume[0][0], 2 * SLICES * PIXELS, 9, 0.4);
-    struct v2v_loss_setup setup = {.settings = &j->config.loss,
-                                   .psf = &j->psf,
-                                   .reduce = V2V_REDUCE_SUM,
-                                   .height = SIDE,
-                                   .width = SIDE,
-                                   .window = window};
-    assert_ok(v2v_loss_create(&j->loss, &setup));
+    assert_ok(v2v_projector_create(&j->projector, &j->psf, SIDE, SIDE, V2V_SPLIT_SLABS, NULL));
+    create_loss(j, window);
 }
 
 static void judge_fini(struct judged *j)
 {
     v2v_loss_destroy(&j->loss);
+    v2v_projector_destroy(&j->projector);
     v2v_psf_file_fini(&j->psf);
     assert_int_equal(v2v_mem_held(), 0);
 }
@@ -283,10 +319,8 @@ static void pixels_outside_of_the_window_do_not_matter(void **state)
     judge_init(&j, V2V_LOSS_REFERENCE, window);
     v2v_loss_destroy(&j.loss);
     /* the background of the de-crosstalk term is the whole frame's */
-    j.config.loss.dc = (struct v2v_number){V2V_NUMBER_NONE, 0.0};
-    struct v2v_loss_setup setup = {
-        .settings = &j.config.loss, .psf = &j.psf, .height = SIDE, .width = SIDE, .window = window};
-    assert_ok(v2v_loss_create(&j.loss, &setup));
+    j.config.loss.weight[V2V_LOSS_DC] = (struct v2v_number){V2V_NUMBER_NONE, 0.0};
+    create_loss(&j, window);
     judge(&j, terms);
     memcpy(before, j.dvolume, sizeof before);
     disturb(&j, &window, 0);
@@ -315,8 +349,8 @@ static void settings_resolve_to_the_profiles_weights(void **state)
         v2v_loss_weights(weights, &config.loss);
         assert_memory_equal(weights, expected[profile], sizeof weights);
     }
-    config.loss.fft = (struct v2v_number){V2V_NUMBER_NONE, 3.0};
-    config.loss.tv = (struct v2v_number){V2V_NUMBER_GIVEN, 3.0};
+    config.loss.weight[V2V_LOSS_FFT] = (struct v2v_number){V2V_NUMBER_NONE, 3.0};
+    config.loss.weight[V2V_LOSS_TV] = (struct v2v_number){V2V_NUMBER_GIVEN, 3.0};
     v2v_loss_weights(weights, &config.loss);
     assert_true(weights[V2V_LOSS_FFT] == 0.0 && weights[V2V_LOSS_TV] == 3.0);
 }
@@ -327,17 +361,22 @@ static enum v2v_status header_example(double *terms, const struct v2v_config *co
                                       const float *const *volume, const float *views)
 {
     enum v2v_status rc = V2V_OK;
+    static const int32_t odd[] = {1, 3}, even[] = {0, 2, 4};
     struct v2v_loss *loss = NULL;
     struct v2v_loss_setup setup = {.settings = &config->loss,
                                    .psf = psf,
                                    .reduce = V2V_REDUCE_SUM,
                                    .height = SIDE,
                                    .width = SIDE,
-                                   .window = {4, SIDE - 4, 4, SIDE - 4}};
+                                   .window = {4, SIDE - 4, 4, SIDE - 4},
+                                   .outputs = 2,
+                                   .held_out = {{odd, 2}, {even, 3}}};
+    V2V_TRY(v2v_projector_create(&setup.projector, psf, SIDE, SIDE, V2V_SPLIT_SLABS, NULL));
     V2V_TRY(v2v_loss_create(&loss, &setup));
     v2v_loss_evaluate(loss, terms, 3, dvolume, volume, views);
 done:
     v2v_loss_destroy(&loss);
+    v2v_projector_destroy(&setup.projector);
     return rc;
 }
 

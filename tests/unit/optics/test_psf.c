@@ -57,7 +57,7 @@ static void normalised_sets_project_ones_to_ones(void **state)
     for (int64_t i = 0; i < SLICES * FRAME * FRAME; i++) {
         volume[i] = 1;
     }
-    v2v_projector_forward(projector, views, volume, NULL, VIEWS);
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
     for (int64_t v = 0; v < VIEWS; v++) {
         for (int64_t y = SIDE; y < FRAME - SIDE; y++) {
             for (int64_t x = SIDE; x < FRAME - SIDE; x++) {
@@ -131,7 +131,7 @@ static enum v2v_status project(float *views, const float *volume, const char *pa
     struct v2v_projector *projector = NULL;
     V2V_TRY(v2v_psf_read(&psf, path, V2V_NORMALIZE_VIEW, comm));
     V2V_TRY(v2v_projector_create(&projector, &psf, side, side, V2V_SPLIT_SLICES, comm));
-    v2v_projector_forward(projector, views, volume, NULL, psf.views);
+    v2v_projector_forward(projector, views, volume, NULL, psf.views, 1.0f);
 done:
     v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);

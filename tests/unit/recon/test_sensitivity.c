@@ -37,7 +37,7 @@ static void compare(int64_t height, int64_t width, int64_t kernel_height, int64_
         ones[i] = 1;
     }
     for (int32_t v = 0; v < psf.views; v++) {
-        v2v_projector_adjoint(projector, adjoint, ones, &v, 1);
+        v2v_projector_adjoint(projector, adjoint, ones, &v, 1, 1.0f);
         for (int64_t i = 0; i < slices.count * height; i++) {
             v2v_sensitivity_row(&sensitivity, row, v, i / height, i % height);
             for (int64_t x = 0; x < width; x++) {
@@ -74,7 +74,7 @@ static void compare_pixels(int64_t height, int64_t width, int64_t kernel_height,
     for (int64_t i = 0; i < slices.count * height * width; i++) {
         ones[i] = 1;
     }
-    v2v_projector_forward(projector, projection, ones, NULL, psf.views);
+    v2v_projector_forward(projector, projection, ones, NULL, psf.views, 1.0f);
     for (int64_t v = 0; v < psf.views; v++) {
         struct v2v_part lower = v2v_par_part(height, 2, 1); /* a rank's rows */
         const float *rows = projection + (v * height + lower.first) * width;
