@@ -1,6 +1,5 @@
 /* The terms of the loss: v2v_term_NAME for every row of v2v3d/conf/loss_terms.h. Each returns its
- * value and adds its gradient, times `weight`, where there is one: 0 leaves the gradient alone. Sums
- * in double precision. Many run side by side. */
+ * value and adds its gradient, times `weight`; sums in double precision. Many run side by side. */
 #ifndef V2V3D_LOSS_TERMS_H
 #define V2V3D_LOSS_TERMS_H
 
