@@ -334,7 +334,20 @@ static double background(struct v2v_loss *loss, const float *views)
     return v2v_background(loss->mean_view, pixels, BACKGROUND_BINS, 0) / loss->energy;
 }
 
-/* Output o's volume and the mean one, row by row. Local. */
+/* A term of output o's volume or the mean one in some of the rows here. Local, thread-safe. */
+static void judge_rows(struct v2v_loss *loss, int o, int t, struct v2v_term_volume volume,
+                       struct v2v_part rows, float *dvolume, const float *own, const float *other)
+{
+    double *value = values_of(loss, o, t) + loss->rows.first;
+    for (volume.z = 0; volume.z < loss->slices; volume.z++) {
+        for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
+            const int64_t at = volume.z * volume.stride + y * volume.width;
+            value[y] +=
+                table[t].of_volume(&volume, dvolume + at, own + at, other + at, loss->weight[t]);
+        }
+    }
+}
+
 static void volume_terms(struct v2v_loss *loss, int o, float *dvolume, const float *own,
                          const float *other, double floor)
 {
@@ -346,12 +359,11 @@ static void volume_terms(struct v2v_loss *loss, int o, float *dvolume, const flo
                                            .share = 1.0 / loss->outputs,
                                            .background = floor};
 #pragma omp parallel for schedule(static) num_threads(loss->threads)
-    for (int64_t y = 0; y < loss->rows.count; y++) {
-        const int64_t at = y * loss->width;
+    for (int64_t part = 0; part < loss->threads; part++) {
+        const struct v2v_part rows = v2v_par_part(loss->rows.count, loss->threads, part);
         for (int t = 0; t < V2V_LOSS_TOTAL; t++) {
             if (table[t].of_volume != NULL) {
-                values_of(loss, o, t)[loss->rows.first + y] = table[t].of_volume(
-                    &volume, dvolume + at, own + at, other + at, loss->weight[t]);
+                judge_rows(loss, o, t, volume, rows, dvolume, own, other);
             }
         }
     }

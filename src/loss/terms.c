@@ -65,13 +65,11 @@ double v2v_term_pos(const struct v2v_term_volume *volume, float *gradient, const
     double sum = 0.0;
     const float step = (float)-weight;
     (void)other;
-    for (int64_t z = 0; z < volume->slices; z++) {
 #pragma omp simd reduction(+ : sum)
-        for (int64_t i = z * volume->stride; i < z * volume->stride + volume->width; i++) {
-            float below = own[i] < 0.0f ? 1.0f : 0.0f;
-            sum -= (double)(below * own[i]);
-            gradient[i] += below * step;
-        }
+    for (int64_t i = 0; i < volume->width; i++) {
+        float below = own[i] < 0.0f ? 1.0f : 0.0f;
+        sum -= (double)(below * own[i]);
+        gradient[i] += below * step;
     }
     return sum;
 }
@@ -80,16 +78,16 @@ double v2v_term_pos(const struct v2v_term_volume *volume, float *gradient, const
 double v2v_term_dc(const struct v2v_term_volume *volume, float *gradient, const float *own,
                    const float *other, double weight)
 {
-    double voxels = (double)volume->slices * volume->slice, sum = 0.0;
-    double scale = volume->share * (volume->profile == V2V_LOSS_REFERENCE ? 1.0 / voxels : 1.0);
+    const double voxels = (double)volume->slices * volume->slice, background = volume->background;
+    const double scale =
+        volume->share * (volume->profile == V2V_LOSS_REFERENCE ? 1.0 / voxels : 1.0);
     const float step = (float)(-weight * scale);
-    for (int64_t z = 0; z < volume->slices; z++) {
+    double sum = 0.0;
 #pragma omp simd reduction(+ : sum)
-        for (int64_t i = z * volume->stride; i < z * volume->stride + volume->width; i++) {
-            double lack = volume->background - 0.5 * ((double)own[i] + (double)other[i]);
-            sum += lack > 0.0 ? lack : 0.0;
-            gradient[i] += lack > 0.0 ? step : 0.0f;
-        }
+    for (int64_t i = 0; i < volume->width; i++) {
+        double lack = background - 0.5 * ((double)own[i] + (double)other[i]);
+        sum += lack > 0.0 ? lack : 0.0;
+        gradient[i] += lack > 0.0 ? step : 0.0f;
     }
     return scale * sum;
 }
@@ -98,25 +96,23 @@ double v2v_term_dc(const struct v2v_term_volume *volume, float *gradient, const 
 double v2v_term_tv(const struct v2v_term_volume *volume, float *gradient, const float *own,
                    const float *other, double weight)
 {
+    if (volume->z == 0 || volume->z == volume->slices - 1) {
+        return 0.0;
+    }
     const int64_t stride = volume->stride;
-    const double inner = volume->slices > 2 ? (double)(volume->slices - 2) * volume->slice : 1.0;
-    const double scale = volume->share / inner;
+    const double scale = volume->share / ((double)(volume->slices - 2) * volume->slice);
     const float step = (float)(weight * scale);
     double sum = 0.0;
-    for (int64_t z = 1; z + 1 < volume->slices; z++) {
-        const float *a = own + z * stride, *b = other + z * stride;
-        float *g = gradient + z * stride;
 #pragma omp simd reduction(+ : sum)
-        for (int64_t i = 0; i < volume->width; i++) {
-            float middle = a[i] + b[i];
-            float around = a[i - stride] + b[i - stride] + a[i + stride] + b[i + stride];
-            float bend = 0.5f * (2.0f * middle - around);
-            float sign = bend > 0.0f ? step : bend < 0.0f ? -step : 0.0f;
-            sum += (double)fabsf(bend);
-            g[i] += 2.0f * sign;
-            g[i - stride] -= sign;
-            g[i + stride] -= sign;
-        }
+    for (int64_t i = 0; i < volume->width; i++) {
+        float middle = own[i] + other[i];
+        float around = own[i - stride] + other[i - stride] + own[i + stride] + other[i + stride];
+        float bend = 0.5f * (2.0f * middle - around);
+        float sign = bend > 0.0f ? step : bend < 0.0f ? -step : 0.0f;
+        sum += (double)fabsf(bend);
+        gradient[i] += 2.0f * sign;
+        gradient[i - stride] -= sign;
+        gradient[i + stride] -= sign;
     }
     return scale * sum;
 }

@@ -21,17 +21,19 @@ struct v2v_term_view {
 typedef double v2v_view_term(const struct v2v_term_view *view, float *gradient,
                              const float *difference, double weight);
 
-/* What a term of volumes knows beside one row of all slices. */
+/* What a term of volumes knows beside one row of slice z. */
 struct v2v_term_volume {
     int profile;
-    int64_t slices, width, stride; /* of the row; numbers from slice to slice */
-    double slice;                  /* pixels of a whole slice */
-    double share;                  /* this output's in a term of the mean volume */
-    double background;             /* of the views, in units of the volume */
+    int64_t slices, z;
+    int64_t width, stride; /* of the row; numbers to the same row of the next slice */
+    double slice;          /* pixels of a whole slice */
+    double share;          /* this output's in a term of the mean volume */
+    double background;     /* of the views, in units of the volume */
 };
 
-/* This row's share of the term; gradient[z,x] by own[z,x]. The mean volume is that of own and
- * other[z,x], which are the same where there is one output. */
+/* This row's share of the term; the gradient by own[x], where there is one by its neighbours in z,
+ * too: rows are taken one slice after the other. The mean volume is that of own and other, which are
+ * the same where there is one output. */
 typedef double v2v_volume_term(const struct v2v_term_volume *volume, float *gradient,
                                const float *own, const float *other, double weight);
 

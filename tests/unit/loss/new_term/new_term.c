@@ -30,11 +30,9 @@ double v2v_term_light(const struct v2v_term_volume *volume, float *gradient, con
                       const float *other, double weight)
 {
     double sum = 0.0;
-    for (int64_t z = 0; z < volume->slices; z++) {
-        for (int64_t i = z * volume->stride; i < z * volume->stride + volume->width; i++) {
-            sum += 0.5 * ((double)own[i] + (double)other[i]);
-            gradient[i] += (float)(weight * volume->share);
-        }
+    for (int64_t i = 0; i < volume->width; i++) {
+        sum += 0.5 * ((double)own[i] + (double)other[i]);
+        gradient[i] += (float)(weight * volume->share);
     }
     return volume->share * sum;
 }
