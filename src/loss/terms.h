@@ -32,8 +32,8 @@ struct v2v_term_volume {
 };
 
 /* This row's share of the term; the gradient by own[x], where there is one by its neighbours in z,
- * too: rows are taken one slice after the other. The mean volume is that of own and other, which are
- * the same where there is one output. */
+ * too: rows are taken one slice after the other. The mean volume is that of own and other: the same
+ * where there is one output. */
 typedef double v2v_volume_term(const struct v2v_term_volume *volume, float *gradient,
                                const float *own, const float *other, double weight);
 

@@ -220,18 +220,15 @@ static void weights_changed(struct v2v_network *network)
 }
 
 /* x0 [z,y,x] from the views of half h. */
-static void back_project(struct backconv *self, float *x0, const float *views, int h,
-                         int64_t slices)
+static void back_project(struct backconv *self, float *x0, const float *views, int h)
 {
     const int64_t pixels = self->height * self->width;
     for (int64_t i = 0; i < self->seen_count[h]; i++) {
         memcpy(self->views + i * pixels, views + self->seen[h][i] * pixels,
                (size_t)pixels * sizeof *views);
     }
-    v2v_projector_adjoint(self->projector, x0, self->views, self->seen[h], self->seen_count[h], 1.0f);
-    for (int64_t i = 0; i < slices * pixels; i++) {
-        x0[i] *= self->factor[h];
-    }
+    v2v_projector_adjoint(self->projector, x0, self->views, self->seen[h], self->seen_count[h],
+                          self->factor[h]);
 }
 
 static void forward(struct v2v_network *network, float *const *volume, const float *views)
@@ -241,7 +238,7 @@ static void forward(struct v2v_network *network, float *const *volume, const flo
     int64_t at = 0;
     for (int h = 0; h < HALVES; h++) {
         if (v2v_network_holds(network, h)) {
-            back_project(self, self->image[0] + voxels * at++, views, h, network->slices);
+            back_project(self, self->image[0] + voxels * at++, views, h);
         }
     }
     for (int i = 0; i < LAYERS; i++) {

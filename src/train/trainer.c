@@ -83,19 +83,14 @@ static enum v2v_status create_buckets(struct v2v_trainer *trainer)
     return v2v_bucket_sum_create(&trainer->buckets, &setup);
 }
 
-/* Local: a sample, its volumes and what the loss makes of them. */
+/* Local. */
 static enum v2v_status take_memory(struct v2v_trainer *trainer, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t slices = job->psf->slices;
-    const int64_t pixels = trainer->height * v2v_sampler_width(trainer->sampler);
-    trainer->voxels = slices * pixels;
+    const int64_t pixels =
+        v2v_sampler_height(trainer->sampler) * v2v_sampler_width(trainer->sampler);
     trainer->view_floats = job->psf->views * pixels;
     V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
-    for (int o = 0; o < trainer->ops->outputs; o++) {
-        V2V_TRY(V2V_ALLOC(trainer->volume[o], "train.volumes", trainer->voxels));
-        V2V_TRY(V2V_ALLOC(trainer->dvolume[o], "train.volumes", trainer->voxels));
-    }
     trainer->tail_count = FLAGS + job->config->train.batch * OUTPUTS * V2V_LOSS_TOTAL;
     V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
     V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
@@ -104,41 +99,67 @@ done:
     return rc;
 }
 
+/* The projector that network and loss share, over the ranks that share a sample. Slabs: the same
+ * bits at any rank count. Collective(shard), agreed there. */
+static enum v2v_status create_loss(struct v2v_trainer *trainer, const struct v2v_train_job *job)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_loss_setup setup = {.settings = &job->config->loss,
+                                   .psf = job->psf,
+                                   .reduce = job->config->psf.reduce,
+                                   .height = v2v_sampler_height(trainer->sampler),
+                                   .width = v2v_sampler_width(trainer->sampler),
+                                   .window = v2v_sampler_window(trainer->sampler),
+                                   .outputs = trainer->ops->outputs,
+                                   .comm = trainer->grid.shard};
+    for (int o = 0; o < setup.outputs; o++) {
+        const struct v2v_output *output = &trainer->network->output[o];
+        setup.held_out[o] = (struct v2v_held_out){output->held_out, output->count};
+    }
+    V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, setup.height, setup.width,
+                                 V2V_SPLIT_SLABS, setup.comm));
+    setup.projector = trainer->projector;
+    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
+done:
+    return rc;
+}
+
+/* The volumes' rows here, and what the loss makes of them. Collective(shard). */
+static enum v2v_status plan_network(struct v2v_trainer *trainer)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *ops = trainer->ops;
+    const int64_t width = v2v_sampler_width(trainer->sampler);
+    const int64_t a_row = trainer->network->slices * width;
+    const struct v2v_network_plan plan = {.height = v2v_sampler_height(trainer->sampler),
+                                          .width = width,
+                                          .training = 1,
+                                          .projector = trainer->projector};
+    if (ops->leave_room != NULL) {
+        /* where ranks hold other rows than the projector, volumes on their way there, too */
+        int64_t volumes = 2 * ops->outputs + (trainer->grid.shard_size > 1 ? 2 : 0);
+        ops->leave_room(trainer->network, v2v_sampler_room(trainer->sampler), volumes * a_row);
+    }
+    V2V_TRY(ops->plan(trainer->network, &plan));
+    trainer->voxels = rows_of(trainer).count * a_row;
+    for (int o = 0; o < ops->outputs; o++) {
+        V2V_TRY(V2V_ALLOC(trainer->volume[o], "train.volumes", trainer->voxels));
+        V2V_TRY(V2V_ALLOC(trainer->dvolume[o], "train.volumes", trainer->voxels));
+    }
+    ops->watch(trainer->network, gradients_ready, trainer);
+done:
+    return rc;
+}
+
+/* Collective(shard), agreed there. */
 static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                         const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_network_ops *ops = trainer->ops;
-    const int64_t width = v2v_sampler_width(trainer->sampler), slices = job->psf->slices;
-    trainer->height = v2v_sampler_height(trainer->sampler);
-    struct v2v_loss_setup setup = {.settings = &job->config->loss,
-                                   .psf = job->psf,
-                                   .reduce = job->config->psf.reduce,
-                                   .height = trainer->height,
-                                   .width = width,
-                                   .window = v2v_sampler_window(trainer->sampler),
-                                   .outputs = ops->outputs};
-    for (int o = 0; o < ops->outputs; o++) {
-        const struct v2v_output *output = &trainer->network->output[o];
-        setup.held_out[o] = (struct v2v_held_out){output->held_out, output->count};
-    }
-    V2V_TRY(take_memory(trainer, job));
-    V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, trainer->height, width,
-                                 V2V_SPLIT_SLABS, NULL));
-    setup.projector = trainer->projector;
-    V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
-    const struct v2v_network_plan plan = {
-        .height = trainer->height, .width = width, .training = 1, .projector = trainer->projector};
-    if (ops->leave_room != NULL) {
-        int64_t shared = trainer->grid.shard_size > 1 ? ops->outputs * slices * width : 0;
-        ops->leave_room(trainer->network, v2v_sampler_room(trainer->sampler), shared);
-    }
-    V2V_TRY(ops->plan(trainer->network, &plan));
-    if (trainer->grid.shard_size > 1) {
-        V2V_TRY(V2V_ALLOC(trainer->rows, "train.volumes",
-                          ops->outputs * slices * rows_of(trainer).count * width));
-    }
-    ops->watch(trainer->network, gradients_ready, trainer);
+    V2V_TRY(v2v_par_agree(trainer->grid.shard, take_memory(trainer, job)));
+    V2V_TRY(create_loss(trainer, job));
+    V2V_TRY(v2v_par_agree(trainer->grid.shard, plan_network(trainer)));
+    V2V_TRY(v2v_loss_hold(trainer->loss, rows_of(trainer)));
 done:
     return rc;
 }
@@ -213,7 +234,7 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     v2v_network_destroy(&trainer->network);
     v2v_projector_destroy(&trainer->projector);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m, trainer->v, trainer->sum, trainer->views, trainer->rows};
+    float *memory[] = {trainer->m, trainer->v, trainer->sum, trainer->views};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
@@ -228,22 +249,11 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     *trainer = (struct v2v_trainer){0};
 }
 
-/* All volumes of the sample, whole, on every rank that shares it. Collective(shard, pair). */
+/* This rank's rows of all volumes of the sample. Collective(shard, pair). */
 static void make_volumes(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    struct v2v_network *network = trainer->network;
-    float *part[OUTPUTS] = {NULL};
-    int64_t held = rows_of(trainer).count * trainer->voxels / trainer->height;
-    for (int o = 0; o < trainer->ops->outputs; o++) {
-        part[o] = grid->shard_size > 1 ? trainer->rows + o * held : trainer->volume[o];
-    }
-    trainer->ops->forward(network, part, trainer->views);
-    for (int o = 0; o < trainer->ops->outputs && grid->shard_size > 1; o++) {
-        if (v2v_network_holds(network, o)) {
-            trainer->ops->gather(network, trainer->volume[o], part[o]);
-        }
-    }
+    trainer->ops->forward(trainer->network, trainer->volume, trainer->views);
     if (grid->branch_size > 1) {
         int own = grid->branch_rank;
         v2v_par_exchange_f32(grid->pair, trainer->volume[1 - own], trainer->volume[own],
@@ -251,20 +261,8 @@ static void make_volumes(struct v2v_trainer *trainer)
     }
 }
 
-/* A volume's rows of this rank's slab, in the same memory. */
-static void keep_rows(const struct v2v_trainer *trainer, float *volume)
-{
-    struct v2v_part rows = rows_of(trainer);
-    int64_t slices = trainer->network->slices;
-    int64_t slice = trainer->voxels / slices, width = slice / trainer->height;
-    for (int64_t z = 0; z < slices && trainer->grid.shard_size > 1; z++) {
-        memmove(volume + z * rows.count * width, volume + z * slice + rows.first * width,
-                (size_t)(rows.count * width) * sizeof *volume);
-    }
-}
-
-/* Forward, losses and backward of one sample: sets the gradients. The ranks of a shard compute
- * the same losses of whole volumes; one of them reports. Collective(shard, pair). */
+/* Forward, losses and backward of one sample: sets the gradients. The ranks of a shard share the
+ * losses and know them all; one of them reports. Collective(shard, pair). */
 static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 {
     const struct v2v_grid *grid = &trainer->grid;
@@ -277,9 +275,6 @@ static void run_sample(struct v2v_trainer *trainer, int64_t sample)
     }
     v2v_loss_evaluate(trainer->loss, value, trainer->network->held, trainer->dvolume, volume,
                       trainer->views);
-    for (int o = 0; o < trainer->ops->outputs; o++) {
-        keep_rows(trainer, trainer->dvolume[o]);
-    }
     trainer->ops->backward(trainer->network, dvolume);
     if (grid->shard_rank == 0) {
         memcpy(trainer->tail + FLAGS + (sample * OUTPUTS + grid->branch_rank) * V2V_LOSS_TOTAL,

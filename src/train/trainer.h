@@ -25,12 +25,10 @@ struct v2v_trainer {
     int64_t *checksums; /* [rank,group] of weights */
     float *views;       /* [v,y,x] of a sample */
     int64_t view_floats;
-    float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,y,x] of all outputs */
+    float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,rows,x] of all outputs, this rank's slab */
+    int64_t voxels;                          /* of one */
     float *dvolume[V2V_NETWORK_MOST_OUTPUTS];
-    float *rows;    /* of all volumes, this rank's slab; NULL where there are no shards */
-    int64_t slabs;  /* that a sample is cut into */
-    int64_t height; /* of a sample */
-    int64_t voxels;
+    int64_t slabs; /* that a sample is cut into */
 };
 
 /* What a rank brings into a step beside its samples. */

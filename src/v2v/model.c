@@ -299,7 +299,7 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
 /* ---- plan ---- */
 
 /* One slab, or one a rank, or all on one rank; between them whole images are gathered: E1, what UP3
- * reads, volumes. */
+ * reads. */
 static enum v2v_status plan_slabs(struct v2v_model *model)
 {
     const struct v2v_unet *unet = model->slab[0].unet[v2v_model_first_branch(model)];
@@ -313,10 +313,9 @@ static enum v2v_status plan_slabs(struct v2v_model *model)
     const struct v2v_slabs_images whole[] = {
         v2v_unet_e1_images(unet),
         v2v_unet_joined_images(unet),
-        {.channels = model->spec.slices, .is_own = 1},
         {.channels = model->spec.features}, /* one view's, of one slab with its ring */
     };
-    int first = spec.count > 1 ? 0 : 3, kinds = model->training ? 4 : 1;
+    int first = spec.count > 1 ? 0 : 2, kinds = model->training ? 3 : 1;
     for (int i = first; i < kinds; i++) {
         int64_t floats = v2v_slabs_gathered_floats(&spec, &whole[i]);
         spec.gathered_floats = floats > spec.gathered_floats ? floats : spec.gathered_floats;

@@ -257,17 +257,6 @@ double v2v_model_computed_part(const struct v2v_model *model)
     return model->computed_part;
 }
 
-void v2v_model_gather(struct v2v_model *model, float *volume, const float *rows)
-{
-    const struct v2v_slabs_images images = {.channels = model->spec.slices, .is_own = 1};
-    if (v2v_comm_size(model->spec.shard) > 1) {
-        v2v_slabs_gather(model->slabs, volume, &rows, &images);
-    } else if (volume != rows) {
-        memcpy(volume, rows,
-               (size_t)(model->spec.slices * model->height * model->width) * sizeof *rows);
-    }
-}
-
 /* ---- backward ---- */
 
 void v2v_model_watch_gradients(struct v2v_model *model,

@@ -127,11 +127,6 @@ static double computed_part(const struct v2v_network *network)
     return v2v_model_computed_part(network->self);
 }
 
-static void gather(struct v2v_network *network, float *volume, const float *rows)
-{
-    v2v_model_gather(network->self, volume, rows);
-}
-
 static void watch(struct v2v_network *network,
                   void (*ready)(void *context, int64_t first, int64_t count), void *context)
 {
@@ -160,7 +155,6 @@ const struct v2v_network_ops v2v_network_v2v = {
     .weights_changed = weights_changed,
     .forward = forward,
     .computed_part = computed_part,
-    .gather = gather,
     .watch = watch,
     .backward = backward,
 };

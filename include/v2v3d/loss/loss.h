@@ -8,7 +8,9 @@
  *  log), its gradient is not.
  *
  *  Ranks that share volumes share the loss: each projects its rows, compares some of the views as a
- *  whole and goes through its rows of the volumes.
+ *  whole and goes through its rows of the volumes. What it buys (tests/bench/bench_loss, 128 x 128,
+ *  13 views, 39 slices, one thread a rank): two ranks take 15 ms and 52 MB each instead of the 26 ms
+ *  and 95 MB of the whole loss on either, and volumes are not gathered.
  *
  *  Example (compiled by tests/unit/loss):
  *

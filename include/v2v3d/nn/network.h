@@ -148,10 +148,6 @@ struct v2v_network_ops {
     void (*forward)(struct v2v_network *network, float *const *volume, const float *views);
     /** The part of the work that the last forward did, 0 .. 1; NULL: 1. @kind Local. */
     double (*computed_part)(const struct v2v_network *network);
-    /** A volume [z,y,x] on all ranks of the shard from their rows; NULL without V2V_TRAIT_SLABS.
-     *  @kind Collective(shard) */
-    void (*gather)(struct v2v_network *network, float *volume, const float *rows);
-
     /** From now on backward tells `ready` of gradients [first, first + count) that it will not
      *  touch again, every float of the arena once. @kind Local. */
     void (*watch)(struct v2v_network *network,

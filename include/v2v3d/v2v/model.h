@@ -105,10 +105,6 @@ struct v2v_part v2v_model_rows_of(const struct v2v_model *model, int rank);
  *  only the held branches' views are read when nothing is skipped */
 void v2v_model_forward(struct v2v_model *model, float *volume1, float *volume2, const float *views);
 
-/** A volume [z,y,x] from all ranks' rows of it [z,rows,x], planned for training.
- *  @kind Collective(shard) */
-void v2v_model_gather(struct v2v_model *model, float *volume, const float *rows);
-
 /** The part of this rank's full-size layers that the last forward computed, 0 .. 1. @kind Local. */
 double v2v_model_computed_part(const struct v2v_model *model);
 
