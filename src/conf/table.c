@@ -31,30 +31,18 @@
                   .meaning = meaning_                                                              \
     }
 
-/* A number or "auto" (the default) or "none". */
-#define AUTO(s, n, least_, most_, meaning_)                                                        \
+/* A number, "auto" or "none", `at` its place in the section. */
+#define NUMBER(s, n, at, mode_, least_, most_, meaning_)                                           \
     {                                                                                              \
-        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1,             \
-                  .mode = V2V_NUMBER_AUTO, .meaning = meaning_                                     \
+        .section = #s, .name = #n, .offset = offsetof(struct v2v_config, s.at),                    \
+        .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1, .mode = mode_,        \
+        .meaning = meaning_                                                                        \
     }
+#define AUTO(s, n, least, most, meaning) NUMBER(s, n, n, V2V_NUMBER_AUTO, least, most, meaning)
 
 /* The weight of a term of the loss, from its row. */
 #define TERM(NAME, name_, meaning_, ...)                                                           \
-    {.section = "loss",                                                                            \
-     .name = #name_,                                                                               \
-     .offset = offsetof(struct v2v_config, loss.weight[V2V_LOSS_##NAME]),                          \
-     .kind = V2V_KEY_NUMBER,                                                                       \
-     .real = {0.0, 1e9, 0.0},                                                                      \
-     .may_auto = 1,                                                                                \
-     .mode = V2V_NUMBER_AUTO,                                                                      \
-     .meaning = meaning_},
-
-/* A number, "auto" or "off" (the default). */
-#define SKIP(s, n, least_, most_, meaning_)                                                        \
-    {                                                                                              \
-        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1,             \
-                  .mode = V2V_NUMBER_NONE, .meaning = meaning_                                     \
-    }
+    NUMBER(loss, name_, weight[V2V_LOSS_##NAME], V2V_NUMBER_AUTO, 0.0, 1e9, meaning_),
 
 /* The name of a method; who knows the methods checks it. */
 #define NAME(s, n, fallback_, meaning_)                                                            \
@@ -135,7 +123,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(train, check_every, 0, BILLION, 100, "steps; then the ranks compare weights; 0: never"),
 
     WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
-    SKIP(recon, skip, 0.0, 1.0, "light, of the brightest, below which nothing is computed"),
+    NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
+           "light, of the brightest, below which nothing is computed"),
 
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
     WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),
