@@ -7,10 +7,10 @@
  *  nothing is allocated in v2v_loss_evaluate; a term of weight 0 still is computed (it is in the
  *  log), its gradient is not.
  *
- *  Ranks that share volumes share the loss: each projects its rows, compares some of the views as a
- *  whole and goes through its rows of the volumes. What it buys (tests/bench/bench_loss, 128 x 128,
- *  13 views, 39 slices, one thread a rank): two ranks take 15 ms and 52 MB each instead of the 26 ms
- *  and 95 MB of the whole loss on either, and volumes are not gathered.
+ *  Ranks that share volumes share the loss: each projects its rows, compares some of the views as
+ *  a whole and goes through its rows of the volumes. What it buys (tests/bench/bench_loss, 128 x
+ *  128, 13 views, 39 slices, one thread a rank): two ranks take 15 ms and 52 MB each instead of the
+ *  26 ms and 95 MB of the whole loss on either, and volumes are not gathered.
  *
  *  Example (compiled by tests/unit/loss):
  *
