@@ -22,7 +22,7 @@ uint32_t v2v_file_crc32c_portable(uint32_t crc, const void *data, int64_t bytes)
     return ~crc;
 }
 
-#if defined(__x86_64__)
+#ifdef V2V_X86
 
 __attribute__((target("sse4.2"))) static uint32_t crc32c_instruction(uint32_t crc, const void *data,
                                                                      int64_t bytes)

@@ -1,6 +1,6 @@
 #include "v2v3d/op/activation.h"
 #include "op/pixels.h"
-#include "op/simd.h"
+#include "v2v3d/base/clones.h"
 
 /** Elements that one thread takes at a time: 256 KB stay in a core's second-level cache. */
 enum { BLOCK = 65536 };

@@ -1,19 +1,19 @@
 #include "v2v3d/op/bf16.h"
 
-#include "op/amx.h"
+#include "op/isa.h"
 
 #include <oneapi/dnnl/dnnl.h>
 
 /* An instruction set's number has the bits of all the sets that it contains; 0 elsewhere than on
  * x86-64. */
-static int contains(dnnl_cpu_isa_t isa, dnnl_cpu_isa_t part)
+static int contains(unsigned isa, dnnl_cpu_isa_t part)
 {
-    return ((unsigned)isa & (unsigned)part) == (unsigned)part;
+    return (isa & (unsigned)part) == (unsigned)part;
 }
 
 int v2v_op_bf16(void)
 {
-    dnnl_cpu_isa_t isa = dnnl_get_effective_cpu_isa();
+    unsigned isa = v2v_onednn_isa();
     if (v2v_amx_usable()) {
         return V2V_BF16_TILES;
     }

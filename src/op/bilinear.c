@@ -1,6 +1,6 @@
 /* Bilinear upsampling by rows, then by columns. The places and weights of a run of columns lie on
  * the stack and serve all rows of a plane; places are exact integers. */
-#include "op/simd.h"
+#include "v2v3d/base/clones.h"
 #include "v2v3d/op/resample.h"
 #include <string.h>
 

@@ -1,6 +1,6 @@
 #include "v2v3d/op/blocked.h"
 
-#include "op/amx.h"
+#include "op/x86/amx.h"
 #include "v2v3d/base/bounds.h"
 
 _Static_assert((int)V2V_BLOCKED_CHANNELS == (int)AMX_DEPTH, "a block is what one step multiplies");

@@ -1,5 +1,5 @@
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "op/pixels.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"

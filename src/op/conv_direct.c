@@ -2,8 +2,9 @@
  * of work, one thread each; see direct_kernel.h. */
 #include "op/conv_backend.h"
 #include "op/direct_kernel.h"
-#include "op/simd.h"
+#include "op/isa.h"
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 #include <omp.h>
 #include <string.h>
@@ -50,10 +51,8 @@ static int64_t fill_up(int64_t channels)
 
 static const struct direct_kernel *choose_kernel(void)
 {
-    if (__builtin_cpu_supports("x86-64-v4")) {
-        return &v2v_direct_avx512;
-    }
-    return __builtin_cpu_supports("x86-64-v3") ? &v2v_direct_avx2 : &v2v_direct_any;
+    static const struct direct_kernel *const sets[] = V2V_KERNEL_SETS(v2v_direct);
+    return sets[v2v_kernel_set()];
 }
 
 static enum v2v_status make_plan(struct plan *plan, const struct state *state, int64_t in,

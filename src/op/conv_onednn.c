@@ -1,4 +1,5 @@
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "op/onednn_port.h"
 #include "v2v3d/base/memory.h"
 #include <omp.h>
@@ -365,6 +366,7 @@ static enum v2v_status create_of_type(void **opaque, const struct v2v_conv_spec 
     V2V_TRY(V2V_ALLOC(state, "conv", 1));
     state->spec = *spec;
     struct onednn *dnnl = &state->dnnl;
+    (void)v2v_onednn_isa();
     V2V_TRY(onednn_check(dnnl_engine_create(&dnnl->engine, dnnl_cpu, 0), "engine"));
     V2V_TRY(onednn_check(dnnl_stream_create(&dnnl->stream, dnnl->engine, dnnl_stream_default_flags),
                          "stream"));

@@ -1,4 +1,6 @@
 #include "v2v3d/op/gemm.h"
+
+#include "op/isa.h"
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
 #include <cblas.h>
@@ -23,6 +25,7 @@ void v2v_gemm(int backend, int transpose_a, int transpose_b, int64_t m, int64_t 
               float *c, int64_t ldc)
 {
     if (backend == V2V_BACKEND_ONEDNN) {
+        (void)v2v_onednn_isa();
         dnnl_status_t status = dnnl_sgemm(transpose_a ? 'T' : 'N', transpose_b ? 'T' : 'N', m, n, k,
                                           alpha, a, lda, b, ldb, beta, c, ldc);
         V2V_ASSERT(status == dnnl_success);

@@ -1,3 +1,5 @@
+#include "op/isa.h"
+
 #define LANES 4
 #define ROWS 4
 #define TARGET
@@ -6,8 +8,6 @@
 
 const struct panel_kernel *v2v_panel_choose(void)
 {
-    if (__builtin_cpu_supports("x86-64-v4")) {
-        return &v2v_panel_avx512;
-    }
-    return __builtin_cpu_supports("x86-64-v3") ? &v2v_panel_avx2 : &v2v_panel_any;
+    static const struct panel_kernel *const sets[] = V2V_KERNEL_SETS(v2v_panel);
+    return sets[v2v_kernel_set()];
 }

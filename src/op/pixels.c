@@ -1,7 +1,7 @@
 #include "op/pixels.h"
 
-#include "op/simd.h"
 #include "op/winograd_kernel.h"
+#include "v2v3d/base/clones.h"
 
 V2V_SIMD_CLONES
 void v2v_pixels_split(float *restrict phase, int64_t step, const float *restrict line,

@@ -1,5 +1,5 @@
 #include "v2v3d/op/resample.h"
-#include "op/simd.h"
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/status.h"
 #include <string.h>
 

@@ -1,3 +1,5 @@
+#include "op/isa.h"
+
 #define LANES 4
 #define TARGET
 #define WINOGRAD_KERNEL v2v_winograd_any
@@ -5,8 +7,6 @@
 
 const struct winograd_kernel *v2v_winograd_choose(void)
 {
-    if (__builtin_cpu_supports("x86-64-v4")) {
-        return &v2v_winograd_avx512;
-    }
-    return __builtin_cpu_supports("x86-64-v3") ? &v2v_winograd_avx2 : &v2v_winograd_any;
+    static const struct winograd_kernel *const sets[] = V2V_KERNEL_SETS(v2v_winograd);
+    return sets[v2v_kernel_set()];
 }

@@ -1,7 +1,7 @@
 #include "v2v3d/optics/carve.h"
 #include "v2v3d/base/bounds.h"
 
-#include "optics/simd.h"
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -110,7 +110,7 @@ static double noise_of(const struct v2v_carve *carve, float *probes, const float
     return median_to_deviation / gain * quantile(probes, count, 0.5);
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 static void add_row(float *restrict sum, const float *restrict row, int64_t count)
 {
     for (int64_t x = 0; x < count; x++) {
@@ -118,7 +118,7 @@ static void add_row(float *restrict sum, const float *restrict row, int64_t coun
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 static void subtract(float *row, int64_t count, float value)
 {
     for (int64_t x = 0; x < count; x++) {
@@ -242,7 +242,7 @@ keep_most(float *light, const float *const *view, int64_t views, int64_t cut, in
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 static void keep_most_of_all(float *light, const float *const *view, int64_t views, int64_t cut,
                              int64_t count)
 {

@@ -1,8 +1,8 @@
 #include "optics/spectrum_block.h"
-#include "optics/simd.h"
+#include "v2v3d/base/clones.h"
 #include <string.h>
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t stride, int64_t n,
                      int64_t width)
 {
@@ -22,7 +22,7 @@ void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t st
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t stride, int64_t n,
                      int64_t width)
 {
@@ -38,7 +38,7 @@ void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t st
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 void v2v_block_project(double *sum, const float *otf, const float *slice, int64_t slices)
 {
     double *restrict sum_re = sum;
@@ -56,7 +56,7 @@ void v2v_block_project(double *sum, const float *otf, const float *slice, int64_
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t width)
 {
 #pragma omp simd
@@ -66,7 +66,7 @@ void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t wi
     }
 }
 
-V2V_OPTICS_SIMD_CLONES
+V2V_SIMD_CLONES
 void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices)
 {
     const float *b_re = view, *b_im = view + V2V_BLOCK;

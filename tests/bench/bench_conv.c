@@ -1,8 +1,8 @@
 /* GFLOP/s of every convolution backend on the network's layers (REFERENCE.md 4): forward, gradient
  * of the data, gradient of the weights.
  *   bench_conv [THREADS [NAME]]     NAME: part of a layer's name */
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"

@@ -1,6 +1,6 @@
 /* <A x, y> = <x, A^T y> for everything linear in the room, and the same bits on repetition. */
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "support.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"

@@ -1,6 +1,6 @@
 /* Every backend against plain loops in double precision, over one table of layers. */
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "support.h"
 #include "twin_conv.h"
 #include "v2v3d/base/memory.h"

@@ -1,7 +1,7 @@
 /* Convolutions in bf16 by the tile unit: sizes beyond one group of channels, outputs and pixels,
  * blocked images, threads. What every backend must do is in test_conv.c. */
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
 #include "support.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"

@@ -1,4 +1,5 @@
 /* Every instruction set that this processor has, not only the one that convolutions would take. */
+#include "op/isa.h"
 #include "op/panel_kernel.h"
 #include "op/winograd_kernel.h"
 #include "support.h"
@@ -13,15 +14,18 @@ static const struct {
     const char *name;
     const struct panel_kernel *panel;
     const struct winograd_kernel *winograd;
-} sets[] = {{"any", &v2v_panel_any, &v2v_winograd_any},
-            {"AVX2", &v2v_panel_avx2, &v2v_winograd_avx2},
-            {"AVX-512", &v2v_panel_avx512, &v2v_winograd_avx512}};
+} sets[] = {
+    {"any", &v2v_panel_any, &v2v_winograd_any},
+#ifdef V2V_X86
+    {"AVX2", &v2v_panel_avx2, &v2v_winograd_avx2},
+    {"AVX-512", &v2v_panel_avx512, &v2v_winograd_avx512},
+#endif
+};
 enum { SETS = sizeof sets / sizeof *sets };
 
 static int runs(int set)
 {
-    int there = set == 0 || (set == 1 && __builtin_cpu_supports("x86-64-v3")) ||
-                (set == 2 && __builtin_cpu_supports("x86-64-v4"));
+    int there = set <= v2v_kernel_set();
     print_message("%s: %s\n", sets[set].name, there ? "tested" : "this processor has it not");
     return there;
 }

@@ -1,6 +1,6 @@
 /* Products of bf16 matrices, added up in float32, by the tile unit of the processor (AMX): a tile
  * is 16 rows of 64 bytes, 32 numbers in bf16 or 16 sums. Every thread that multiplies begins and
- * ends its use of the tiles. All calls are local to a thread, but for v2v_amx_usable. */
+ * ends its use of the tiles. All calls are local to a thread. */
 #ifndef OP_AMX_H
 #define OP_AMX_H
 
@@ -17,10 +17,6 @@ enum {
     AMX_BLOCK = 2 * AMX_SIDE,
     AMX_SUMS = AMX_BLOCK * AMX_BLOCK
 };
-
-/* Has the processor tiles, does oneDNN see them (DNNL_MAX_CPU_ISA), and may this process use them?
- * The first call asks the system. */
-int v2v_amx_usable(void);
 
 void v2v_amx_begin(void);
 void v2v_amx_end(void);

@@ -3,9 +3,10 @@
  * of memory; then every 32 pixels are multiplied with every 32 outputs. As many channels at a time
  * as keep the values of 32 pixels in the first-level cache and the weights of some outputs in the
  * second-level one. The sum of an output has the same order whatever the strips and threads. */
-#include "op/amx.h"
-#include "op/amx_gradient.h"
 #include "op/conv_backend.h"
+#include "op/isa.h"
+#include "op/x86/amx.h"
+#include "op/x86/amx_gradient.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include <omp.h>

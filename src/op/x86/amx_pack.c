@@ -1,5 +1,5 @@
 /* Between plain float32 images and what the tile unit reads and writes. */
-#include "op/amx.h"
+#include "op/x86/amx.h"
 #include "v2v3d/base/bounds.h"
 
 #include <immintrin.h>

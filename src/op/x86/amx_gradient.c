@@ -1,7 +1,7 @@
-#include "op/amx_gradient.h"
+#include "op/x86/amx_gradient.h"
 
-#include "op/amx.h"
 #include "op/conv_backend.h"
+#include "op/x86/amx.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 

@@ -1,30 +1,8 @@
-#include "op/amx.h"
+#include "op/x86/amx.h"
 
 #include <immintrin.h>
-#include <oneapi/dnnl/dnnl.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 #define TARGET __attribute__((target("amx-tile,amx-bf16")))
-
-/* Of Linux's asm/prctl.h: ask for a part of the processor's state. */
-enum { REQUEST_PERMISSION = 0x1023, TILE_DATA = 18 };
-
-static int ask(void)
-{
-    unsigned amx = dnnl_cpu_isa_avx512_core_amx;
-    return ((unsigned)dnnl_get_effective_cpu_isa() & amx) == amx &&
-           syscall(SYS_arch_prctl, REQUEST_PERMISSION, TILE_DATA) == 0;
-}
-
-int v2v_amx_usable(void)
-{
-    static int usable = -1;
-    if (usable < 0) {
-        usable = ask();
-    }
-    return usable;
-}
 
 struct shapes {
     uint8_t palette, start, reserved[14];
