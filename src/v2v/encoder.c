@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/activation.h"
 #include "v2v3d/op/resample.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/slots.h"
 
 #include <string.h>
@@ -246,6 +247,7 @@ static void copy_channels(float *to, int64_t to_channels, const float *from, int
 
 static void block_forward(struct block *block, const float *in, float *scratch, int64_t count)
 {
+    v2v_watchdog_beat("a block of the encoder");
     v2v_conv_forward(block->first.conv, block->middle, in);
     v2v_conv_forward(block->second.conv, block->out, block->middle);
     if (block->has_skip) {
@@ -260,6 +262,7 @@ const float *v2v_encoder_forward(struct v2v_encoder *encoder, const float *views
 {
     int64_t height = encoder->height, width = encoder->width, batch = encoder->batch;
     int64_t pixels = height * width;
+    v2v_watchdog_beat("encoding views");
     if (v2v_encoder_streams(encoder)) {
         return v2v_encoder_stream_forward(encoder, views);
     }
@@ -273,6 +276,7 @@ const float *v2v_encoder_forward(struct v2v_encoder *encoder, const float *views
     for (int k = 0; k < LEVELS; k++) {
         struct level *level = &encoder->level[k];
         int64_t y = height / level->factor, w = width / level->factor;
+        v2v_watchdog_beat("a level of the encoder");
         v2v_avgpool_forward(level->pooled, x, batch * DEEP, height, width, level->factor);
         v2v_conv_forward(level->conv.conv, level->small, level->pooled);
         for (int64_t i = 0; i < batch; i++) {
@@ -293,6 +297,7 @@ static void block_backward(struct block *block, const struct v2v_parameters *par
                            int64_t batch_pixels)
 {
     int64_t in_count = block->first.in * batch_pixels, out_count = block->first.out * batch_pixels;
+    v2v_watchdog_beat("the gradient of a block of the encoder");
     v2v_layer_backward_weights(&block->second, parameters, block->middle, gradient);
     v2v_conv_backward_data(block->second.conv, inner, gradient);
     v2v_leaky_backward(inner, inner, block->middle, out_count, LEAKY);
@@ -316,6 +321,7 @@ static void levels_backward(struct v2v_encoder *encoder, const struct v2v_parame
     for (int k = 0; k < LEVELS; k++) {
         struct level *level = &encoder->level[k];
         int64_t y = height / level->factor, x = width / level->factor;
+        v2v_watchdog_beat("the gradient of a level of the encoder");
         float *dsmall = encoder->scratch; /* [batch,4,y,x], at most a quarter of 16 channels */
         float *dpooled = encoder->fused;  /* no longer needed: [batch,16,y,x] */
         for (int64_t i = 0; i < batch; i++) {

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/op/winograd.h"
+#include "v2v3d/par/watchdog.h"
 
 #include <string.h>
 
@@ -258,6 +259,7 @@ static void compute_strip(const struct v2v_strips *self, const struct v2v_strips
         if (i < self->steps - 1) {
             keep_rows(self, scene, &image, &left[i]);
         }
+        v2v_watchdog_beat("a strip of the U-Net");
         compute(self, data, i, scene, &image, i > 0 ? &left[i - 1] : NULL);
         left[i] = image;
     }

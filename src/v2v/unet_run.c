@@ -3,10 +3,12 @@
 
 #include "v2v3d/op/activation.h"
 #include "v2v3d/op/resample.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/bulk.h"
 
 static void run(struct v2v_unet *unet, int i, const float *in)
 {
+    v2v_watchdog_beat("a layer of the U-Net");
     v2v_conv_forward(unet->layer[i].conv, unet->out[i], in);
 }
 
@@ -15,6 +17,7 @@ static void run(struct v2v_unet *unet, int i, const float *in)
 static void run_half(struct v2v_unet *unet, int i, const float *in, const struct v2v_scene *scene)
 {
     struct v2v_conv *conv = unet->layer[i].conv;
+    v2v_watchdog_beat("a layer of the U-Net");
     if (scene == NULL) {
         run(unet, i, in);
     } else if (i == DOWN1) {
@@ -167,6 +170,7 @@ static void run_back(struct v2v_unet *unet, int i, const struct v2v_parameters *
                      const float *in, const float *dout)
 {
     int counts = unet->size.counts_middle || !is_of_middle(i);
+    v2v_watchdog_beat("the gradient of a layer of the U-Net");
     v2v_layer_backward(&unet->layer[i], counts ? parameters : NULL, unet->gradient[1], in, dout);
     v2v_parameters_ready(parameters, unet->layer[i].weight, unet->layer[i].bias);
     swap_gradients(unet);
