@@ -1,4 +1,5 @@
 #include "cli/command.h"
+#include "cli/paths.h"
 #include "cli/threads.h"
 
 #include "v2v3d/base/log.h"
@@ -289,6 +290,9 @@ static enum v2v_status run_program(int argc, char *const *argv, struct v2v_comm 
 int v2v_cli_main(int argc, char **argv)
 {
     struct v2v_comm *world = NULL;
+    if (argc == 3 && strcmp(argv[1], V2V_CLI_TRY_PATH) == 0) {
+        return v2v_cli_try_path(argv[2]);
+    }
     v2v_file_guard_start();
     v2v_watchdog_arm(START_SECONDS, "the start");
     enum v2v_status rc = v2v_par_init(&world, &argc, &argv);
