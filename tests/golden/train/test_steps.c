@@ -207,10 +207,18 @@ static void run_steps(const struct way *way)
     teardown(&run);
 }
 
+/* The encoder's plain kernels round every product before it is added: more round-off before the
+ * first kinks, too. */
+#ifdef V2V_X86
+#define LAST 1e-3
+#else
+#define LAST 1e-2
+#endif
+
 static void three_steps_match_the_reference(void **state)
 {
     (void)state;
-    run_steps(&(struct way){V2V_BACKEND_ONEDNN, 0, 0, 1e-3});
+    run_steps(&(struct way){V2V_BACKEND_ONEDNN, 0, 0, LAST});
 }
 
 static void three_steps_by_minimal_filtering_match_the_reference(void **state)
