@@ -44,6 +44,11 @@ double test_relative_l2_to_double(const float *a, const double *b, int64_t count
     return norm > 0.0 ? sqrt(difference / norm) : sqrt(difference);
 }
 
+double test_rounding(double terms)
+{
+    return fmin(terms, 2.0 * sqrt(terms)) * 0x1p-24;
+}
+
 const char *test_shared(const char *name)
 {
     static char path[PATH_BYTES];

@@ -17,6 +17,12 @@
 double test_relative_l2(const float *a, const float *b, int64_t count);
 double test_relative_l2_to_double(const float *a, const double *b, int64_t count);
 
+/** Norm of the errors of float32 sums of `terms` products, in parts of the norm of the sums. Each
+ *  addition rounds by 2^-24 of a partial sum at most: never more than terms * 2^-24 of the moduli;
+ *  independent of each other (Higham, Accuracy and Stability, 2.8) sqrt(terms / 6) 2^-24 of sums
+ *  that grow evenly, of which this is five times as much. */
+double test_rounding(double terms);
+
 /** Path of a file under the shared data folder, or NULL (and a line that says so) when it is
  * absent: the test then calls skip(). The string lives until the next call. */
 const char *test_shared(const char *name);

@@ -1,5 +1,6 @@
 /* A volume shared by ranks, by slices or by slabs, must give what one rank gives: uneven splits,
  * more ranks than slices or rows, a rank that can't. */
+#include "adjoint.h"
 #include "support.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
@@ -221,37 +222,28 @@ static void sums_in_several_rounds_match_one_rank(void **state)
     teardown(&f);
 }
 
-static double inner(const float *a, const float *b, int64_t count)
+static void project(void *self, float *rows, const float *share)
 {
-    double sum = 0;
-    for (int64_t i = 0; i < count; i++) {
-        sum += (double)a[i] * b[i];
-    }
-    return sum;
+    v2v_projector_forward(self, rows, share, NULL, VIEWS, 1.0f);
 }
 
-/* <A x, y> = <x, A' y>, each product summed over the ranks' shares; three transforms of at most
- * 2^18 numbers follow each other, each of whose stages rounds by eps in norm, and a few sums. */
+static void project_back(void *self, float *share, const float *rows)
+{
+    v2v_projector_adjoint(self, share, rows, NULL, VIEWS, 1.0f);
+}
+
+/* Three transforms of at most 2^18 numbers follow each other, each of whose stages rounds by eps in
+ * norm, and a few sums. */
 static void check_inner_products(struct fixture *f)
 {
-    const int64_t pixels = VIEWS * f->mine.view_rows.count * f->width;
-    const int64_t voxels = f->mine.slices.count * f->mine.rows.count * f->width;
-    float *x = NULL, *y = NULL;
-    assert_ok(V2V_ALLOC(x, "test", voxels));
-    assert_ok(V2V_ALLOC(y, "test", pixels));
-    cut(f, x, f->volume);
-    v2v_projector_cut_views(f->parallel, y, f->views, VIEWS);
-    v2v_projector_forward(f->parallel, f->rows, x, NULL, VIEWS, 1.0f);
-    v2v_projector_adjoint(f->parallel, f->share, y, NULL, VIEWS, 1.0f);
-    double sums[] = {
-        inner(f->rows, y, pixels), inner(x, f->share, voxels), inner(f->rows, f->rows, pixels),
-        inner(y, y, pixels),       inner(x, x, voxels),        inner(f->share, f->share, voxels)};
-    v2v_par_sum_f64(test_world(), sums, 6);
-    const double size = sqrt(sums[2] * sums[3]) + sqrt(sums[4] * sums[5]);
-    assert_true(size > 0);
-    assert_true(fabs(sums[0] - sums[1]) <= (3 * 18 + 4) * (double)FLT_EPSILON * size);
-    v2v_mem_free(y);
-    v2v_mem_free(x);
+    test_adjoint(&(struct test_linear){.name = "projection over ranks",
+                                       .ins = f->mine.slices.count * f->mine.rows.count * f->width,
+                                       .outs = VIEWS * f->mine.view_rows.count * f->width,
+                                       .self = f->parallel,
+                                       .forward = project,
+                                       .adjoint = project_back,
+                                       .rounding = (3 * 18 + 4) * (double)FLT_EPSILON,
+                                       .comm = test_world()});
 }
 
 static void adjoint_over_ranks_matches_inner_product(void **state)
