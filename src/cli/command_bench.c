@@ -22,11 +22,11 @@
 enum { MOST_REPEAT = 99, OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
 
 /* Ways to compute the configured network, the most exact one first: settings over the
- * configuration, bf16 where the processor has it, skipping as far as `--skip auto` goes. */
+ * configuration, bf16 where the processor has it. */
 static const struct variant {
     const char *name;
     const char *setting[2];
-    int precision, skips;
+    int precision;
 } variants[] = {
     {.name = "exact", .setting = {"model.winograd=false", "model.merge=false"}},
     {.name = "as configured"},
@@ -34,7 +34,6 @@ static const struct variant {
     {.name = "merging off", .setting = {"model.merge=false"}},
     {.name = "openblas", .setting = {"model.backend=openblas", "model.winograd=false"}},
     {.name = "bf16", .precision = V2V_PRECISION_BF16},
-    {.name = "skip auto", .skips = 1},
 };
 enum { VARIANTS = sizeof variants / sizeof variants[0] };
 
@@ -68,7 +67,7 @@ static const struct v2v_option options[] = {
 
 struct row {
     double forward_s[MOST_REPEAT], gradient_s[MOST_REPEAT];
-    double error[OUTPUTS], computed_part, bytes;
+    double error[OUTPUTS], bytes;
 };
 
 struct bench {
@@ -90,7 +89,9 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
         V2V_TRY(v2v_step_psf(session, &bench->psf, given->psf));
     } else {
         V2V_TRY(v2v_psf_simulate(&bench->psf, &config->optics));
-        v2v_psf_normalize_views(&bench->psf);
+        if (config->psf.normalize == V2V_NORMALIZE_VIEW) {
+            v2v_psf_normalize_views(&bench->psf);
+        }
     }
     const struct v2v_network_spec spec = {
         .config = config, .views = bench->psf.views, .slices = bench->psf.slices};
@@ -123,9 +124,8 @@ static void forget(struct bench *bench)
 /* The time of emulated bf16 would say nothing about bf16. */
 static int can_run(const struct variant *variant, const struct v2v_network_ops *ops)
 {
-    return (variant->precision == V2V_PRECISION_F32 ||
-            ((ops->traits & V2V_TRAIT_BF16) && v2v_op_bf16() >= V2V_BF16_NATIVE)) &&
-           (!variant->skips || (ops->traits & V2V_TRAIT_SKIPS));
+    return variant->precision == V2V_PRECISION_F32 ||
+           ((ops->traits & V2V_TRAIT_BF16) && v2v_op_bf16() >= V2V_BF16_NATIVE);
 }
 
 /* Seconds of the second of two passes: the first one touches the memory. */
@@ -189,14 +189,11 @@ static enum v2v_status measure(struct bench *bench, int i, int64_t round,
                                           .views = bench->psf.views,
                                           .slices = bench->psf.slices,
                                           .outputs = V2V_NETWORK_ALL,
-                                          .precision = variant->precision,
-                                          .skip = variant->skips ? V2V_SKIP_AUTO : 0.0};
+                                          .precision = variant->precision};
     V2V_TRY(v2v_network_create(&network, bench->ops->name, &spec));
     V2V_TRY(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HASH, 7));
     V2V_TRY(time_passes(&row->forward_s[round], bench, network, 0));
     row->bytes = (double)(v2v_mem_held() - held);
-    row->computed_part =
-        bench->ops->computed_part != NULL ? bench->ops->computed_part(network) : 1.0;
     for (int o = 0; o < bench->ops->outputs; o++) {
         if (i == 0) {
             memcpy(bench->exact[o], bench->volume[o], (size_t)bench->voxels * sizeof(float));
@@ -231,10 +228,10 @@ static enum v2v_status print(struct bench *bench, const struct arguments *given,
     v2v_cli_processor(&processor);
     if (!given->json) {
         printf("%s, threads: %d; %s\n%s, %" PRId64 " views of %" PRId64 " x %" PRId64
-               " pixels, %" PRId64 " slices\n%-14s  %10s  %11s  %9s  %7s  %s\n",
+               " pixels, %" PRId64 " slices\n%-14s  %10s  %11s  %9s  %s\n",
                processor.model, session->threads, V2V_LIBRARY_VERSIONS, bench->ops->name,
                bench->psf.views, bench->size, bench->size, bench->psf.slices, "", "forward s",
-               "+ gradient s", "memory MB", "parts %", "relative L2 error of each volume");
+               "+ gradient s", "memory MB", "relative L2 error of each volume");
     }
     for (int i = 0; i < VARIANTS; i++) {
         struct row *row = &bench->row[i];
@@ -252,14 +249,13 @@ static enum v2v_status print(struct bench *bench, const struct arguments *given,
             {.name = "forward_s", .number = forward_s},
             {.name = "forward_backward_s", .number = gradient_s},
             {.name = "bytes", .number = row->bytes},
-            {.name = "computed_part", .number = row->computed_part},
             {.name = "error", .values = row->error, .count = bench->ops->outputs}};
         if (given->json) {
             V2V_TRY(v2v_json_print(stdout, items, sizeof items / sizeof items[0]));
             continue;
         }
-        printf("%-14s  %10.4f  %12.4f  %9.0f  %7.1f ", variants[i].name, forward_s, gradient_s,
-               row->bytes / 1e6, 100.0 * row->computed_part);
+        printf("%-14s  %10.4f  %12.4f  %9.0f ", variants[i].name, forward_s, gradient_s,
+               row->bytes / 1e6);
         for (int o = 0; o < bench->ops->outputs; o++) {
             printf(" %8.1e", row->error[o]);
         }
