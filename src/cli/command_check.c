@@ -1,6 +1,5 @@
 #include "cli/paths.h"
 #include "cli/processor.h"
-#include "cli/projection.h"
 #include "cli/steps.h"
 #include "cli/threads.h"
 #include "cli/versions.h"
@@ -9,6 +8,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/op/bf16.h"
+#include "v2v3d/optics/cost.h"
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -102,8 +102,8 @@ static enum v2v_status predict(const struct v2v_session *session)
     printf("\nprojection of %d x %d, 39 slices, there and back, predicted over %d ranks:\n",
            SIDE_OF_FRAME, SIDE_OF_FRAME, ranks);
     for (int64_t count = paper.views; count >= 1; count -= paper.views - 1) {
-        enum v2v_split split = v2v_projection_faster(seconds, &cost, &paper, SIDE_OF_FRAME,
-                                                     SIDE_OF_FRAME, count, ranks);
+        enum v2v_split split = v2v_projector_faster(seconds, &cost, &paper, SIDE_OF_FRAME,
+                                                    SIDE_OF_FRAME, count, ranks);
         printf("  %2lld views at a time: by slices %.3g ms, by slabs %.3g ms; taken: %s\n",
                (long long)count, 1e3 * seconds[0], 1e3 * seconds[1],
                split == V2V_SPLIT_SLABS ? "slabs" : "slices");

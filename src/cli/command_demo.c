@@ -158,16 +158,6 @@ done:
     return rc;
 }
 
-static enum v2v_status deconvolve(const struct v2v_demo *demo, int64_t iterations,
-                                  const char *output)
-{
-    char count[32];
-    const char *const words[] = {"deconvolve", "--psf", "@psf.h5",      "--input", "@recording.h5",
-                                 "-o",         output,  "--iterations", count,     NULL};
-    snprintf(count, sizeof count, "%" PRId64, iterations);
-    return command(demo, words);
-}
-
 static enum v2v_status make_volumes(struct v2v_demo *demo)
 {
     enum v2v_status rc = V2V_OK;
@@ -175,9 +165,7 @@ static enum v2v_status make_volumes(struct v2v_demo *demo)
                                        "@run/weights.h5", "--input", "@recording.h5", "-o",
                                        "@volume.h5",      NULL};
     V2V_TRY(command(demo, reconstruct));
-    V2V_TRY(deconvolve(demo, demo->iterations, "@rld.h5"));
-    V2V_TRY(v2v_demo_rld_curve(demo));
-    V2V_TRY(deconvolve(demo, demo->best, "@rld_best.h5"));
+    V2V_TRY(v2v_demo_deconvolve(demo));
 done:
     return rc;
 }

@@ -1,13 +1,11 @@
 #include "cli/demo.h"
 
 #include "cli/picture.h"
-#include "cli/projection.h"
 #include "cli/steps.h"
+#include "cli/volumes.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/io/json.h"
-#include "v2v3d/par/watchdog.h"
-#include "v2v3d/recon/rld.h"
 #include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <stdio.h>
@@ -67,52 +65,128 @@ static void close_frame(struct frame *frame)
     v2v_psf_file_fini(&frame->psf);
 }
 
-/* All ranks hold all slices afterwards: the sum over ranks of volumes that are zero elsewhere. */
-static enum v2v_status iterate(struct frame *frame, struct v2v_rld *rld, int64_t iterations,
-                               const struct v2v_session *session)
+/* Looks on at the deconvolution: scores every iterate of a frame and writes the best one. */
+struct onlooker {
+    struct v2v_demo *demo;
+    struct frame frame;
+    struct v2v_volume_writer *writer;
+    float *best; /* [z,y,x] */
+    double best_psnr;
+    enum v2v_status rc; /* of its own: what monitors return is no status */
+};
+
+/* All ranks of the shard hold all slices afterwards. */
+static void gather(float *volume, const struct v2v_volume_info *size,
+                   const struct v2v_iterate *iterate)
+{
+    const struct v2v_estimator *estimator = iterate->estimator;
+    const int64_t pixels = size->height * size->width, voxels = size->slices * pixels;
+    memset(volume, 0, (size_t)voxels * sizeof *volume);
+    v2v_iterate_slices(iterate, volume + estimator->slices.first * pixels);
+    v2v_par_sum_f32(estimator->shard, volume, voxels);
+}
+
+static enum v2v_status score(double *psnr, const struct frame *frame)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_part mine = v2v_rld_slices(rld);
-    int64_t pixels = frame->size.height * frame->size.width;
-    int64_t voxels = frame->size.slices * pixels;
-    memset(frame->volume, 0, (size_t)voxels * sizeof(float));
-    if (iterations > 0) {
-        V2V_TRY(v2v_rld_run(rld, frame->volume + mine.first * pixels, frame->views, iterations));
-        v2v_par_sum_f32(session->world, frame->volume, voxels);
+    struct v2v_scores scores;
+    V2V_TRY(v2v_scores_of(&scores, frame->truth, frame->volume, frame->size.slices,
+                          frame->size.height, frame->size.width, 0));
+    *psnr = scores.psnr;
+done:
+    return rc;
+}
+
+/* Collective(shard), agreed. */
+static enum v2v_status look(struct onlooker *onlooker, int64_t iteration,
+                            const struct v2v_iterate *iterate)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_demo *demo = onlooker->demo;
+    const struct v2v_estimator *estimator = iterate->estimator;
+    const struct v2v_volume_info *size = &onlooker->frame.size;
+    const struct v2v_part mine = estimator->slices;
+    const int64_t pixels = size->height * size->width;
+    double psnr = 0.0;
+    gather(onlooker->frame.volume, size, iterate);
+    V2V_TRY(v2v_par_agree(estimator->shard, score(&psnr, &onlooker->frame)));
+    const int is_best = iteration == 1 || psnr > onlooker->best_psnr;
+    if (is_best) {
+        onlooker->best_psnr = psnr;
+        memcpy(onlooker->best, onlooker->frame.volume,
+               (size_t)(size->slices * pixels) * sizeof(float));
+    }
+    if (estimator->frame == 0) {
+        demo->curve[iteration] = psnr;
+        demo->best = is_best ? iteration : demo->best;
+    }
+    if (iteration == demo->iterations) {
+        rc = v2v_volume_put(onlooker->writer, V2V_VOLUME_MEAN, onlooker->best + mine.first * pixels,
+                            estimator->frame, mine.first, mine.count);
+        V2V_TRY(v2v_par_agree(estimator->shard, rc));
+        V2V_TRY(v2v_volume_mark_done(onlooker->writer, estimator->frame, estimator->shard));
     }
 done:
     return rc;
 }
 
-enum v2v_status v2v_demo_rld_curve(struct v2v_demo *demo)
+static int enough(void *context, int64_t iteration, const struct v2v_iterate *iterate)
 {
-    static const double weight = 0.5; /* REFERENCE.md 7 */
+    struct onlooker *onlooker = context;
+    onlooker->rc = look(onlooker, iteration, iterate);
+    return onlooker->rc != V2V_OK;
+}
+
+static enum v2v_status begin_to_look(struct onlooker *onlooker)
+{
     enum v2v_status rc = V2V_OK;
+    struct v2v_demo *demo = onlooker->demo;
     const struct v2v_session *session = demo->session;
-    struct frame frame;
-    struct v2v_rld *rld = NULL;
-    enum v2v_split split;
-    V2V_TRY(open_frame(&frame, demo));
+    struct frame *frame = &onlooker->frame;
+    char path[V2V_PATH_BYTES];
+    V2V_TRY(open_frame(frame, demo));
+    struct v2v_volume_info info = frame->size;
+    info.frames = v2v_recording_info(frame->recording)->frames;
     rc = V2V_ALLOC(demo->curve, "demo.curve", demo->iterations + 1);
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(
-        v2v_projection_split(&split, session, &frame.psf, frame.size.height, frame.size.width, 1));
-    V2V_TRY(v2v_rld_create(&rld, &frame.psf, frame.size.height, frame.size.width, weight, split,
-                           session->world));
-    demo->best = 1;
-    for (int64_t i = 0; i <= demo->iterations; i++) {
-        struct v2v_scores scores;
-        v2v_watchdog_beat("demo: deconvolution");
-        V2V_TRY(iterate(&frame, rld, i, session));
-        rc = v2v_scores_of(&scores, frame.truth, frame.volume, frame.size.slices, frame.size.height,
-                           frame.size.width, 0);
-        V2V_TRY(v2v_par_agree(session->world, rc));
-        demo->curve[i] = scores.psnr;
-        demo->best = i > 0 && scores.psnr > demo->curve[demo->best] ? i : demo->best;
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(onlooker->best, "demo.volume",
+                       v2v_mem_product(info.slices, info.height, info.width));
     }
+    if (rc == V2V_OK) {
+        rc = score(&demo->curve[0], frame); /* of zeros */
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_demo_path(path, demo, "rld_best.h5"));
+    V2V_TRY(v2v_step_output(session, path, NULL, 0));
+    V2V_TRY(v2v_volume_create(&onlooker->writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0,
+                              session->world));
 done:
-    v2v_rld_destroy(&rld);
-    close_frame(&frame);
+    return rc;
+}
+
+enum v2v_status v2v_demo_deconvolve(struct v2v_demo *demo)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_session session = *demo->session;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct onlooker onlooker = {.demo = demo};
+    const struct v2v_monitor monitor = {enough, &onlooker};
+    char psf[V2V_PATH_BYTES], input[V2V_PATH_BYTES], output[V2V_PATH_BYTES];
+    const struct v2v_volumes given = {.psf = psf, .input = input, .output = output};
+    session.config.deconv.iterations = demo->iterations;
+    session.config.deconv.stop = V2V_STOP_FIXED;
+    V2V_TRY(v2v_demo_path(psf, demo, "psf.h5"));
+    V2V_TRY(v2v_demo_path(input, demo, "recording.h5"));
+    V2V_TRY(v2v_demo_path(output, demo, "rld.h5"));
+    V2V_TRY(v2v_estimator_find(&ops, "rld"));
+    V2V_TRY(begin_to_look(&onlooker));
+    V2V_TRY(v2v_volumes_make(&given, ops, &monitor, &session));
+    V2V_TRY(v2v_par_agree(session.world, onlooker.rc));
+    V2V_TRY(v2v_volume_finish(&onlooker.writer));
+done:
+    v2v_volume_abandon(&onlooker.writer);
+    v2v_mem_free(onlooker.best);
+    close_frame(&onlooker.frame);
     return rc;
 }
 

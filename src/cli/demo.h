@@ -18,7 +18,7 @@ struct v2v_demo {
     struct v2v_session *session;
     const char *folder;
     struct v2v_evaluation evaluation[V2V_DEMO_ROWS];
-    double *curve;      /**< PSNR of RLD by iteration, [0 .. iterations]; 0: the empty volume */
+    double *curve;      /**< PSNR of RLD on frame 0, [0 .. iterations]; 0: the empty volume */
     int64_t iterations; /**< demo.rld_iterations */
     int64_t best;       /**< index of the curve's maximum from 1 on */
     double seconds;
@@ -28,9 +28,9 @@ struct v2v_demo {
 enum v2v_status v2v_demo_path(char path[V2V_PATH_BYTES], const struct v2v_demo *demo,
                               const char *name) V2V_MUST_CHECK;
 
-/** PSNR of frame 0 after 1, 2, .. iterations; sets curve and best.
- *  @kind Collective(world), agreed */
-enum v2v_status v2v_demo_rld_curve(struct v2v_demo *demo) V2V_MUST_CHECK;
+/** rld.h5 after all iterations and rld_best.h5, of each frame the iteration that the truth likes
+ *  best; sets curve and best, on the rank that prints. @kind Collective(world), agreed */
+enum v2v_status v2v_demo_deconvolve(struct v2v_demo *demo) V2V_MUST_CHECK;
 
 /** comparison.png: first view | RLD | V2V3D | truth, one grey scale.
  *  @kind Collective(world), agreed */

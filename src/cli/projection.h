@@ -3,7 +3,6 @@
 
 #include "cli/command.h"
 #include "v2v3d/io/psf_file.h"
-#include "v2v3d/optics/cost.h"
 #include "v2v3d/optics/projector.h"
 
 /** A projector with the arrays that it works on. */
@@ -16,19 +15,6 @@ struct v2v_projection {
     float *views;         /**< [v,y,x] */
     float *volume, *rows; /**< what the projector holds of both */
 };
-
-/** How this run's ranks share projections and back-projections of `count` views at a time: as
- *  parallel.split says, or as the cost model, measured for it, predicts the faster; logged.
- *  @kind Collective(world), agreed */
-enum v2v_status v2v_projection_split(enum v2v_split *split, const struct v2v_session *session,
-                                     const struct v2v_psf_file *psf, int64_t height, int64_t width,
-                                     int64_t count) V2V_MUST_CHECK;
-
-/** Predicted seconds of either split, and the faster one. @kind Local.
- *  @param seconds [2]: a projection and a back-projection by slices, by slabs */
-enum v2v_split v2v_projection_faster(double seconds[2], const struct v2v_projector_cost *cost,
-                                     const struct v2v_psf_file *psf, int64_t height, int64_t width,
-                                     int64_t count, int ranks);
 
 /** Plan for frames of [height,width], scaled as psf.reduce says.
  *  @kind Collective(world), agreed; v2v_projection_fini after both */

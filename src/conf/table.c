@@ -126,6 +126,11 @@ const struct v2v_key v2v_key_table[] = {
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
            "light, of the brightest, below which nothing is computed"),
 
+    NAME(deconv, method, "rld", "rld (phase-space Richardson-Lucy) or frl (fast Richardson-Lucy)"),
+    WHOLE(deconv, iterations, 1, 10000, 10, "over all views; the most, with a rule to stop"),
+    REAL(deconv, weight, 1e-6, 1.0, 0.5, "of a view's correction"),
+    WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
+
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
     WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),
     REAL(demo, noise, 0.0, 100.0, 0.1, "Gaussian noise, fraction of the bright pixels"),

@@ -1,6 +1,7 @@
 #include "v2v3d/optics/cost.h"
 #include "optics/projector_plan.h"
 #include "optics/spectrum_block.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include <math.h>
 #include <omp.h>
@@ -207,4 +208,48 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
         times.adjoint_s += frames + owners_s(&work, count, sizeof(struct v2v_complex));
     }
     return times;
+}
+
+enum v2v_split v2v_projector_faster(double seconds[2], const struct v2v_projector_cost *cost,
+                                    const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                    int64_t count, int ranks)
+{
+    static const enum v2v_split splits[] = {V2V_SPLIT_SLICES, V2V_SPLIT_SLABS};
+    for (int i = 0; i < 2; i++) {
+        const struct v2v_projector_times times =
+            v2v_projector_predict(cost, psf, height, width, count, splits[i], ranks);
+        seconds[i] = times.forward_s + times.adjoint_s;
+    }
+    return seconds[1] < seconds[0] ? V2V_SPLIT_SLABS : V2V_SPLIT_SLICES;
+}
+
+enum v2v_status v2v_projector_choose_split(enum v2v_split *split, int wanted,
+                                           const struct v2v_psf_file *psf, int64_t height,
+                                           int64_t width, int64_t count,
+                                           const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_projector_cost cost;
+    double seconds[2];
+    const int ranks = v2v_comm_size(comm);
+    *split = (enum v2v_split)wanted;
+    if (*split == V2V_SPLIT_AUTO && ranks == 1) {
+        *split = V2V_SPLIT_SLICES;
+    } else if (*split == V2V_SPLIT_AUTO) {
+        rc = v2v_projector_cost_measure(&cost, comm);
+        if (rc == V2V_E_MEMORY) { /* the projection itself may well fit */
+            v2v_log(V2V_LOG_INFO, "no memory to measure projections: shared by slices");
+            *split = V2V_SPLIT_SLICES;
+            return V2V_OK;
+        }
+        V2V_TRY(rc);
+        *split = v2v_projector_faster(seconds, &cost, psf, height, width, count, ranks);
+        v2v_log(V2V_LOG_INFO,
+                "projection over %d ranks by %s: %.3g ms there and back predicted by slices, %.3g "
+                "ms by slabs",
+                ranks, *split == V2V_SPLIT_SLABS ? "slabs" : "slices", 1e3 * seconds[0],
+                1e3 * seconds[1]);
+    }
+done:
+    return rc;
 }

@@ -46,6 +46,22 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o rld_alone.h5 --iterations 2 2>stderr ||
     fail "$(cat stderr)"
 same rld_slabs.h5 rld_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
+works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --stop heldout --iterations 20
+
+# A range of frames has the bits of the whole; a complete output is not made again.
+works deconvolve --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 \
+    --set parallel.split=slabs
+works info last.h5
+says 'volume, 1 frames'
+if command -v h5dump >/dev/null; then
+    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 rld_slabs.h5 >/dev/null
+    h5dump -b LE -o last.bin -d /volume last.h5 >/dev/null
+    cmp whole.bin last.bin || fail 'a range of frames is not what the whole recording gives'
+fi
+before=$(cksum <last.h5)
+works deconvolve --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 --resume
+[ "$before" = "$(cksum <last.h5)" ] || fail '--resume made a complete volume again'
 works evaluate --truth one/truth.h5 --volume rld.h5 --json
 for key in psnr ssim background_truth background_volume; do
     says "\"$key\": -?[0-9]"

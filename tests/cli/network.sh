@@ -26,6 +26,14 @@ if command -v h5dump >/dev/null; then
 fi
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
 
+# Weight files know their network, and networks what they do not offer.
+works weights init --psf psf.h5 --set model.method=backconv --rule he --seed 3 -o backconv.h5
+works reconstruct --psf psf.h5 --weights backconv.h5 --input recording.h5 -o backconv_volumes.h5
+works info backconv_volumes.h5
+says 'volume, 2 frames, 7 slices of 64 x 64'
+refuses 78 "'backconv' skips nothing" reconstruct --psf psf.h5 --weights backconv.h5 \
+    --input recording.h5 -o out.h5 --skip auto
+
 # A range of frames has the bits of the whole, and ends where the recording ends.
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o whole.h5
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o second.h5 --frames 1:5

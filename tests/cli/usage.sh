@@ -45,14 +45,19 @@ refuses 2 "'stray' is one word too many" project --psf p.h5 stray
 refuses 2 "--reduce: 'max' is not sum or mean" project --psf p --volume v -o out.h5 --reduce max
 refuses 2 "--rule: 'magic' is none of kaiming.hash" weights init --rule magic
 refuses 2 '--threads: -1 is outside' init --threads=-1
-refuses 2 '--iterations: ' deconvolve --iterations 0
-refuses 2 '--iterations: ' deconvolve --iterations 1e3
-refuses 2 '--weight: ' deconvolve --weight 0,5
-refuses 2 '--weight: ' deconvolve --weight nan
+deconvolve=(deconvolve --psf p --input r -o out.h5)
+refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 0
+refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 1e3
+refuses 2 '--weight: ' "${deconvolve[@]}" --weight 0,5
+refuses 2 '--weight: ' "${deconvolve[@]}" --weight nan
+refuses 2 "--stop: 'soon' is not fixed or heldout" "${deconvolve[@]}" --stop soon
+refuses 78 "deconv.method: 'rl' is none of rld.frl" "${deconvolve[@]}" --method rl
+refuses 2 '--method learned takes weights: v2v3d reconstruct' "${deconvolve[@]}" --method learned
+refuses 2 '--frames FIRST:COUNT: ' "${deconvolve[@]}" --frames 3
+refuses 2 'unknown option --skip' "${deconvolve[@]}" --skip auto
 refuses 2 '--frames: ' simulate --frames 0
 refuses 2 '--seed: ' simulate --seed -1
 refuses 2 "--max-time: 'soon' is no duration" train --max-time soon
-refuses 2 '--stop heldout is not there yet' deconvolve --psf p --input r -o out.h5 --stop heldout
 refuses 2 '--skip needs model.winograd: true' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip auto --set model.winograd=false
 refuses 2 '--skip: 1.5 is outside' \

@@ -103,6 +103,18 @@ struct v2v_recon_settings {
     struct v2v_number skip; /**< of the brightest light; none: nothing is skipped */
 };
 
+/** When a deconvolution ends: after all iterations, or when views that are held out are predicted
+ *  hardly better any more. */
+enum v2v_stop { V2V_STOP_FIXED, V2V_STOP_HELDOUT };
+
+/** Methods that deconvolve by iteration. */
+struct v2v_deconv_settings {
+    char method[V2V_CONFIG_NAME_BYTES]; /**< an estimator of method/estimator.h */
+    int64_t iterations;                 /**< over all views; with a rule, the most */
+    double weight;                      /**< of a view's correction */
+    int stop;                           /**< enum v2v_stop */
+};
+
 /** The scene and the noise of `v2v3d demo`. */
 struct v2v_demo_settings {
     int64_t size; /**< pixels of a side */
@@ -144,6 +156,7 @@ struct v2v_config {
     struct v2v_loss_settings loss;
     struct v2v_train_settings train;
     struct v2v_recon_settings recon;
+    struct v2v_deconv_settings deconv;
     struct v2v_demo_settings demo;
 };
 

@@ -38,6 +38,20 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
                                                  int64_t width, int64_t count, enum v2v_split split,
                                                  int ranks);
 
+/** Predicted seconds of either split, and the faster one. @kind Local.
+ *  @param seconds [2]: a projection and a back-projection by slices, by slabs */
+enum v2v_split v2v_projector_faster(double seconds[2], const struct v2v_projector_cost *cost,
+                                    const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                    int64_t count, int ranks);
+
+/** How ranks share projections and back-projections of `count` views at a time: as `wanted` (enum
+ *  v2v_split) says, or as the cost model, measured for it, predicts the faster; logged.
+ *  @kind Collective(comm), agreed. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_projector_choose_split(enum v2v_split *split, int wanted,
+                                           const struct v2v_psf_file *psf, int64_t height,
+                                           int64_t width, int64_t count,
+                                           const struct v2v_comm *comm) V2V_MUST_CHECK;
+
 #ifdef __cplusplus
 }
 #endif

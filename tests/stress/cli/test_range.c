@@ -1,7 +1,7 @@
 /* Recordings of any size of number, and of none: training and reconstruction stay finite. */
 #include "small_run.h"
 
-#include "v2v3d/recon/network.h"
+#include "v2v3d/recon/recon.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <string.h>
@@ -44,43 +44,29 @@ static float not_a_number(int t, int64_t i)
     return t == 1 && i == HOT ? NAN : scene_wave(t, i);
 }
 
-static struct v2v_model *load(struct scene *scene, const char *path)
-{
-    struct v2v_shifts shifts = {0};
-    struct v2v_model *model = NULL;
-    struct v2v_model_spec spec = {.views = VIEWS,
-                                  .slices = SLICES,
-                                  .width = scene->config.model.width,
-                                  .features = scene->config.model.features,
-                                  .branches = V2V_BRANCH_BOTH,
-                                  .volume_scale = scene->config.model.volume_scale};
-    assert_ok(v2v_shifts_from_psf(&shifts, &scene->psf));
-    assert_ok(v2v_model_create(&model, &spec, &shifts));
-    assert_ok(
-        v2v_weights_file_read(v2v_model_weights(model), path, "weights", v2v_model_fields(model)));
-    v2v_shifts_fini(&shifts);
-    return model;
-}
-
 static enum v2v_status reconstruct(struct scene *scene, const char *weights, const char *volume)
 {
     enum v2v_status rc = V2V_OK;
-    double part;
-    struct v2v_grid grid = {0};
     struct v2v_scaling scaling;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_recon *recon = NULL;
     struct v2v_volume_writer *writer = NULL;
-    struct v2v_model *model = load(scene, weights);
+    const struct v2v_problem problem = {.config = &scene->config,
+                                        .psf = &scene->psf,
+                                        .weights = weights,
+                                        .height = SIDE,
+                                        .width = SIDE};
     const struct v2v_volume_info info = {
         .frames = FRAMES, .slices = SLICES, .height = SIDE, .width = SIDE};
-    V2V_TRY(v2v_grid_create(&grid, NULL, &(struct v2v_grid_shape){1, 1}));
+    V2V_TRY(v2v_estimator_find(&ops, "learned"));
+    V2V_TRY(v2v_recon_create(&recon, ops, &problem, FRAMES, NULL));
     V2V_TRY(v2v_scaling_decide(&scaling, scene->recording, &scene->config.input, NULL));
     V2V_TRY(v2v_volume_create(&writer, volume, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, NULL));
-    V2V_TRY(v2v_reconstruct(model, scene->recording, &scaling, writer, 0, &grid, &part));
+    V2V_TRY(v2v_recon_run(recon, scene->recording, &scaling, writer, 0, NULL));
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     v2v_volume_abandon(&writer);
-    v2v_model_destroy(&model);
-    v2v_grid_destroy(&grid);
+    v2v_recon_destroy(&recon);
     return rc;
 }
 

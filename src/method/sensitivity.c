@@ -1,4 +1,4 @@
-#include "recon/sensitivity.h"
+#include "method/sensitivity.h"
 
 #include "v2v3d/base/memory.h"
 

@@ -2,9 +2,10 @@
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/method/estimator.h"
 #include "v2v3d/optics/projector.h"
-#include "v2v3d/recon/rld.h"
 
+#include <stdio.h>
 #include <string.h>
 
 enum { HEIGHT = 24, WIDTH = 28, PIXELS = HEIGHT * WIDTH };
@@ -13,7 +14,8 @@ enum { VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
 static struct v2v_psf_file psf;
 static struct v2v_projector *projector; /* of this rank alone: all slices */
 static float truth[VOXELS], views[SAMPLES];
-static enum v2v_split split; /* of the run under test */
+static struct v2v_config config; /* of the run under test: method, split */
+static int is_frl;
 
 static int setup(void **state)
 {
@@ -28,16 +30,33 @@ static int setup(void **state)
     return 0;
 }
 
-static int setup_slices(void **state)
+static int setup_as(void **state, const char *method, enum v2v_split split)
 {
-    split = V2V_SPLIT_SLICES;
+    v2v_config_defaults(&config);
+    snprintf(config.deconv.method, sizeof config.deconv.method, "%s", method);
+    config.parallel.split = split;
+    is_frl = strcmp(method, "frl") == 0;
     return setup(state);
 }
 
-static int setup_slabs(void **state)
+static int setup_rld_slices(void **state)
 {
-    split = V2V_SPLIT_SLABS;
-    return setup(state);
+    return setup_as(state, "rld", V2V_SPLIT_SLICES);
+}
+
+static int setup_rld_slabs(void **state)
+{
+    return setup_as(state, "rld", V2V_SPLIT_SLABS);
+}
+
+static int setup_frl_slices(void **state)
+{
+    return setup_as(state, "frl", V2V_SPLIT_SLICES);
+}
+
+static int setup_frl_slabs(void **state)
+{
+    return setup_as(state, "frl", V2V_SPLIT_SLABS);
 }
 
 static int teardown(void **state)
@@ -48,24 +67,36 @@ static int teardown(void **state)
     return 0;
 }
 
-/** A run over the ranks of comm; `volume` gets all slices on all of them. */
-static enum v2v_status run(float volume[VOXELS], const float recorded[SAMPLES], int64_t iterations,
-                           const struct v2v_comm *comm)
+/** A run over the ranks of comm, watched; `volume` gets all slices on all of them. */
+static enum v2v_status run_watched(float volume[VOXELS], const float recorded[SAMPLES],
+                                   int64_t iterations, const struct v2v_monitor *monitor,
+                                   const struct v2v_comm *comm)
 {
-    struct v2v_rld *rld = NULL;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_estimator *estimator = NULL;
     float *mine = NULL;
-    assert_ok(v2v_rld_create(&rld, &psf, HEIGHT, WIDTH, 0.5, split, comm));
-    struct v2v_part slices = v2v_rld_slices(rld);
+    config.deconv.iterations = iterations;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    assert_ok(v2v_estimator_find(&ops, config.deconv.method));
+    assert_ok(v2v_estimator_create(&estimator, ops, &problem, comm));
+    struct v2v_part slices = estimator->slices;
     assert_ok(V2V_ALLOC(mine, "test", slices.count * PIXELS));
     size_t peak = v2v_mem_peak(), held = v2v_mem_held();
-    enum v2v_status rc = v2v_rld_run(rld, mine, recorded, iterations);
+    enum v2v_status rc = ops->run(estimator, &mine, recorded, monitor);
     assert_true(v2v_mem_held() == held && v2v_mem_peak() == peak); /* no allocation in the run */
     memset(volume, 0, VOXELS * sizeof *volume);
     memcpy(volume + slices.first * PIXELS, mine, (size_t)(slices.count * PIXELS) * sizeof *mine);
     v2v_par_sum_f32(comm, volume, VOXELS);
     v2v_mem_free(mine);
-    v2v_rld_destroy(&rld);
+    v2v_estimator_destroy(&estimator);
     return rc;
+}
+
+static enum v2v_status run(float volume[VOXELS], const float recorded[SAMPLES], int64_t iterations,
+                           const struct v2v_comm *comm)
+{
+    return run_watched(volume, recorded, iterations, NULL, comm);
 }
 
 /** One view of the plain twin, in double precision: view = A_v volume, or volume = A_v^T view. */
@@ -85,17 +116,18 @@ static void plain_view(double view[PIXELS], double volume[VOXELS], int v, int ad
     }
 }
 
-/** REFERENCE.md 7 on the true views, by plain loops. */
-static void plain_rld(double x[VOXELS], int64_t iterations)
+/** x <- x * (1/2 + 1/2 numerator / denominator), view by view, on the true views, by plain loops:
+ *  of rld A'(y / Ax) and A'1, of frl A'y and A'Ax. */
+static void plain_deconvolution(double x[VOXELS], int64_t iterations)
 {
-    static double seen[VIEWS][VOXELS], correction[VOXELS], ratio[PIXELS];
+    static double seen[VIEWS][VOXELS], above[VOXELS], below[VOXELS], image[PIXELS], view[PIXELS];
     double sum = 0, sensitivity = 0;
     for (int v = 0; v < VIEWS; v++) {
         for (int i = 0; i < PIXELS; i++) {
-            ratio[i] = 1;
+            image[i] = 1;
             sum += views[v * PIXELS + i] > 0 ? views[v * PIXELS + i] : 0;
         }
-        plain_view(ratio, seen[v], v, 1);
+        plain_view(image, seen[v], v, 1);
         for (int i = 0; i < VOXELS; i++) {
             sensitivity += seen[v][i];
         }
@@ -105,13 +137,17 @@ static void plain_rld(double x[VOXELS], int64_t iterations)
     }
     for (int64_t step = 0; step < iterations * VIEWS; step++) {
         int v = (int)(step % VIEWS);
-        plain_view(ratio, x, v, 0);
+        plain_view(image, x, v, 0);
         for (int i = 0; i < PIXELS; i++) {
-            ratio[i] = fmax(views[v * PIXELS + i], 0) / fmax(ratio[i], 1e-6 * sum / SAMPLES);
+            double recorded = views[v * PIXELS + i];
+            image[i] = fmax(image[i], 1e-6 * sum / SAMPLES);
+            view[i] = is_frl ? recorded : fmax(recorded, 0) / image[i];
         }
-        plain_view(ratio, correction, v, 1);
+        plain_view(view, above, v, 1);
+        plain_view(image, below, v, 1);
         for (int i = 0; i < VOXELS; i++) {
-            x[i] *= seen[v][i] > 1e-4 ? 0.5 + 0.5 * correction[i] / seen[v][i] : 1;
+            double denominator = is_frl ? below[i] : seen[v][i];
+            x[i] *= seen[v][i] > 1e-4 ? 0.5 + 0.5 * fmax(above[i], 0) / denominator : 1;
         }
     }
 }
@@ -122,7 +158,7 @@ static void volume_equals_the_plain_definition(void **state)
     static double plain[VOXELS];
     static float volume[VOXELS];
     for (int64_t n = 0; n <= 4; n += 2) {
-        plain_rld(plain, n);
+        plain_deconvolution(plain, n);
         assert_ok(run(volume, views, n, test_world()));
         /* 4n updates, each with two float32 transforms of 10 levels x eps 6e-8; times four because
          * the round-off of a bright pixel weighs more in a dim one. */
@@ -173,7 +209,7 @@ static void any_number_of_ranks_gives_the_same_volume(void **state)
     static float together[VOXELS], alone[VOXELS];
     assert_ok(run(together, views, 5, test_world()));
     assert_ok(run(alone, views, 5, NULL));
-    if (split == V2V_SPLIT_SLABS) {
+    if (config.parallel.split == V2V_SPLIT_SLABS) {
         assert_memory_equal(together, alone, sizeof alone);
     } else {
         /* Sums in double precision: one number in 2^53 / 2^24 may round another way, by eps 6e-8
@@ -204,9 +240,13 @@ static void scaled_views_give_the_scaled_volume(void **state)
     }
 }
 
+/* Of rld: of frl they count as they are. */
 static void negative_samples_count_as_zero(void **state)
 {
     (void)state;
+    if (is_frl) {
+        skip();
+    }
     static float clipped[SAMPLES], negative[SAMPLES], a[VOXELS], b[VOXELS];
     for (int64_t i = 0; i < SAMPLES; i++) {
         clipped[i] = i % 3 == 0 ? 0 : views[i];
@@ -273,23 +313,38 @@ static void a_nan_in_the_views_is_named(void **state)
     assert_non_null(strstr(v2v_status_message(), "view 1, row 2, column 7"));
 }
 
-/** The example of the header. */
-static enum v2v_status example(float *volume, const struct v2v_comm *comm)
+struct seen {
+    int64_t calls, enough; /* the last iteration that is wanted */
+    float volume[VOXELS];
+};
+
+/* Takes the volume of the last call. */
+static int watch(void *context, int64_t iteration, const struct v2v_iterate *iterate)
 {
-    enum v2v_status rc = V2V_OK;
-    struct v2v_rld *rld = NULL;
-    V2V_TRY(v2v_rld_create(&rld, &psf, HEIGHT, WIDTH, 0.5, split, comm));
-    V2V_TRY(v2v_rld_run(rld, volume, views, 10));
-done:
-    v2v_rld_destroy(&rld);
-    return rc;
+    struct seen *seen = context;
+    struct v2v_part slices = iterate->estimator->slices;
+    assert_int_equal(iteration, ++seen->calls);
+    memset(seen->volume, 0, sizeof seen->volume);
+    v2v_iterate_slices(iterate, seen->volume + slices.first * PIXELS);
+    v2v_par_sum_f32(test_world(), seen->volume, VOXELS);
+    return iteration == seen->enough;
 }
 
-static void the_headers_example_runs(void **state)
+static void a_monitor_sees_every_iteration_and_ends_them(void **state)
 {
     (void)state;
-    static float volume[VOXELS];
-    assert_ok(example(volume, test_world()));
+    static struct seen seen;
+    static float volume[VOXELS], same[VOXELS];
+    const struct v2v_monitor monitor = {watch, &seen};
+    for (int64_t enough = 2; enough <= 5; enough += 3) {
+        seen.calls = 0;
+        seen.enough = enough;
+        assert_ok(run_watched(volume, views, 4, &monitor, test_world()));
+        assert_int_equal(seen.calls, enough < 4 ? enough : 4);
+        assert_memory_equal(seen.volume, volume, sizeof volume);
+        assert_ok(run(same, views, seen.calls, test_world()));
+        assert_memory_equal(same, volume, sizeof volume);
+    }
 }
 
 static void a_request_to_one_rank_stops_all(void **state)
@@ -305,8 +360,10 @@ static void a_request_to_one_rank_stops_all(void **state)
 int main(int argc, char **argv)
 {
 #define WITH(test)                                                                                 \
-    cmocka_unit_test_setup_teardown(test, setup_slices, teardown),                                 \
-        cmocka_unit_test_setup_teardown(test, setup_slabs, teardown)
+    cmocka_unit_test_setup_teardown(test, setup_rld_slices, teardown),                             \
+        cmocka_unit_test_setup_teardown(test, setup_rld_slabs, teardown),                          \
+        cmocka_unit_test_setup_teardown(test, setup_frl_slices, teardown),                         \
+        cmocka_unit_test_setup_teardown(test, setup_frl_slabs, teardown)
     const struct CMUnitTest tests[] = {
         WITH(volume_equals_the_plain_definition),
         WITH(residual_falls_with_every_iteration_on_clean_views),
@@ -318,7 +375,7 @@ int main(int argc, char **argv)
         WITH(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
         WITH(slices_that_no_view_sees_stay_empty),
         WITH(a_nan_in_the_views_is_named),
-        WITH(the_headers_example_runs),
+        WITH(a_monitor_sees_every_iteration_and_ends_them),
         WITH(a_request_to_one_rank_stops_all),
     };
     return test_mpi_main(tests, argc, argv);

@@ -1,6 +1,6 @@
 #include "support.h"
 
-#include "recon/sensitivity.h"
+#include "method/sensitivity.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/projector.h"

@@ -1,9 +1,10 @@
-#include "small_optics.h"
+#include "../method/small_optics.h"
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/recon/network.h"
+#include "v2v3d/recon/recon.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/v2v/model.h"
 
@@ -20,18 +21,19 @@ enum { PADDED = PADDED_HEIGHT * PADDED_WIDTH };
 static const struct v2v_scaling scaling = {.offset = 100, .gain = 1.0 / 64};
 static float frames[FRAMES][SAMPLES], expected[2][FRAMES][VOXELS];
 
-static struct v2v_model *model_of(unsigned branches, const struct v2v_comm *shard)
+static const struct v2v_estimator_ops *method; /* under test */
+static struct v2v_config config;
+static struct v2v_psf_file psf;
+
+/** The network that the weight file is for. */
+static struct v2v_model *model_of_config(void)
 {
     const struct v2v_model_spec spec = {.views = VIEWS,
                                         .slices = SLICES,
-                                        .width = 4,
-                                        .features = 4,
-                                        .branches = branches,
-                                        .backend = V2V_BACKEND_ONEDNN,
-                                        .volume_scale = 2,
-                                        .slabs = v2v_comm_size(shard),
-                                        .shard = shard};
-    struct v2v_psf_file psf = small_psf();
+                                        .width = config.model.width,
+                                        .features = config.model.features,
+                                        .branches = V2V_BRANCH_BOTH,
+                                        .volume_scale = config.model.volume_scale};
     struct v2v_shifts shifts = {0};
     struct v2v_model *model = NULL;
     assert_ok(v2v_shifts_from_psf(&shifts, &psf));
@@ -39,8 +41,20 @@ static struct v2v_model *model_of(unsigned branches, const struct v2v_comm *shar
     assert_ok(
         v2v_rule_weights(v2v_model_fields(model), v2v_model_weights(model), V2V_RULE_HASH, 7));
     v2v_shifts_fini(&shifts);
-    v2v_psf_file_fini(&psf);
     return model;
+}
+
+static void weights_file(const char *path)
+{
+    struct v2v_weights_info info;
+    struct v2v_model *model = model_of_config();
+    assert_ok(v2v_network_describe(&info, &config, VIEWS, SLICES, 0));
+    if (v2v_comm_rank(test_world()) == 0) {
+        assert_ok(v2v_weights_file_write(path, &info, v2v_model_fields(model),
+                                         v2v_model_weights(model), NULL, NULL, NULL, NULL));
+    }
+    v2v_par_barrier(test_world());
+    v2v_model_destroy(&model);
 }
 
 /** Row or column i of the padded frame: mirrored about the last one, n < 32 often enough. */
@@ -53,10 +67,10 @@ static int mirror(int i, int n)
 }
 
 /** What one rank with both branches makes of every frame. */
-static void expect(void)
+static void expect_of_network(void)
 {
     static float padded[VIEWS * PADDED], volume[2][SLICES * PADDED];
-    struct v2v_model *model = model_of(V2V_BRANCH_BOTH, NULL);
+    struct v2v_model *model = model_of_config();
     assert_ok(v2v_model_plan(model, PADDED_HEIGHT, PADDED_WIDTH, 0));
     for (int t = 0; t < FRAMES; t++) {
         for (int i = 0; i < VIEWS * PADDED; i++) {
@@ -75,16 +89,71 @@ static void expect(void)
     v2v_model_destroy(&model);
 }
 
-static int setup(void **state)
+/** What one rank makes of every frame, without a gain: powers of two round nowhere. */
+static void expect_of_deconvolution(void)
 {
-    (void)state;
+    static float views[SAMPLES];
+    struct v2v_estimator *estimator = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    assert_ok(v2v_estimator_create(&estimator, method, &problem, NULL));
+    for (int t = 0; t < FRAMES; t++) {
+        float *volume = expected[0][t];
+        for (int i = 0; i < SAMPLES; i++) {
+            views[i] = frames[t][i] - 100;
+        }
+        assert_ok(method->run(estimator, &volume, views, NULL));
+    }
+    v2v_estimator_destroy(&estimator);
+}
+
+static int setup(const char *name)
+{
+    assert_ok(v2v_estimator_find(&method, name));
+    psf = small_psf();
+    v2v_config_defaults(&config);
+    config.model.width = config.model.features = 4;
+    config.model.volume_scale = 2;
+    config.model.winograd = 0;
+    config.deconv.iterations = 2;
+    config.parallel.split = V2V_SPLIT_SLABS;         /* the same bits at any number of ranks */
     for (int64_t i = 0; i < FRAMES * SAMPLES; i++) { /* whole counts: exact in float32 */
         frames[i / SAMPLES][i % SAMPLES] = (float)(100 + v2v_random_below(3, 0, (uint64_t)i, 64));
     }
-    expect();
-    for (int b = 0; b < 2; b++) { /* something to compare */
+    memset(expected, 0, sizeof expected);
+    if (method->is_learned) {
+        expect_of_network();
+    } else {
+        expect_of_deconvolution();
+    }
+    for (int b = 0; b < (method->is_learned ? 2 : 1); b++) { /* something to compare */
         assert_true(v2v_sum_of_squares(&expected[b][0][0], FRAMES * VOXELS) > 0);
     }
+    return 0;
+}
+
+static int setup_learned(void **state)
+{
+    (void)state;
+    return setup("learned");
+}
+
+static int setup_rld(void **state)
+{
+    (void)state;
+    return setup("rld");
+}
+
+static int setup_frl(void **state)
+{
+    (void)state;
+    return setup("frl");
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    v2v_psf_file_fini(&psf);
     return 0;
 }
 
@@ -107,41 +176,38 @@ static struct v2v_recording *recording_file(const char *folder)
     return recording;
 }
 
-/** Reconstruct into `path`; `broken` plants a NaN in the weights of the last rank with a model. */
+/** Reconstruct into `path`. */
 static enum v2v_status reconstruct(const char *folder, const char *path,
-                                   struct v2v_grid_shape shape, int broken)
+                                   struct v2v_grid_shape shape)
 {
-    double part = 0.0;
-    struct v2v_grid grid;
-    struct v2v_model *model = NULL;
+    enum v2v_status rc = V2V_OK;
+    char weights[1024];
+    struct v2v_recon *recon = NULL;
     struct v2v_volume_writer *writer = NULL;
     struct v2v_recording *recording = recording_file(folder);
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .weights = weights, .height = HEIGHT, .width = WIDTH};
     const struct v2v_volume_info info = {
         .frames = FRAMES, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
-    unsigned datasets = 1u << V2V_VOLUME_MEAN | 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
-    assert_ok(v2v_grid_create(&grid, test_world(), &shape));
-    if (!grid.idle) {
-        model = model_of(grid.branch_size == 1   ? V2V_BRANCH_BOTH
-                         : grid.branch_rank == 0 ? V2V_BRANCH_1
-                                                 : V2V_BRANCH_2,
-                         grid.shard);
-        if (broken && grid.data_rank == grid.data_size - 1 &&
-            grid.branch_rank == grid.branch_size - 1) {
-            v2v_model_weights(model)[0] = NAN;
-        }
-    }
+    unsigned datasets = method->is_learned ? 7u << V2V_VOLUME_MEAN : 1u << V2V_VOLUME_MEAN;
     const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "these frames"};
+    snprintf(weights, sizeof weights, "%s/weights.h5", folder);
+    if (method->is_learned) {
+        weights_file(weights);
+    }
+    config.parallel.branches = shape.branches;
+    config.parallel.shards = shape.shards;
+    assert_ok(v2v_recon_create(&recon, method, &problem, FRAMES, test_world()));
     assert_ok(v2v_volume_resume(&writer, path, &info, datasets, &task, 1, test_world()));
-    enum v2v_status rc = v2v_reconstruct(model, recording, &scaling, writer, 1, &grid, &part);
-    if (rc == V2V_OK) {
-        assert_ok(v2v_volume_finish(&writer));
-    } else if (rc == V2V_STOPPED) {
+    V2V_TRY(v2v_recon_run(recon, recording, &scaling, writer, method->is_learned, NULL));
+    V2V_TRY(v2v_volume_finish(&writer));
+done:
+    if (rc == V2V_STOPPED) {
         v2v_volume_suspend(&writer);
     }
     v2v_volume_abandon(&writer);
+    v2v_recon_destroy(&recon);
     v2v_recording_close(&recording);
-    v2v_model_destroy(&model);
-    v2v_grid_destroy(&grid);
     return rc;
 }
 
@@ -152,7 +218,8 @@ static enum v2v_status reconstruct(const char *folder, const char *path,
 static void assert_dataset(const char *path, const char *dataset, const float *reference, int slabs)
 {
     int64_t count = 0;
-    double *values = test_h5_read(path, dataset, &count), bound = slabs > 1 ? 1e-5 : 0.0;
+    double *values = test_h5_read(path, dataset, &count);
+    double bound = slabs > 1 && method->is_learned ? 1e-5 : 0.0;
     double size = sqrt(v2v_sum_of_squares(reference, FRAMES * VOXELS) / (FRAMES * VOXELS));
     assert_int_equal(count, FRAMES * VOXELS);
     for (int64_t i = 0; i < count; i++) {
@@ -170,9 +237,11 @@ static void assert_volumes(const char *path, int slabs)
     for (int64_t i = 0; i < FRAMES * VOXELS; i++) {
         mean[i] = 0.5f * (&expected[0][0][0])[i] + 0.5f * (&expected[1][0][0])[i];
     }
-    assert_dataset(path, "/branch1", &expected[0][0][0], slabs);
-    assert_dataset(path, "/branch2", &expected[1][0][0], slabs);
-    assert_dataset(path, "/volume", mean, slabs);
+    if (method->is_learned) {
+        assert_dataset(path, "/branch1", &expected[0][0][0], slabs);
+        assert_dataset(path, "/branch2", &expected[1][0][0], slabs);
+    }
+    assert_dataset(path, "/volume", method->is_learned ? mean : &expected[0][0][0], slabs);
     int64_t count = 0;
     double *done = test_h5_read(path, "/done", &count);
     assert_int_equal(count, FRAMES);
@@ -187,7 +256,7 @@ static void compare(int branches, int shards)
     char path[1024];
     const char *folder = test_folder(test_world());
     snprintf(path, sizeof path, "%s/volume.h5", folder);
-    assert_ok(reconstruct(folder, path, (struct v2v_grid_shape){branches, shards}, 0));
+    assert_ok(reconstruct(folder, path, (struct v2v_grid_shape){branches, shards}));
     assert_volumes(path, shards);
 }
 
@@ -212,7 +281,8 @@ static void rows_shared_by_ranks_give_one_ranks_volumes(void **state)
     (void)state;
     const int size = v2v_comm_size(test_world());
     for (int shards = 2; shards <= size; shards++) {
-        for (int branches = 1; branches <= 2 && branches * shards <= size; branches++) {
+        const int most = method->is_learned ? 2 : 1;
+        for (int branches = 1; branches <= most && branches * shards <= size; branches++) {
             compare(branches, shards);
         }
     }
@@ -220,7 +290,8 @@ static void rows_shared_by_ranks_give_one_ranks_volumes(void **state)
 
 static struct v2v_grid_shape paired(void)
 {
-    return (struct v2v_grid_shape){v2v_comm_size(test_world()) % 2 == 0 ? 2 : 1, 1};
+    const int is_pair = v2v_comm_size(test_world()) % 2 == 0 && method->is_learned;
+    return (struct v2v_grid_shape){is_pair ? 2 : 1, 1};
 }
 
 /* Three ranks leave one idle. */
@@ -229,15 +300,67 @@ static struct v2v_grid_shape with_an_idle_rank(void)
     return v2v_comm_size(test_world()) == 3 ? (struct v2v_grid_shape){1, 2} : paired();
 }
 
+/* The method with a NaN on the last rank. */
+static const struct v2v_estimator_ops *whole;
+static enum v2v_status run_broken(struct v2v_estimator *estimator, float *const *volume,
+                                  const float *views, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = whole->run(estimator, volume, views, monitor);
+    const int last = v2v_comm_size(test_world()) - 1;
+    for (int o = 0; o < 2 && v2v_comm_rank(test_world()) == last; o++) {
+        if (v2v_estimator_holds(estimator, o)) {
+            volume[o][0] = NAN;
+        }
+    }
+    return rc;
+}
+
 static void a_nan_of_one_rank_ends_all_and_names_the_frame(void **state)
 {
     (void)state;
     char path[1024];
     const char *folder = test_folder(test_world());
     snprintf(path, sizeof path, "%s/volume.h5", folder);
-    assert_int_equal(reconstruct(folder, path, paired(), 1), V2V_E_NUMERIC);
+    const struct v2v_grid_shape shape = paired();
+    whole = method;
+    struct v2v_estimator_ops broken = *method;
+    broken.run = run_broken;
+    method = &broken;
+    assert_int_equal(reconstruct(folder, path, shape), V2V_E_NUMERIC);
     assert_non_null(strstr(v2v_status_message(), "NaN or Inf at slice"));
     assert_non_null(strstr(v2v_status_message(), "frame "));
+}
+
+static int64_t stop_at, runs; /* the frame that ends an attempt; frames of this rank */
+
+static enum v2v_status run_until(struct v2v_estimator *estimator, float *const *volume,
+                                 const float *views, const struct v2v_monitor *monitor)
+{
+    if (estimator->frame >= stop_at) {
+        return V2V_FAIL(V2V_STOPPED, "frame %lld is too much", (long long)stop_at);
+    }
+    runs++;
+    return whole->run(estimator, volume, views, monitor);
+}
+
+static void an_interrupted_run_goes_on_with_the_frames_that_are_missing(void **state)
+{
+    (void)state;
+    char path[1024];
+    const char *folder = test_folder(test_world());
+    const struct v2v_grid_shape shape = {1, v2v_comm_size(test_world())};
+    whole = method;
+    struct v2v_estimator_ops interrupted = *method;
+    interrupted.run = run_until;
+    method = &interrupted;
+    snprintf(path, sizeof path, "%s/volume.h5", folder);
+    stop_at = 2;
+    assert_int_equal(reconstruct(folder, path, shape), V2V_STOPPED);
+    stop_at = FRAMES;
+    runs = 0;
+    assert_ok(reconstruct(folder, path, shape));
+    assert_int_equal(runs, FRAMES - 2);
+    assert_volumes(path, shape.shards);
 }
 
 /* The request stays, so that every attempt ends after its first frames: those of the rank that is
@@ -252,10 +375,10 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
     if (v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1) {
         v2v_stop_request(); /* for good: this test stays the last one */
     }
-    enum v2v_status rc = reconstruct(folder, path, with_an_idle_rank(), 0);
+    enum v2v_status rc = reconstruct(folder, path, with_an_idle_rank());
     assert_int_equal(rc, V2V_STOPPED);
     for (; rc == V2V_STOPPED && attempts < FRAMES; attempts++) {
-        rc = reconstruct(folder, path, with_an_idle_rank(), 0);
+        rc = reconstruct(folder, path, with_an_idle_rank());
     }
     assert_ok(rc);
     assert_volumes(path, with_an_idle_rank().shards);
@@ -263,13 +386,15 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
 
 int main(int argc, char **argv)
 {
-#define WITH(test) cmocka_unit_test_setup(test, setup)
+#define WITH(test, method) cmocka_unit_test_setup_teardown(test, setup_##method, teardown)
+#define WITH_ALL(test) WITH(test, learned), WITH(test, rld), WITH(test, frl)
     const struct CMUnitTest tests[] = {
-        WITH(frames_shared_by_ranks_give_one_ranks_volumes),
-        WITH(branches_shared_by_ranks_give_one_ranks_volumes),
-        WITH(rows_shared_by_ranks_give_one_ranks_volumes),
-        WITH(a_nan_of_one_rank_ends_all_and_names_the_frame),
-        WITH(a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volume),
+        WITH_ALL(frames_shared_by_ranks_give_one_ranks_volumes),
+        WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),
+        WITH_ALL(rows_shared_by_ranks_give_one_ranks_volumes),
+        WITH_ALL(a_nan_of_one_rank_ends_all_and_names_the_frame),
+        WITH_ALL(an_interrupted_run_goes_on_with_the_frames_that_are_missing),
+        WITH(a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volume, learned),
     };
     return test_mpi_main(tests, argc, argv);
 }

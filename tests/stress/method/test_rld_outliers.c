@@ -14,8 +14,8 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/method/estimator.h"
 #include "v2v3d/optics/psf.h"
-#include "v2v3d/recon/rld.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -108,14 +108,22 @@ static double mean_of(const float *views)
 static void check(const struct outlier *outlier, int64_t iterations)
 {
     static float views[SAMPLES], one[VOXELS], other[VOXELS];
-    struct v2v_rld *rld = NULL;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_estimator *rld = NULL;
+    struct v2v_config config;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    float *one_volume = one, *other_volume = other;
     double within = 0.0, beyond = 0.0, squares = 0.0, size = 0.0;
     int64_t reach = (2 * iterations * VIEWS - 1) * REACH, counted = 0;
-    assert_ok(v2v_rld_create(&rld, &psf, SIDE, SIDE, 0.5, V2V_SPLIT_SLICES, NULL));
+    v2v_config_defaults(&config);
+    config.deconv.iterations = iterations;
+    assert_ok(v2v_estimator_find(&ops, "rld"));
+    assert_ok(v2v_estimator_create(&rld, ops, &problem, NULL));
     record(views, outlier, there);
-    assert_ok(v2v_rld_run(rld, other, views, iterations));
+    assert_ok(ops->run(rld, &other_volume, views, NULL));
     record(views, outlier, here);
-    assert_ok(v2v_rld_run(rld, one, views, iterations));
+    assert_ok(ops->run(rld, &one_volume, views, NULL));
     for (int64_t i = 0; i < VOXELS; i++) {
         int64_t near = distance(i, here, outlier->side), far = distance(i, there, outlier->side);
         double d = fabs((double)one[i] - (double)other[i]);
@@ -136,7 +144,7 @@ static void check(const struct outlier *outlier, int64_t iterations)
     assert_true(counted > VOXELS / 10);
     assert_true(within > 1e-3); /* it was there */
     assert_true(sqrt(squares / size) <= bound);
-    v2v_rld_destroy(&rld);
+    v2v_estimator_destroy(&rld);
 }
 
 static void broken_pixels_spoil_nothing_beyond_the_kernels_reach(void **state)

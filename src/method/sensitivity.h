@@ -3,8 +3,8 @@
  *  With ones for a view, the correlation is the PSF summed over the rectangle that falls inside the
  *  frame, which summed-area tables answer without a transform and in K*K instead of y*x numbers per
  *  view and slice (67 MB instead of 0.5 GB for 13 views of 39 slices of 512 x 512). */
-#ifndef RECON_SENSITIVITY_H
-#define RECON_SENSITIVITY_H
+#ifndef METHOD_SENSITIVITY_H
+#define METHOD_SENSITIVITY_H
 
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/par/comm.h"

@@ -1,0 +1,132 @@
+/** Ways from the views of a frame to its volume: the interface that reconstruction knows them by.
+ *
+ *  Purpose: one const table of functions a method (struct v2v_estimator_ops), all of them listed in
+ *  src/method/estimators.c. Frames, ranks, units, padding, writing and resuming are written once,
+ *  over it (recon/recon.h).
+ *  Invariants: an estimator is made for one frame size, and nothing is allocated in run; ranks of
+ *  its shard share a frame, never the answer; a failure of run is agreed by them.
+ *
+ *  Example (compiled by tests/unit/method):
+ *
+ *      struct v2v_problem problem = {.config = &config, .psf = &psf, .height = 512, .width = 512};
+ *      V2V_TRY(v2v_estimator_find(&ops, "rld"));
+ *      V2V_TRY(v2v_estimator_create(&estimator, ops, &problem, comm));
+ *      V2V_TRY(ops->run(estimator, &volume, views, NULL));
+ *  done:
+ *      v2v_estimator_destroy(&estimator);
+ */
+#ifndef V2V3D_METHOD_ESTIMATOR_H
+#define V2V3D_METHOD_ESTIMATOR_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/nn/network.h"
+#include "v2v3d/par/grid.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { V2V_ESTIMATOR_MOST_OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
+
+/** What an estimator is made for; the pointers are borrowed at its creation. */
+struct v2v_problem {
+    const struct v2v_config *config;
+    const struct v2v_psf_file *psf;
+    const char *weights;          /**< file of the network in config; NULL: the method needs none */
+    int64_t height, width;        /**< of a frame as recorded */
+    int precision;                /**< V2V_PRECISION_F32 or _BF16 */
+    double skip;                  /**< tolerance; 0: nothing is left out */
+    unsigned outputs;             /**< bits 1u << output: those of this rank; 0: all */
+    int64_t floats, floats_a_row; /**< where memory is limited, room that is left for arrays that
+                                       are taken later, and for each row of this rank's volumes */
+};
+
+struct v2v_estimator_ops;
+
+struct v2v_estimator {
+    const struct v2v_estimator_ops *ops;
+    const struct v2v_comm *shard;
+    int64_t height, width;  /**< of the views that run takes: multiples of the unit */
+    unsigned held;          /**< outputs of this rank, as bits */
+    struct v2v_part slices; /**< of the volumes, on this rank: all but where ranks share slices */
+    double computed_part;   /**< of the work, by the last run, 0 .. 1 */
+    int64_t frame;          /**< under way: set by the caller, for monitors and messages */
+    double units;           /**< volume * units is in the recording's: set by the caller, else 1 */
+    void *self;             /**< the method's own */
+};
+
+/** The volume after an iteration. */
+struct v2v_iterate {
+    struct v2v_estimator *estimator;
+    void (*to_slices)(struct v2v_estimator *estimator, float *slices, const float *volume);
+    const float *volume; /**< as the method holds it */
+    double scale;        /**< volume * scale is in units of the views */
+};
+
+/** The volume in whole slices, estimator->slices of them, in the units of the recording.
+ *  @kind Collective(shard), no allocation. @param slices [slices,y,x] out; not the volume of run */
+void v2v_iterate_slices(const struct v2v_iterate *iterate, float *slices);
+
+/** Who looks on while a method iterates. */
+struct v2v_monitor {
+    /** Called after every iteration, from 1 on. @kind Collective(shard).
+     *  @return bool: this was the last one; the same on all ranks of the shard */
+    int (*enough)(void *context, int64_t iteration, const struct v2v_iterate *iterate);
+    void *context;
+};
+
+struct v2v_estimator_ops {
+    const char *name;    /**< in configurations */
+    const char *meaning; /**< one line, for --help */
+    int is_learned;      /**< bool: it needs weights, and views of the gain they are trained at;
+                              else views scaled by s give the volume scaled by s */
+    const void *variant; /**< what rows with the same functions differ in */
+
+    /** What a frame takes: rows, unit of its sides, cuts, memory, ranks that may share it
+     *  (most_shards), outputs (most_branches), the mean of which is the result. @kind Local.
+     *  @return V2V_OK | V2V_E_CONFIG (settings that the method cannot work with) */
+    enum v2v_status (*describe_work)(struct v2v_grid_work *work, const struct v2v_problem *problem);
+    /** The common fields are set already. @kind Collective(shard).
+     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_INTERNAL; agreed by the shard */
+    enum v2v_status (*create)(struct v2v_estimator *estimator, const struct v2v_problem *problem);
+    /** After whatever part of create was done; self may be NULL. @kind Local. */
+    void (*destroy)(struct v2v_estimator *estimator);
+    /** Rows of the volumes that a rank of the shard computes; NULL: all. @kind Local. */
+    struct v2v_part (*rows_of)(const struct v2v_estimator *estimator, int rank);
+    /** volume[o] [slices,rows,x] of every output held, from views [v,y,x], the same on all ranks of
+     *  the shard. Iterations re-arm the watchdog. @kind Collective(shard), no allocation.
+     *  @param monitor NULL: nobody looks on
+     *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC; agreed by the shard */
+    enum v2v_status (*run)(struct v2v_estimator *estimator, float *const *volume,
+                           const float *views, const struct v2v_monitor *monitor);
+};
+
+int64_t v2v_estimator_count(void);
+const struct v2v_estimator_ops *v2v_estimator_at(int64_t index);
+
+/** By name. @kind Local. @return V2V_OK | V2V_E_CONFIG (names those that there are) */
+enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops,
+                                   const char *name) V2V_MUST_CHECK;
+
+/** @kind Collective(shard), which is borrowed. @return V2V_OK or as describe_work and create;
+ *  agreed */
+enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
+                                     const struct v2v_estimator_ops *ops,
+                                     const struct v2v_problem *problem,
+                                     const struct v2v_comm *shard) V2V_MUST_CHECK;
+void v2v_estimator_destroy(struct v2v_estimator **estimator);
+
+/** Does this rank hold output `o`? @kind Local. */
+static inline int v2v_estimator_holds(const struct v2v_estimator *estimator, int o)
+{
+    return (estimator->held >> o & 1) != 0;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

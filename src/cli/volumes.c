@@ -1,0 +1,195 @@
+#include "cli/volumes.h"
+
+#include "cli/steps.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/nn/precision.h"
+#include "v2v3d/recon/recon.h"
+#include "v2v3d/v2v/model.h"
+#include <string.h>
+
+/* What a run opens and makes. */
+struct work {
+    const struct v2v_volumes *given;
+    const struct v2v_estimator_ops *ops;
+    struct v2v_part frames;
+    struct v2v_psf_file psf;
+    struct v2v_recording *recording;
+    struct v2v_scaling scaling;
+    struct v2v_problem problem;
+    struct v2v_recon *recon;
+    struct v2v_provenance provenance;
+    struct v2v_volume_writer *writer;
+};
+
+static double skip_of(const struct v2v_recon_settings *recon)
+{
+    return recon->skip.mode == V2V_NUMBER_NONE   ? 0.0
+           : recon->skip.mode == V2V_NUMBER_AUTO ? V2V_SKIP_AUTO
+                                                 : recon->skip.value;
+}
+
+/* FIRST:COUNT; all frames when it is not given. */
+static enum v2v_status parse_frames(struct v2v_part *frames, const char *text)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char what[] = "--frames FIRST:COUNT";
+    char first[32];
+    *frames = (struct v2v_part){0, INT64_MAX};
+    if (text != NULL) {
+        const int digits = (int)strcspn(text, ":");
+        V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits, text));
+        V2V_TRY(v2v_text_to_i64(&frames->first, first, 0, INT64_MAX, what, V2V_E_USAGE));
+        V2V_TRY(v2v_text_to_i64(&frames->count, text[digits] == ':' ? text + digits + 1 : "", 1,
+                                INT64_MAX, what, V2V_E_USAGE));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status check(struct work *work, const struct v2v_session *session)
+{
+    const struct v2v_volumes *given = work->given;
+    if (work->ops->is_learned && skip_of(&session->config.recon) > 0.0 &&
+        !session->config.model.winograd) {
+        return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
+    }
+    if (given->branches && !v2v_step_is_hdf5_name(given->output)) {
+        return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
+                        given->output);
+    }
+    return parse_frames(&work->frames, given->frames);
+}
+
+/* Outputs get their names only when they are complete. Collective. */
+static int is_done(const struct v2v_volumes *given, const struct v2v_session *session)
+{
+    int done = given->resume && v2v_file_exists(given->output);
+    v2v_par_broadcast(session->world, &done, sizeof done, 0);
+    if (done) {
+        v2v_log(V2V_LOG_INFO, "%s is complete already", given->output);
+    }
+    return done;
+}
+
+/* The weights, and what convolutions compute in; what was decided against is not what the volume's
+ * provenance shall say. Collective. */
+static enum v2v_status settle_network(struct work *work, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_weights_info network;
+    struct v2v_recon_settings *recon = &session->config.recon;
+    struct v2v_problem *problem = &work->problem;
+    V2V_TRY(v2v_step_weights_info(session, &network, work->given->weights, &work->psf));
+    V2V_TRY(v2v_precision_agree(&problem->precision, recon->precision, session->world));
+    if (problem->precision == V2V_PRECISION_F32) {
+        recon->precision = V2V_PRECISION_F32;
+    }
+    problem->skip = skip_of(recon);
+    if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
+        v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
+    }
+done:
+    return rc;
+}
+
+/* Inputs and the method, before anything is written. Collective. */
+static enum v2v_status prepare(struct work *work, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volumes *given = work->given;
+    struct v2v_input_settings input = session->config.input;
+    V2V_TRY(v2v_step_psf(session, &work->psf, given->psf));
+    V2V_TRY(v2v_step_recording(session, &work->recording, given->input, &work->psf));
+    const struct v2v_recording_info *info = v2v_recording_info(work->recording);
+    work->problem = (struct v2v_problem){.config = &session->config,
+                                         .psf = &work->psf,
+                                         .weights = given->weights,
+                                         .height = info->height,
+                                         .width = info->width,
+                                         .precision = V2V_PRECISION_F32};
+    if (work->ops->is_learned) {
+        V2V_TRY(settle_network(work, session));
+    } else {
+        input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
+    }
+    V2V_TRY(v2v_recon_create(&work->recon, work->ops, &work->problem,
+                             v2v_smaller(info->frames - work->frames.first, work->frames.count),
+                             session->world));
+    V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
+    /* after the whole recording has decided on the scaling: a range has the bits of the whole */
+    V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
+done:
+    return rc;
+}
+
+static enum v2v_status open_output(struct work *work, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volumes *given = work->given;
+    struct v2v_provenance *provenance = &work->provenance;
+    const struct v2v_volume_info info =
+        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+    unsigned datasets = 1u << V2V_VOLUME_MEAN;
+    if (given->branches) {
+        datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
+    }
+    V2V_TRY(v2v_provenance_init(provenance, session, &work->psf, given->weights, &work->scaling));
+    V2V_TRY(v2v_provenance_task(provenance, session, given->input, work->frames.first));
+    V2V_TRY((given->resume ? v2v_volume_resume : v2v_volume_create)(
+        &work->writer, given->output, &info, datasets, provenance->item, provenance->count,
+        session->world));
+done:
+    return rc;
+}
+
+static void report_skipped(const struct work *work)
+{
+    const double part = v2v_recon_computed_part(work->recon);
+    if (work->problem.skip > 0.0 && work->problem.precision == V2V_PRECISION_F32) {
+        v2v_log(V2V_LOG_INFO,
+                "computed %.1f %% of the tiles; the rest holds less light than %g of the "
+                "brightest, or than noise",
+                100.0 * part, work->problem.skip);
+    }
+}
+
+static void close_all(struct work *work, enum v2v_status rc)
+{
+    if (rc == V2V_STOPPED || rc == V2V_E_IO) {
+        v2v_volume_suspend(&work->writer);
+    }
+    v2v_volume_abandon(&work->writer);
+    v2v_provenance_fini(&work->provenance);
+    v2v_recon_destroy(&work->recon);
+    v2v_recording_close(&work->recording);
+    v2v_psf_file_fini(&work->psf);
+}
+
+enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
+                                 const struct v2v_estimator_ops *ops,
+                                 const struct v2v_monitor *monitor, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct work work = {.given = given, .ops = ops};
+    V2V_TRY(check(&work, session));
+    if (is_done(given, session)) {
+        goto done;
+    }
+    V2V_TRY(v2v_step_output(session, given->output,
+                            (const char *const[]){given->psf, given->weights, given->input}, 3));
+    V2V_TRY(prepare(&work, session));
+    V2V_TRY(open_output(&work, session));
+    v2v_step_announce(session);
+    struct v2v_par_time began = v2v_par_time_now();
+    V2V_TRY(v2v_recon_run(work.recon, work.recording, &work.scaling, work.writer, given->branches,
+                          monitor));
+    v2v_step_communication(session, &began);
+    report_skipped(&work);
+    V2V_TRY(v2v_volume_finish(&work.writer));
+done:
+    close_all(&work, rc);
+    return rc;
+}

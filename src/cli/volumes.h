@@ -1,0 +1,33 @@
+/** Volumes of a recording, by whatever method: what `reconstruct`, `deconvolve` and the demo share.
+ */
+#ifndef V2V_CLI_VOLUMES_H
+#define V2V_CLI_VOLUMES_H
+
+#include "cli/command.h"
+#include "v2v3d/method/estimator.h"
+
+/** Arguments of a command that makes volumes. */
+struct v2v_volumes {
+    struct v2v_common common;
+    const char *psf, *weights, *input, *output;
+    const char *frames; /* FIRST:COUNT; NULL: all */
+    int branches, resume;
+};
+
+/** Rows of its options. */
+#define V2V_OPTIONS_VOLUMES                                                                        \
+    V2V_OPTION_SWITCH(struct v2v_volumes, resume, "resume",                                        \
+                      "go on with what an interrupted run left; a complete output stays"),         \
+    {                                                                                              \
+        .name = "frames", .kind = V2V_OPTION_TEXT, .at = offsetof(struct v2v_volumes, frames),     \
+        .value = "FIRST:COUNT", .help = "these of the recording, from 0; fewer where it ends"      \
+    }
+
+/** Read, settle, reconstruct, write. @param monitor of a method that iterates; may be NULL.
+ *  @kind Collective(world). @return agreed or not */
+enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
+                                 const struct v2v_estimator_ops *ops,
+                                 const struct v2v_monitor *monitor,
+                                 struct v2v_session *session) V2V_MUST_CHECK;
+
+#endif

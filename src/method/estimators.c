@@ -1,0 +1,93 @@
+#include "v2v3d/method/estimator.h"
+
+#include "method/learned.h"
+#include "method/richardson_lucy.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/pad.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* One row a method. */
+static const struct v2v_estimator_ops *const estimators[] = {&v2v_estimator_rld, &v2v_estimator_frl,
+                                                             &v2v_estimator_learned};
+
+enum { ESTIMATORS = sizeof estimators / sizeof *estimators };
+
+int64_t v2v_estimator_count(void)
+{
+    return ESTIMATORS;
+}
+
+const struct v2v_estimator_ops *v2v_estimator_at(int64_t index)
+{
+    V2V_ASSERT(index >= 0 && index < ESTIMATORS);
+    return estimators[index];
+}
+
+enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops, const char *name)
+{
+    char known[128] = "";
+    for (int i = 0; i < ESTIMATORS; i++) {
+        if (strcmp(name, estimators[i]->name) == 0) {
+            *ops = estimators[i];
+            return V2V_OK;
+        }
+        size_t used = strlen(known);
+        snprintf(known + used, sizeof known - used, "%s%s", i > 0 ? "|" : "", estimators[i]->name);
+    }
+    return V2V_FAIL(V2V_E_CONFIG, "deconv.method: '%s' is none of %s", name, known);
+}
+
+enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
+                                     const struct v2v_estimator_ops *ops,
+                                     const struct v2v_problem *problem,
+                                     const struct v2v_comm *shard)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *made = NULL;
+    struct v2v_grid_work work;
+    *estimator = NULL;
+    rc = ops->describe_work(&work, problem);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(made, "estimator", 1);
+    }
+    V2V_TRY(v2v_par_agree(shard, rc));
+    const unsigned all = (1u << work.most_branches) - 1;
+    *made = (struct v2v_estimator){.ops = ops,
+                                   .shard = shard,
+                                   .height = v2v_pad_size(problem->height, work.unit),
+                                   .width = v2v_pad_size(problem->width, work.unit),
+                                   .held = problem->outputs != 0 ? problem->outputs & all : all,
+                                   .slices = {0, problem->psf->slices},
+                                   .computed_part = 1.0,
+                                   .units = 1.0};
+    V2V_TRY(ops->create(made, problem));
+    *estimator = made;
+    made = NULL;
+done:
+    v2v_estimator_destroy(&made);
+    return rc;
+}
+
+void v2v_estimator_destroy(struct v2v_estimator **estimator)
+{
+    struct v2v_estimator *old = *estimator;
+    *estimator = NULL;
+    if (old != NULL) {
+        old->ops->destroy(old);
+        v2v_mem_free(old);
+    }
+}
+
+void v2v_iterate_slices(const struct v2v_iterate *iterate, float *slices)
+{
+    struct v2v_estimator *estimator = iterate->estimator;
+    const int64_t count = estimator->slices.count * estimator->height * estimator->width;
+    const double scale = iterate->scale * estimator->units;
+    iterate->to_slices(estimator, slices, iterate->volume);
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        slices[i] = (float)(slices[i] * scale);
+    }
+}

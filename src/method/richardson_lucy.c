@@ -1,0 +1,314 @@
+#include "method/richardson_lucy.h"
+
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/optics/cost.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+/* A voxel that contributes less than this fraction of a view's total PSF to that view is invisible
+ * in it (of 39 slices, an even share is 2.6e-2) and keeps its value; one that no view sees is 0.
+ * The same fraction makes a pixel blind that would see less of a volume of ones: near the border of
+ * a tilted view all of its voxels may lie beyond the frame. Its ratio is recorded light over round-
+ * off, up to 1 / V2V_PROJECTION_FLOOR; the adjoint takes it nowhere, but the transforms' round-off
+ * of a number so large spreads over the whole volume (1e-3 of it, measured). */
+static const double sensitivity_floor = 1e-4;
+
+/* What only the creation needs. */
+struct scratch {
+    double *light;  /* [view_rows,x] */
+    double *table;  /* [ky 0..K, kx 0..K] */
+    double *of_row; /* [v,y]: a row's light */
+};
+
+/** Project a volume of ones: its mean, and the pixels that stay dark. Collective(comm). The mean's
+ *  terms are added in one order for any number of ranks. */
+static void project_ones(struct v2v_richardson_lucy *self, const struct v2v_psf_file *psf,
+                         struct scratch *scratch)
+{
+    double sum = 0;
+    int64_t pixels = v2v_richardson_lucy_pixels(self), all_rows = self->views * self->height;
+    for (int64_t v = 0; v < self->views; v++) {
+        double *of_row = scratch->of_row + v * self->height + self->share.view_rows.first;
+        double floor = sensitivity_floor * self->sensitivity.total[v];
+        v2v_sensitivity_light(&self->sensitivity, scratch->light, psf, v, self->share.view_rows,
+                              scratch->table);
+        for (int64_t i = 0; i < pixels; i++) {
+            of_row[i / self->width] += scratch->light[i];
+            self->blind[v * pixels + i] = !(scratch->light[i] > floor);
+        }
+    }
+    v2v_par_sum_f64(self->comm, scratch->of_row, all_rows);
+    for (int64_t i = 0; i < all_rows; i++) {
+        sum += scratch->of_row[i];
+    }
+    self->constant_view = sum / (double)(all_rows * self->width);
+}
+
+/** Local: what the run needs beside the projector, and what only its creation needs. */
+static enum v2v_status take_memory(struct v2v_richardson_lucy *self, struct scratch *scratch,
+                                   const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_projector_share *share = &self->share;
+    int64_t voxels = v2v_mem_product(share->slices.count, share->rows.count, self->width);
+    int64_t pixels = v2v_mem_product(share->view_rows.count, self->width, 1);
+    V2V_TRY(
+        v2v_sensitivity_init(&self->sensitivity, psf, share->slices, self->height, self->width));
+    V2V_TRY(V2V_ALLOC(self->ratio, "rld.ratio", pixels));
+    V2V_TRY(V2V_ALLOC(self->numerator, "rld.correction", voxels));
+    if (self->correction->has_denominator) {
+        V2V_TRY(V2V_ALLOC(self->denominator, "rld.correction", voxels));
+    }
+    V2V_TRY(V2V_ALLOC(self->seen, "rld.seen", share->slices.count * self->width));
+    V2V_TRY(V2V_ALLOC(self->blind, "rld.blind", v2v_mem_product(self->views, pixels, 1)));
+    if (share->rows.count < self->height) {
+        V2V_TRY(V2V_ALLOC(self->volume, "rld.volume", voxels));
+    }
+    V2V_TRY(V2V_ALLOC(scratch->light, "rld.light", pixels));
+    V2V_TRY(V2V_ALLOC(scratch->table, "rld.light",
+                      v2v_mem_product(psf->height + 1, psf->width + 1, 1)));
+    V2V_TRY(V2V_ALLOC(scratch->of_row, "rld.light", v2v_mem_product(self->views, self->height, 1)));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
+                                                  const struct v2v_problem *problem)
+{
+    enum { VOLUMES = 5, VIEWS = 3 }; /* those of the caller with them */
+    const struct v2v_psf_file *psf = problem->psf;
+    const int64_t height = problem->height, width = problem->width;
+    const int64_t images =
+        v2v_mem_product(VOLUMES * psf->slices + VIEWS * psf->views, height, width);
+    *work = (struct v2v_grid_work){
+
+        .height = height,
+        .unit = 1,
+        .most_shards = INT_MAX,
+        .most_branches = 1,
+        .bytes = v2v_projector_bytes(psf, height, width, V2V_SPLIT_SLICES, 1) +
+                 images * (int64_t)sizeof(float)};
+    return v2v_stop_rule_check(problem);
+}
+
+/** Collective(shard), agreed. */
+static enum v2v_status prepare(struct v2v_richardson_lucy *self, const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    struct scratch scratch = {0};
+    enum v2v_split split;
+    V2V_TRY(v2v_projector_choose_split(&split, problem->config->parallel.split, problem->psf,
+                                       self->height, self->width, 1, self->comm));
+    V2V_TRY(v2v_projector_create(&self->projector, problem->psf, self->height, self->width, split,
+                                 self->comm));
+    self->share = v2v_projector_share(self->projector);
+    rc = take_memory(self, &scratch, problem->psf);
+    if (rc == V2V_OK) {
+        rc = v2v_stop_rule_init(&self->stop, problem);
+    }
+    V2V_TRY(v2v_par_agree(self->comm, rc));
+    project_ones(self, problem->psf, &scratch);
+done:
+    v2v_mem_free(scratch.of_row);
+    v2v_mem_free(scratch.table);
+    v2v_mem_free(scratch.light);
+    return rc;
+}
+
+enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
+                                           const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_richardson_lucy *self = NULL;
+    V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "rld", 1)));
+    estimator->self = self;
+    *self = (struct v2v_richardson_lucy){.correction = estimator->ops->variant,
+                                         .estimator = estimator,
+                                         .comm = estimator->shard,
+                                         .views = problem->psf->views,
+                                         .height = problem->height,
+                                         .width = problem->width,
+                                         .iterations = problem->config->deconv.iterations,
+                                         .weight = problem->config->deconv.weight};
+    V2V_TRY(prepare(self, problem));
+    estimator->slices = v2v_projector_slices(self->projector);
+done:
+    return rc;
+}
+
+void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
+{
+    struct v2v_richardson_lucy *self = estimator->self;
+    if (self != NULL) {
+        v2v_projector_destroy(&self->projector);
+        v2v_sensitivity_fini(&self->sensitivity);
+        v2v_stop_rule_fini(&self->stop);
+        v2v_mem_free(self->volume);
+        v2v_mem_free(self->ratio);
+        v2v_mem_free(self->numerator);
+        v2v_mem_free(self->denominator);
+        v2v_mem_free(self->seen);
+        v2v_mem_free(self->blind);
+        v2v_mem_free(self);
+    }
+}
+
+/** Local: the mean of the views where they are positive, 0 elsewhere. */
+static enum v2v_status mean_of_views(double *mean, const struct v2v_richardson_lucy *self,
+                                     const float *views)
+{
+    int64_t pixels = self->height * self->width, count = self->views * pixels;
+    int64_t bad = v2v_first_not_finite(views, count);
+    if (bad >= 0) {
+        return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
+                        (long long)(bad / pixels), (long long)(bad / self->width % self->height),
+                        (long long)(bad % self->width));
+    }
+    double sum = 0;
+    for (int64_t i = 0; i < count; i++) {
+        sum += views[i] > 0 ? views[i] : 0;
+    }
+    *mean = sum / (double)count;
+    return V2V_OK;
+}
+
+/** Constant start whose projections have mean 1; 0 where no view sees the voxel. */
+static void start(const struct v2v_richardson_lucy *self, float *volume)
+{
+    float value = self->constant_view > 0 ? (float)(1 / self->constant_view) : 0;
+#pragma omp parallel for schedule(static)
+    for (int64_t z = 0; z < self->share.slices.count; z++) {
+        double *seen = self->seen + z * self->width;
+        for (int64_t y = 0; y < self->share.rows.count; y++) {
+            float *row = volume + (z * self->share.rows.count + y) * self->width;
+            for (int64_t x = 0; x < self->width; x++) {
+                row[x] = 0;
+            }
+            for (int64_t v = 0; v < self->views; v++) {
+                double floor = sensitivity_floor * self->sensitivity.total[v];
+                v2v_sensitivity_row(&self->sensitivity, seen, v, z, self->share.rows.first + y);
+                for (int64_t x = 0; x < self->width; x++) {
+                    row[x] = seen[x] > floor ? value : row[x];
+                }
+            }
+        }
+    }
+}
+
+/** x <- max(x * ((1-w) + w * numerator / denominator), 0) where the view sees the voxel. */
+static void multiply(const struct v2v_richardson_lucy *self, float *volume, int64_t v)
+{
+    double floor = sensitivity_floor * self->sensitivity.total[v], w = self->weight;
+#pragma omp parallel for schedule(static)
+    for (int64_t z = 0; z < self->share.slices.count; z++) {
+        double *seen = self->seen + z * self->width;
+        for (int64_t y = 0; y < self->share.rows.count; y++) {
+            int64_t row = (z * self->share.rows.count + y) * self->width;
+            const float *own = self->denominator != NULL ? self->denominator + row : NULL;
+            v2v_sensitivity_row(&self->sensitivity, seen, v, z, self->share.rows.first + y);
+            for (int64_t x = 0; x < self->width; x++) {
+                double below =
+                    own != NULL ? fmax(own[x], (double)V2V_PROJECTION_FLOOR * seen[x]) : seen[x];
+                double factor =
+                    seen[x] > floor ? (1 - w) + w * (double)self->numerator[row + x] / below : 1;
+                volume[row + x] = factor < 0 ? 0 : (float)(volume[row + x] * factor);
+            }
+        }
+    }
+}
+
+/** Local: NaN, Inf, a fault point or a request to stop, each found by one rank, end all ranks. */
+static enum v2v_status look(const struct v2v_richardson_lucy *self, const float *volume,
+                            int64_t iteration)
+{
+    enum v2v_status rc = V2V_FAULT_POINT("rld.iteration");
+    int64_t rows = self->share.rows.count, width = self->width;
+    int64_t bad = v2v_first_not_finite(volume, self->share.slices.count * rows * width);
+    if (bad >= 0) {
+        rc = V2V_FAIL(
+            V2V_E_NUMERIC,
+            "frame %lld, %s iteration %lld: NaN or Inf at slice %lld, row %lld, column "
+            "%lld",
+            (long long)self->estimator->frame, self->estimator->ops->name, (long long)iteration,
+            (long long)(self->share.slices.first + bad / (rows * width)),
+            (long long)(self->share.rows.first + bad / width % rows), (long long)(bad % width));
+    } else if (rc == V2V_OK && v2v_stop_requested()) {
+        rc = V2V_FAIL(V2V_STOPPED, "stopped on request in %s iteration %lld",
+                      self->estimator->ops->name, (long long)iteration);
+    }
+    return rc;
+}
+
+static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, const float *views,
+                               const struct v2v_view_list *list, double mean, int64_t iteration)
+{
+    const int64_t pixels = self->height * self->width;
+    const float *rows = views + self->share.view_rows.first * self->width;
+    v2v_watchdog_beat("an iteration of the deconvolution");
+    for (int64_t i = 0; i < list->count; i++) {
+        int32_t v = list->view[i];
+        v2v_projector_forward(self->projector, self->ratio, volume, &v, 1, 1.0f);
+        self->correction->correct(self, rows + v * pixels, v, (float)(1 / mean));
+        multiply(self, volume, v);
+    }
+    return v2v_par_agree(self->comm, look(self, volume, iteration));
+}
+
+static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)
+{
+    struct v2v_richardson_lucy *self = estimator->self;
+    v2v_projector_to_slices(self->projector, slices, volume);
+}
+
+/** Collective(shard): from the start until the monitor (NULL: none) has seen enough. */
+static enum v2v_status iterate_on(struct v2v_estimator *estimator, float *volume,
+                                  const float *views, const struct v2v_view_list *list, double mean,
+                                  int64_t iterations, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_richardson_lucy *self = estimator->self;
+    const struct v2v_iterate now = {estimator, to_slices, volume, mean};
+    int enough = 0;
+    start(self, volume);
+    for (int64_t i = 1; i <= iterations && !enough; i++) {
+        V2V_TRY(iterate(self, volume, views, list, mean, i));
+        enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *const *volume,
+                                        const float *views, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_richardson_lucy *self = estimator->self;
+    const struct v2v_stop_rule *stop = &self->stop;
+    float *own = self->volume != NULL ? self->volume : volume[0];
+    double mean = 0;
+    V2V_TRY(v2v_par_agree(self->comm, mean_of_views(&mean, self, views)));
+    v2v_par_max_f64(self->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
+    /* A dark frame is a dark volume; and below FLT_MIN 1/mean would overflow. */
+    int64_t needed = mean > 1e-37 ? self->iterations : 0;
+    if (stop->rule == V2V_STOP_HELDOUT && needed > 0) {
+        struct v2v_judge judge = {.method = self, .views = views, .mean = mean};
+        const struct v2v_monitor rule = {v2v_judge_enough, &judge};
+        V2V_TRY(iterate_on(estimator, own, views, &stop->used, mean, needed, &rule));
+        needed = judge.best;
+    }
+    V2V_TRY(iterate_on(estimator, own, views, &stop->all, mean, needed, monitor));
+    int64_t count = self->share.slices.count * self->share.rows.count * self->width;
+    for (int64_t i = 0; i < count; i++) {
+        own[i] = (float)(own[i] * mean);
+    }
+    V2V_TRY(v2v_par_agree(self->comm, look(self, own, needed)));
+    v2v_projector_to_slices(self->projector, volume[0], own);
+done:
+    return rc;
+}

@@ -1,0 +1,32 @@
+#include "method/richardson_lucy.h"
+
+/* Phase-space Richardson-Lucy: numerator A_v^T(recorded_v / A_v x), denominator A_v^T 1.
+ * Lu et al., "Phase-space deconvolution for light field microscopy", Optics Express 27, 18131
+ * (2019). */
+
+/** ratio <- recorded / projected, in units of the mean view; 0 where the view is blind. */
+static void divide(float *ratio, const float *recorded, const uint8_t *blind, int64_t count,
+                   float scale)
+{
+    float least = V2V_PROJECTION_FLOOR;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        float above = recorded[i] > 0 && !blind[i] ? recorded[i] * scale : 0;
+        ratio[i] = above / (ratio[i] > least ? ratio[i] : least);
+    }
+}
+
+static void correct(struct v2v_richardson_lucy *self, const float *recorded, int32_t v, float scale)
+{
+    int64_t here = v2v_richardson_lucy_pixels(self);
+    divide(self->ratio, recorded, self->blind + v * here, here, scale);
+    v2v_projector_adjoint(self->projector, self->numerator, self->ratio, &v, 1, 1.0f);
+}
+
+static const struct v2v_correction correction = {.correct = correct};
+
+const struct v2v_estimator_ops v2v_estimator_rld = {
+    .name = "rld",
+    .meaning = "phase-space Richardson-Lucy: A'(y / Ax) / A'1",
+    .variant = &correction,
+    V2V_RICHARDSON_LUCY_OPS};

@@ -1,0 +1,469 @@
+#include "v2v3d/recon/recon.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/par/agreement.h"
+#include "v2v3d/par/slicing.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/pad.h"
+#include "v2v3d/tensor/statistics.h"
+
+enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
+
+struct v2v_recon {
+    struct v2v_estimator *estimator; /* NULL on an idle rank */
+    struct v2v_grid grid;
+    const char *title; /* of the progress */
+    int outputs;
+    int64_t views, slices;
+    int64_t height, width;           /* of a frame */
+    struct v2v_part own;             /* slices that this rank writes */
+    int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
+    int64_t own_rows;                /* .. and what of them is not padding */
+    float *recorded;                 /* [v,y,x] as recorded */
+    float *padded;                   /* [v,y,x] what the method takes */
+    float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
+    float *cut[MOST];                /* [z,own rows,x] in units of the recording; NULL likewise */
+    float *mean;                     /* [z,own rows,x]; the cut output itself where there is one */
+    struct v2v_slicing *slicing;     /* rows of all ranks of the shard and whole slices; NULL: the
+                                    method's slices are whole */
+    float *whole;                    /* [z of this rank,y,x], in an output that was cut already */
+    double parts[2];                 /* computed of the frames so far, and how many */
+    int64_t rounds;                  /* done: every attempt gets one further */
+    struct v2v_agreement *agreement; /* of all ranks, on the rounds */
+    /* of the run under way */
+    struct v2v_recording *recording;
+    const struct v2v_scaling *scaling;
+    struct v2v_volume_writer *writer;
+    const struct v2v_monitor *monitor;
+    int branches;  /* are written, too */
+    int64_t *todo; /* [frames] those that are not done yet, in order */
+    int64_t frames;
+};
+
+/** Local: does this rank compute output o? An idle rank holds none. */
+static int holds(const struct v2v_grid *grid, int o)
+{
+    return !grid->idle && (grid->branch_size == 1 || grid->branch_rank == o);
+}
+
+/** Local: rows that a rank of the shard computes, all of them and without the padding. */
+static struct v2v_part rows_of(const struct v2v_recon *recon, int rank)
+{
+    const struct v2v_estimator *estimator = recon->estimator;
+    return estimator->ops->rows_of != NULL ? estimator->ops->rows_of(estimator, rank)
+                                           : (struct v2v_part){0, estimator->height};
+}
+
+static struct v2v_part own_rows(const struct v2v_recon *recon, int rank)
+{
+    struct v2v_part rows = rows_of(recon, rank);
+    return (struct v2v_part){rows.first, v2v_within(recon->height - rows.first, 0, rows.count)};
+}
+
+/** Local: where ranks hold rows of a frame. */
+static enum v2v_status plan_slicing(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_comm *shard = recon->grid.shard;
+    struct v2v_part *rows = NULL;
+    V2V_TRY(V2V_ALLOC(rows, "recon.slices", v2v_comm_size(shard)));
+    for (int r = 0; r < v2v_comm_size(shard); r++) {
+        rows[r] = own_rows(recon, r);
+    }
+    V2V_TRY(v2v_slicing_create(&recon->slicing, shard, recon->slices, recon->height, recon->width,
+                               rows));
+    recon->own = v2v_slicing_own(recon->slicing);
+done:
+    v2v_mem_free(rows);
+    return rc;
+}
+
+/** Local: the outputs held; the first one's memory is that of whole slices too. */
+static enum v2v_status take_volumes(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t slices = recon->estimator->slices.count;
+    int64_t volume = v2v_mem_product(slices, recon->own_rows, recon->width);
+    int64_t output = v2v_mem_product(slices, recon->rows, recon->estimator->width);
+    int64_t whole =
+        recon->slicing == NULL ? 0 : v2v_mem_product(recon->own.count, recon->height, recon->width);
+    for (int o = 0; o < recon->outputs; o++) {
+        if (holds(&recon->grid, o)) {
+            int is_first = recon->whole == NULL;
+            V2V_TRY(V2V_ALLOC(recon->output[o], "recon.volumes",
+                              is_first && whole > output ? whole : output));
+            V2V_TRY(V2V_ALLOC(recon->cut[o], "recon.volumes", volume));
+            recon->whole = is_first ? recon->output[o] : recon->whole;
+        }
+    }
+    if (recon->outputs > 1) {
+        V2V_TRY(V2V_ALLOC(recon->mean, "recon.volumes", volume));
+    }
+done:
+    return rc;
+}
+
+/** Local: for the views, and for take_volumes: of every row the mean and two of each output held,
+ *  and whole slices. */
+static void leave_room(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
+{
+    int64_t pixels = recon->height * recon->width;
+    int64_t padded_width = v2v_pad_size(recon->width, unit);
+    int64_t padded = v2v_pad_size(recon->height, unit) * padded_width;
+    int64_t images = recon->outputs > 1;
+    int64_t ranks = recon->grid.shard_size,
+            slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
+    for (int o = 0; o < recon->outputs; o++) {
+        images += 2 * holds(&recon->grid, o);
+        problem->outputs |= (unsigned)holds(&recon->grid, o) << o;
+    }
+    problem->floats = recon->views * (pixels + padded) + slices * pixels;
+    problem->floats_a_row = images * recon->slices * padded_width;
+}
+
+/** Collective(world): ranks take frames; where there are too few, outputs and parts of a frame. */
+static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *work,
+                               const struct v2v_problem *problem, int64_t frames,
+                               struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_grid_shape wanted = {(int)problem->config->parallel.branches,
+                                          (int)problem->config->parallel.shards};
+    if (wanted.shards > work->most_shards) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: ranks cannot share a frame's volume"));
+    }
+    work->items = frames;
+    work->most_bytes = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);
+    work->most_shards = problem->config->parallel.reproducible
+                            ? 1
+                            : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));
+    V2V_TRY(v2v_grid_lay_out(&recon->grid, world, &wanted, work));
+done:
+    return rc;
+}
+
+/** Local: what frames need beside the method. */
+static enum v2v_status take_memory(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_estimator *estimator = recon->estimator;
+    const int rank = v2v_comm_rank(recon->grid.shard);
+    recon->own = estimator->slices;
+    recon->first_row = rows_of(recon, rank).first;
+    recon->rows = rows_of(recon, rank).count;
+    recon->own_rows = own_rows(recon, rank).count;
+    V2V_TRY(V2V_ALLOC(recon->recorded, "recon.views",
+                      v2v_mem_product(recon->views, recon->height, recon->width)));
+    V2V_TRY(V2V_ALLOC(recon->padded, "recon.views",
+                      v2v_mem_product(recon->views, estimator->height, estimator->width)));
+    if (recon->grid.shard_size > 1 && estimator->ops->rows_of != NULL) {
+        V2V_TRY(plan_slicing(recon));
+    }
+    V2V_TRY(take_volumes(recon));
+done:
+    return rc;
+}
+
+/** Collective(world): everything is planned, and nothing of it was touched yet. */
+static void announce_memory(const struct v2v_grid *grid)
+{
+    double held = (double)v2v_mem_held();
+    v2v_par_max_f64(grid->world, &held, 1);
+    v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * held);
+}
+
+enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_estimator_ops *ops,
+                                 const struct v2v_problem *problem, int64_t frames,
+                                 struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recon *made = NULL;
+    struct v2v_grid_work work;
+    struct v2v_problem own = *problem;
+    *recon = NULL;
+    rc = ops->describe_work(&work, problem);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(made, "recon", 1);
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
+    *made = (struct v2v_recon){.title = ops->is_learned ? "reconstruct" : "deconvolve",
+                               .outputs = work.most_branches,
+                               .views = problem->psf->views,
+                               .slices = problem->psf->slices,
+                               .height = problem->height,
+                               .width = problem->width};
+    V2V_TRY(lay_out(made, &work, problem, frames, world));
+    rc = v2v_agreement_create(&made->agreement, world);
+    V2V_TRY(v2v_par_agree(world, rc));
+    leave_room(&own, made, work.unit);
+    if (!made->grid.idle) {
+        rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
+        if (rc == V2V_OK) {
+            rc = take_memory(made);
+        }
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
+    announce_memory(&made->grid);
+    *recon = made;
+    made = NULL;
+done:
+    v2v_recon_destroy(&made);
+    return rc;
+}
+
+void v2v_recon_destroy(struct v2v_recon **recon)
+{
+    struct v2v_recon *old = *recon;
+    *recon = NULL;
+    if (old == NULL) {
+        return;
+    }
+    for (int o = 0; o < MOST; o++) {
+        v2v_mem_free(old->cut[o]);
+        v2v_mem_free(old->output[o]);
+    }
+    v2v_slicing_destroy(&old->slicing);
+    v2v_agreement_destroy(&old->agreement);
+    v2v_mem_free(old->mean);
+    v2v_mem_free(old->padded);
+    v2v_mem_free(old->recorded);
+    v2v_mem_free(old->todo);
+    v2v_estimator_destroy(&old->estimator);
+    v2v_grid_destroy(&old->grid);
+    v2v_mem_free(old);
+}
+
+/** Cut the padding off output o and bring it to the recording's units. */
+static enum v2v_status cut(struct v2v_recon *recon, int o, int64_t t)
+{
+    const struct v2v_estimator *estimator = recon->estimator;
+    const int64_t slices = estimator->slices.count;
+    double units = estimator->units;
+#pragma omp parallel for schedule(static)
+    for (int64_t z = 0; z < slices; z++) {
+        for (int64_t y = 0; y < recon->own_rows; y++) {
+            const float *in = recon->output[o] + (z * recon->rows + y) * estimator->width;
+            float *out = recon->cut[o] + (z * recon->own_rows + y) * recon->width;
+            for (int64_t x = 0; x < recon->width; x++) {
+                out[x] = (float)(in[x] * units);
+            }
+        }
+    }
+    int64_t pixels = recon->own_rows * recon->width;
+    int64_t bad = v2v_first_not_finite(recon->cut[o], slices * pixels);
+    if (bad >= 0) {
+        int64_t row = recon->first_row + bad / recon->width % recon->own_rows;
+        return V2V_FAIL(V2V_E_NUMERIC,
+                        "frame %lld, output %d: NaN or Inf at slice %lld, row %lld, column %lld",
+                        (long long)t, o + 1, (long long)(estimator->slices.first + bad / pixels),
+                        (long long)row, (long long)(bad % recon->width));
+    }
+    return V2V_OK;
+}
+
+/** Local: this rank was asked to stop, after its first round. */
+static enum v2v_status heed_stop(const struct v2v_recon *recon)
+{
+    if (recon->rounds > 0 && v2v_stop_requested()) {
+        return V2V_FAIL(V2V_STOPPED, "stopped on request");
+    }
+    return V2V_OK;
+}
+
+/** Local: the views of frame t, as the method takes them. */
+static enum v2v_status load(struct v2v_recon *recon, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
+    V2V_TRY(heed_stop(recon));
+    V2V_TRY(v2v_recording_read(recon->recording, recon->recorded, t));
+    v2v_scaling_apply(recon->scaling, recon->recorded, recon->views * recon->height * recon->width);
+    v2v_pad_reflect(recon->padded, recon->recorded, recon->views, recon->height, recon->width,
+                    recon->estimator->height, recon->estimator->width);
+done:
+    return rc;
+}
+
+/** Collective(shard): the outputs that this rank holds. The status is this rank's. */
+static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *estimator = recon->estimator;
+    estimator->frame = t;
+    V2V_TRY(estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor));
+    recon->parts[0] += estimator->computed_part;
+    recon->parts[1] += 1.0;
+    for (int o = 0; o < recon->outputs; o++) {
+        if (holds(&recon->grid, o)) {
+            V2V_TRY(cut(recon, o, t));
+        }
+    }
+done:
+    return rc;
+}
+
+/** Collective(pair): the result, which both ranks of a pair hold: the mean of two outputs, or the
+ *  one. Halves are added, so that nothing overflows, and x + y = y + x: one rank and two give the
+ *  same bits. */
+static const float *average(struct v2v_recon *recon)
+{
+    if (recon->outputs == 1) {
+        return recon->cut[0];
+    }
+    int64_t count = recon->slices * recon->own_rows * recon->width;
+    const float *first = recon->cut[0] != NULL ? recon->cut[0] : recon->cut[1];
+    const float *second = first == recon->cut[0] ? recon->cut[1] : NULL;
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        float sum = 0.0f + 0.5f * first[i];
+        recon->mean[i] = second != NULL ? sum + 0.5f * second[i] : sum;
+    }
+    if (recon->grid.branch_size == 2) {
+        v2v_par_sum_f32(recon->grid.pair, recon->mean, count);
+    }
+    return recon->mean;
+}
+
+/** Collective(shard): slices of a volume that this rank writes; `rows` itself if they are whole. */
+static const float *make_slices(struct v2v_recon *recon, const float *rows)
+{
+    if (recon->slicing == NULL) {
+        return rows;
+    }
+    v2v_slicing_to_slices(recon->slicing, recon->whole, rows);
+    return recon->whole;
+}
+
+/** Collective(sample): frame t's outputs. The status is that of all its ranks. */
+static enum v2v_status make_frame(struct v2v_recon *recon, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, t)));
+    V2V_TRY(v2v_par_agree(recon->grid.sample, compute(recon, t)));
+done:
+    return rc;
+}
+
+/** Collective(world) as v2v_volume_put: every rank of a shard gets some slices as a whole. It puts
+ *  those of its outputs, and a pair's ranks half of the mean each; a rank without a frame (t = -1)
+ *  takes part with nothing. The status is this rank's. */
+static enum v2v_status put_frame(struct v2v_recon *recon, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_grid *grid = &recon->grid;
+    struct v2v_part own = {0, 0}, half = {0, 0};
+    const float *slices = NULL;
+    int64_t frame = t >= 0 ? t : 0;
+    if (t >= 0) {
+        own = recon->own;
+        half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
+        slices = make_slices(recon, average(recon)) + half.first * recon->height * recon->width;
+    }
+    rc = v2v_volume_put(recon->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
+                        half.count);
+    for (int o = 0; recon->branches && o < recon->outputs; o++) {
+        int is_held = t >= 0 && holds(grid, o);
+        slices = is_held ? make_slices(recon, recon->cut[o]) : NULL; /* with the other ranks */
+        if (rc == V2V_OK) {
+            rc = v2v_volume_put(recon->writer, V2V_VOLUME_BRANCH1 + o, slices, frame, own.first,
+                                is_held ? own.count : 0);
+        }
+    }
+    return rc;
+}
+
+/** Collective(world) as v2v_volume_put, Collective(sample) but for that: a round of this rank, with
+ *  frame t, or none (t = -1), or after a failure, of which the others do not know yet. The status
+ * is that of the frame's ranks. */
+static enum v2v_status run_round(struct v2v_recon *recon, int64_t t, enum v2v_status earlier)
+{
+    enum v2v_status rc = earlier, put = V2V_OK;
+    const struct v2v_comm *sample = recon->grid.sample;
+    if (rc == V2V_OK && t >= 0) {
+        v2v_watchdog_beat("reconstructing a frame");
+        rc = make_frame(recon, t);
+    } else if (rc == V2V_OK && recon->grid.idle) {
+        rc = heed_stop(recon);
+    }
+    int has_frame = rc == V2V_OK && t >= 0;
+    put = put_frame(recon, has_frame ? t : -1);
+    if (has_frame) {
+        V2V_TRY(v2v_par_agree(sample, put));
+        V2V_TRY(v2v_volume_mark_done(recon->writer, t, sample));
+    }
+    recon->rounds++;
+    rc = rc == V2V_OK ? put : rc;
+done:
+    return rc;
+}
+
+/** Collective(world): the frames of all ranks, each rank's as fast as it can. */
+static enum v2v_status run_rounds(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK, mine = V2V_OK;
+    const struct v2v_grid *grid = &recon->grid;
+    struct v2v_progress progress;
+    v2v_progress_begin(&progress, recon->title, 0, recon->frames);
+    for (int64_t done = 0; done < recon->frames; done += grid->data_size) {
+        const int64_t i = done + grid->data_rank;
+        const int64_t t = grid->idle || i >= recon->frames ? -1 : recon->todo[i];
+        mine = run_round(recon, t, mine);
+        V2V_TRY(v2v_agreement_tell(recon->agreement, mine));
+        v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, recon->frames), NULL);
+    }
+    V2V_TRY(v2v_agreement_end(recon->agreement));
+    v2v_progress_end(&progress);
+done:
+    return rc;
+}
+
+/** Local: the frames that are not done yet. */
+static enum v2v_status list_frames(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(recon->recording);
+    recon->frames = 0;
+    v2v_mem_free(recon->todo);
+    V2V_TRY(V2V_ALLOC(recon->todo, "recon.frames", info->frames));
+    if (info->views != recon->views) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the recording has %lld views, the method takes %lld",
+                         (long long)info->views, (long long)recon->views));
+    }
+    for (int64_t t = 0; t < info->frames; t++) {
+        if (!v2v_volume_is_done(recon->writer, t)) {
+            recon->todo[recon->frames++] = t;
+        }
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *recording,
+                              const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
+                              int branches, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    recon->recording = recording;
+    recon->scaling = scaling;
+    recon->writer = writer;
+    recon->branches = branches;
+    recon->monitor = monitor;
+    if (recon->estimator != NULL) {
+        recon->estimator->units = 1 / scaling->gain;
+    }
+    V2V_TRY(v2v_par_agree(recon->grid.world, list_frames(recon)));
+    V2V_TRY(run_rounds(recon));
+done:
+    return rc;
+}
+
+double v2v_recon_computed_part(const struct v2v_recon *recon)
+{
+    double parts[2] = {recon->parts[0], recon->parts[1]};
+    v2v_par_sum_f64(recon->grid.world, parts, 2);
+    return parts[1] > 0.0 ? parts[0] / parts[1] : 1.0;
+}
