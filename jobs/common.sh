@@ -1,7 +1,8 @@
 # Sourced by the job scripts: runs v2v3d on the job's ranks, hands Slurm's warning on, and puts the
 # job back into the queue when the run can go on later.
 #
-#   V2V3D_PROGRAM        the program; default: build/release/v2v3d, else v2v3d of the PATH
+#   V2V3D_PROGRAM        the program; default: build/release/v2v3d, the one that was installed with
+#                        these scripts, v2v3d of the PATH
 #   V2V3D_LAUNCHER       srun (default) or mpirun
 #   V2V3D_LAUNCHER_ARGS  more words for the launcher
 #   V2V3D_MAX_CRASHES    killed runs in a row after which the job is given up; default 5
@@ -12,6 +13,7 @@
 set -uo pipefail
 
 default_program=$V2V3D_HOME/build/release/v2v3d
+[[ -x $default_program ]] || default_program=$V2V3D_HOME/../../bin/v2v3d
 [[ -x $default_program ]] || default_program=v2v3d
 program=${V2V3D_PROGRAM:-$default_program}
 

@@ -21,6 +21,10 @@ prefix=$folder/elsewhere
 for path in share/v2v3d/jobs/train.sbatch share/v2v3d/configs/tiny.yaml include/v2v3d/op/conv.h; do
     [[ -f $prefix/$path ]] || fail "$path was not installed"
 done
+export V2V3D_HOME=$prefix/share/v2v3d
+# shellcheck disable=SC2016 # expanded there
+found=$(bash -c '. "$V2V3D_HOME/jobs/common.sh" && echo "$program"')
+[[ $found -ef $prefix/bin/v2v3d ]] || fail "the installed jobs would run '$found'"
 cp -r "$here" source
 
 # configure FOLDER WORD...
