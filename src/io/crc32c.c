@@ -42,19 +42,14 @@ __attribute__((target("sse4.2"))) static uint32_t crc32c_instruction(uint32_t cr
     return ~(uint32_t)state;
 }
 
+#endif
+
 uint32_t v2v_file_crc32c(uint32_t crc, const void *data, int64_t bytes)
 {
+#ifdef V2V_X86
     if (__builtin_cpu_supports("sse4.2")) {
         return crc32c_instruction(crc, data, bytes);
     }
-    return v2v_file_crc32c_portable(crc, data, bytes);
-}
-
-#else
-
-uint32_t v2v_file_crc32c(uint32_t crc, const void *data, int64_t bytes)
-{
-    return v2v_file_crc32c_portable(crc, data, bytes);
-}
-
 #endif
+    return v2v_file_crc32c_portable(crc, data, bytes);
+}

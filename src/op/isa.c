@@ -2,6 +2,7 @@
 
 #include "op/conv_backend.h"
 #include "op/x86/amx.h"
+#include "v2v3d/base/log.h"
 
 #include <oneapi/dnnl/dnnl.h>
 #include <pthread.h>
@@ -27,9 +28,10 @@ static int user_limits(void)
 
 static void limit_onednn(void)
 {
-    if (!user_limits()) {
-        /* too late, if anything else of oneDNN was called before */
-        V2V_ASSERT(dnnl_set_max_cpu_isa(dnnl_cpu_isa_avx512_core_bf16) != dnnl_invalid_arguments);
+    const dnnl_cpu_isa_t most = dnnl_cpu_isa_avx512_core_bf16;
+    if (!user_limits() && dnnl_set_max_cpu_isa(most) == dnnl_invalid_arguments) {
+        v2v_log(V2V_LOG_WARNING, "oneDNN was in use before and cannot be kept off the tile unit; "
+                                 "DNNL_MAX_CPU_ISA=AVX512_CORE_BF16 would");
     }
 }
 
