@@ -3,7 +3,7 @@
  *  The file's structure never changes once rank 0 has created it (all space is taken at once), so a
  *  crash can only leave frames unwritten. A frame counts as done when its mark in `/done` and its
  *  checksum in `/checksum` both hold: whatever reached the disk, and in whatever order, a frame
- *  with wrong data is none (RELIABILITY.md 1a, P1).
+ *  with wrong data is none.
  */
 #ifndef V2V_IO_H5_RESUME_H
 #define V2V_IO_H5_RESUME_H

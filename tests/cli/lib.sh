@@ -5,7 +5,7 @@
 set -u
 program=$1
 ranks=$2
-limit=${V2V_CLI_LIMIT:-10} # seconds a failing command may take (RELIABILITY.md P6)
+limit=${V2V_CLI_LIMIT:-10} # seconds a failing command may take (src/README.md, invariants)
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 root=${V2V_ROOT:-$here/../..}
 folder=$(mktemp -d "${TMPDIR:-/tmp}/v2v3d-cli.XXXXXX")

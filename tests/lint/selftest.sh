@@ -15,6 +15,9 @@ clean_tree()
     cd "$scratch/tree"
     cp "$root/.clang-format" .
     cp -r "$root/jobs" .
+    rm -f jobs/README.md
+    printf '# Facts\n## 1. Data\nSee [the page](../README.md).\n' >src/REFERENCE.md
+    printf '# Front\nSrc: src/REFERENCE.md 1, [facts](src/REFERENCE.md#1-data)\n' >README.md
     printf '#ifndef A_H\n#define A_H\nint a(int x);\n#endif\n' >include/v2v3d/base/a.h
     printf '#ifndef B_H\n#define B_H\n#include "v2v3d/base/a.h"\n#endif\n' >include/v2v3d/par/b.h
     {
@@ -48,6 +51,16 @@ plant()
     long_line) printf '/* %095d */\n' 0 >>tests/unit/base/test_a.c ;;
     copied_block) { lines 8; printf '\n/* */ }\n'; lines 8 ' x  +=  %g;'; } >src/base/c.c ;;
     copied_into_test) { lines 8 >src/base/c.c; lines 8 >tests/unit/base/test_c.c; } ;;
+    no_document) echo "/* see ATTIC.""md 3 */" >>src/base/a.c ;;
+    no_file) echo '/* see tests/unit/base, src/base/a.c and src/base/cellar.c. */' >>src/base/a.c ;;
+    no_section) echo '/* REFERENCE.md 1 and 2 */' >>src/base/a.c ;;
+    bare_document) echo '/* (ATTIC 3) */' >>src/base/a.c ;;
+    no_link) echo '[plan](src/plan.txt)' >>README.md ;;
+    no_test) echo '`ctest -R unit.base.a`, `ctest -R unit.base.b`' >>README.md ;;
+    an_issue) echo '# the bar of issue 3' >>tools/dev ;;
+    a_session) echo '# found in the last session' >>tools/dev ;;
+    outside_folder) echo '# lies in ../shared' >>jobs/common.sh ;;
+    long_front) lines 131 'line %g' >README.md ;;
     unquoted) echo 'rm $1' >>.ci/run ;;
     unquoted_job) echo 'rm $1' >>jobs/train.sbatch ;;
     no_requeue) sed -i 's/^    85)/    86)/' jobs/common.sh ;;
@@ -72,6 +85,16 @@ sizes|long_function|src/base/c.c:84: a function of 81 lines
 sizes|long_line|tests/unit/base/test_a.c:2: 101 columns
 duplicates|copied_block|src/base/c.c:11: 8 lines stand at src/base/c.c:1 already
 duplicates|copied_into_test|tests/unit/base/test_c.c:1: 8 lines stand at src/base/c.c:1 already
+citations|no_document|src/base/a.c:10: no document ATTIC
+citations|no_file|src/base/a.c:10: no file src/base/cellar.c
+citations|no_section|src/base/a.c:10: src/REFERENCE.md has no section 2
+citations|bare_document|src/base/a.c:10: no document ATTIC 3
+citations|no_link|README.md:3: a link to nowhere: src/plan.txt
+citations|no_test|README.md:3: no test unit.base.b
+citations|an_issue|tools/dev:3: cites an issue
+citations|a_session|tools/dev:3: cites a session
+citations|outside_folder|cites ../shared
+citations|long_front|README.md:131: more than 130 lines
 shell|unquoted|.ci/run
 shell|unquoted_job|jobs/train.sbatch
 jobs|no_requeue|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
@@ -94,7 +117,7 @@ run() # LINT: its exit code; its report goes to a file
 }
 
 clean_tree
-for lint in format arrows headers banned sizes duplicates shell jobs; do
+for lint in format arrows headers banned sizes duplicates citations shell jobs; do
     rc=0
     run "$lint" || rc=$?
     if [[ $rc -eq 77 ]]; then

@@ -53,9 +53,9 @@ const char *test_shared(const char *name)
 {
     static char path[PATH_BYTES];
     const char *root = getenv("V2V_SHARED");
-    int length = snprintf(path, sizeof path, "%s/%s", root != NULL ? root : "../shared", name);
-    if (length >= (int)sizeof path || access(path, R_OK) != 0) {
-        print_message("no %s: V2V_SHARED names the folder of the shared data\n", path);
+    int length = snprintf(path, sizeof path, "%s/%s", root != NULL ? root : "", name);
+    if (root == NULL || length >= (int)sizeof path || access(path, R_OK) != 0) {
+        print_message("no %s: V2V_SHARED names the folder of the golden files\n", path);
         return NULL;
     }
     return path;

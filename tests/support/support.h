@@ -23,7 +23,7 @@ double test_relative_l2_to_double(const float *a, const double *b, int64_t count
  *  that grow evenly, of which this is five times as much. */
 double test_rounding(double terms);
 
-/** Path of a file under the shared data folder, or NULL (and a line that says so) when it is
+/** Path of a file under V2V_SHARED (tests/README.md), or NULL (and a line that says so) when it is
  * absent: the test then calls skip(). The string lives until the next call. */
 const char *test_shared(const char *name);
 

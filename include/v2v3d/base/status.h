@@ -48,7 +48,7 @@ enum v2v_status {
 /** Longest failure message in bytes, with the closing zero. */
 #define V2V_MESSAGE_BYTES 1024
 
-/** @kind Local. The process exit code of a status (DESIGN.md 5). */
+/** @kind Local. The process exit code of a status (src/io/README.md lists them). */
 int v2v_status_exit_code(enum v2v_status status);
 
 /** @kind Local. A short name such as "bad input". */

@@ -47,7 +47,7 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
 void v2v_recording_close(struct v2v_recording **recording);
 
 /** A recording to write: `/views` [t,v,y,x] float32, chunk = one view of one frame, attrs as in
- *  DESIGN.md 4; appears under `path` at v2v_recording_finish. @kind Collective(comm) */
+ *  src/io/README.md; appears under `path` at v2v_recording_finish. @kind Collective(comm) */
 struct v2v_recording_writer;
 enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,
                                      const struct v2v_recording_info *info,

@@ -37,7 +37,7 @@ int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards);
 enum v2v_status v2v_grid_choose(struct v2v_grid_shape *shape, const struct v2v_grid_shape *wanted,
                                 const struct v2v_grid_work *work, int ranks) V2V_MUST_CHECK;
 
-/** The process grid data x branch x shard (DESIGN.md 3). */
+/** The process grid data x branch x shard (jobs/README.md, Ranks). */
 struct v2v_grid {
     int data_size, data_rank;     /**< different crops or frames */
     int branch_size, branch_rank; /**< 1: this rank holds both branches; 2: one each */

@@ -102,7 +102,7 @@ static double relative(double a, double b)
     return fabs(a - b) / fabs(b);
 }
 
-/* Bars of the issue: 1e-4 at step 1, 1e-3 at steps 2 and 3 for losses, 1e-3 for gradient norms.
+/* Bars: 1e-4 at step 1, 1e-3 at steps 2 and 3 for losses, 1e-3 for gradient norms.
  * `last`: of step 3. An activation within round-off of its kink changes the gradient at once: with
  * a forward error e a share e of them does, and the gradient errs by about sqrt(e), 2e-3 for the
  * largest layers; Adam turns that into whole steps of other signs. After two steps the reference in

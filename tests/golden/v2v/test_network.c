@@ -12,11 +12,11 @@
 
 enum { VIEWS = 13, SLICES = 39, SIDE = 64, PATH = 512 };
 
-/* The issue's bar for float32 at width 128. The sums have at most 9828 terms (fewer when merged) in
+/* For float32 at width 128. The sums have at most 9828 terms (fewer when merged) in
  * a chain of 18 layers: 18 * sqrt(9828) * 6e-8 = 1.1e-4 at worst for uncorrelated round-off. */
 #define TOLERANCE 1e-4
 
-/* The bar of issue 3 for bf16. In each of the 16 layers of the chain two factors and an image are
+/* For bf16. In each of the 16 layers of the chain two factors and an image are
  * rounded by 2^-8 / sqrt(3) at most in the mean square: 1.6e-2, sqrt(3 * 16) of them, if nothing
  * averaged out in a layer's sums; what factors lose does. */
 #define BF16_TOLERANCE 2e-2

@@ -30,7 +30,7 @@ static struct v2v_model_spec full_network(void)
                                    .volume_scale = 1.0};
 }
 
-/* Shifts of the real PSFs, or 0 without the shared data. */
+/* Shifts of the real PSFs, or 0 without them. */
 static int find_shifts(struct v2v_shifts *shifts)
 {
     struct v2v_psf_file psf = {0};

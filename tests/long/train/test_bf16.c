@@ -3,7 +3,7 @@
  * The losses of single steps are those of single noisy crops, and two runs part at once: bf16 keeps
  * 8 bits, so every product is off by 2^-8 and every sum of n by about 2^-8 / sqrt(n) of itself.
  * What must agree is where the training goes: the mean loss of a stretch of steps, over which crops
- * and steps average out, to 2 %, as the issue asks. */
+ * and steps average out, to 2 %. */
 #include "small_run.h"
 
 #include "v2v3d/op/bf16.h"

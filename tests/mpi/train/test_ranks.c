@@ -117,7 +117,7 @@ static void slab_ranks_train_to_the_bits_of_one_rank_with_as_many_slabs(void **s
     check_against_one_rank(1, v2v_comm_size(test_world()) / shards(), shards(), V2V_PRECISION_F32);
 }
 
-/* The bar of RELIABILITY.md for other sums: 1e-4 after 20 steps. It holds from `kaiming` and at
+/* The bar for sums in another order: 1e-4 after 20 steps. It holds from `kaiming` and at
  * this learning rate; from `he` the last bits decide, and at 1e-3 the kernels of AVX2 and of
  * AVX-512 part by 2e-4. */
 static void slabs_train_like_a_whole_crop(void **state)
@@ -153,7 +153,7 @@ static void branch_ranks_train_to_the_bits_of_one_rank_in_bf16(void **state)
                            V2V_PRECISION_BF16_ALWAYS);
 }
 
-/* The bar of RELIABILITY.md: the losses stay within 2 %. At this learning rate two ways of float32,
+/* The bar: the losses stay within 2 %. At this learning rate two ways of float32,
  * Winograd and direct, part by 0.3 % in as many steps; at 1e-3 by 3 %, which would say nothing
  * about bf16. Equal losses would mean that it was not taken. */
 static void a_run_in_bf16_follows_the_run_in_float32(void **state)

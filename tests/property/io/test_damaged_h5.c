@@ -1,4 +1,4 @@
-/* Damaged HDF5 input (RELIABILITY.md 2): whatever bytes change, an open either succeeds or is
+/* Damaged HDF5 input: whatever bytes change, an open either succeeds or is
  * refused in one line that names the file; it never crashes and never hangs. */
 #include "support.h"
 

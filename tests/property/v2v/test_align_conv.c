@@ -136,7 +136,7 @@ static int inside(int y, int x)
     return y >= 0 && y < HEIGHT && x >= 0 && x < WIDTH;
 }
 
-/* aligned[(i,c,z), y, x] of REFERENCE.md 3, 0 where the shift leaves the frame. */
+/* aligned[(i,c,z), y, x] of REFERENCE.md 3; 0 where the shift leaves the frame. */
 static double aligned(const struct layer_case *c, int in, int y, int x)
 {
     int i = in / (FEATURES * SLICES), feature = in / SLICES % FEATURES, z = in % SLICES;

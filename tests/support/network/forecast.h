@@ -12,7 +12,7 @@
  *  pass, layer by layer, and cost what is not there when it ends; everything else is waited for.
  *  Files are written and read at one rate, however many ranks do.
  *
- *  Example (compiled by tests/unit/bench):
+ *  Example (compiled by tests/unit/v2v):
  *
  *      struct v2v_forecast_job job = {.network = &network, .items = 100, .height = 512,
  *                                     .width = 512};

@@ -234,8 +234,8 @@ static void store(const char *content, size_t size)
     assert_int_equal(fclose(file), 0);
 }
 
-/* Every 37th byte of the file flipped in turn (RELIABILITY.md F15): what is read is either refused
- * or the same, bit by bit. */
+/* Every 37th byte of the file flipped in turn: what is read is either refused or the same, bit by
+ * bit. */
 static void no_flipped_bit_changes_what_is_read(void **state)
 {
     (void)state;
