@@ -76,7 +76,7 @@ done:
 }
 
 const struct v2v_command v2v_command_weights_init = {.name = "weights init",
-                                                     .summary = "fresh weights, by rule",
+                                                     .summary = "fresh weights, by initialiser",
                                                      .options = init_options,
                                                      .bytes = sizeof(struct init_arguments),
                                                      .run = init};

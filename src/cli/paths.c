@@ -36,7 +36,7 @@ static const struct path {
     double rounds;
 } paths[] = {
     {"own kernels", "a build with -DV2V_SIMD=OFF", FEW, {.backend = V2V_BACKEND_ONEDNN}, ROUNDS},
-    {"minimal filtering",
+    {"Winograd",
      "--set model.winograd=false, or a build with -DV2V_SIMD=OFF",
      MANY,
      {.winograd = 1},

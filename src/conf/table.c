@@ -91,7 +91,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),
     WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),
-    BOOL(model, winograd, 1, "3 x 3 convolutions by minimal filtering where it is faster"),
+    BOOL(model, winograd, 1, "3 x 3 convolutions by Winograd where it is faster"),
     BOOL(model, merge, 1, "merge the first convolution's taps that read the same pixel"),
     REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
 
@@ -116,7 +116,7 @@ const struct v2v_key v2v_key_table[] = {
     REAL(train, beta2, 0.0, 0.9999999, 0.999, "Adam: memory of the mean square"),
     REAL(train, epsilon, 1e-30, 1.0, 1e-8, "Adam: added to the root"),
     WHOLE(train, seed, 0, INT64_MAX, 1, "of crops, flips and initial weights"),
-    WORD(train, init, V2V_RULE_KAIMING, "rule of fresh weights", "kaiming", "hash", "he"),
+    WORD(train, init, V2V_RULE_KAIMING, "initialiser of fresh weights", "kaiming", "hash", "he"),
     WORD(train, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     REAL(train, checkpoint_every_s, 0.0, 1e9, 600.0, "s; 0: after every step"),
     WHOLE(train, log_every, 1, BILLION, 1, "steps from one line of metrics to the next"),

@@ -39,7 +39,7 @@ const struct v2v_conv_backend *v2v_conv_choose(const struct v2v_conv_spec *spec)
 enum v2v_status v2v_conv_create_with(struct v2v_conv **conv, const struct v2v_conv_spec *spec,
                                      const struct v2v_conv_backend *backend) V2V_MUST_CHECK;
 
-/** Weights of the data gradient seen as a convolution of stride 1: [in,out,k,k], turned by 180
+/** Weights of the data gradient seen as a convolution of stride 1: [in,out,k,k], rotated by 180
  *  degrees. @kind Local. */
 void v2v_conv_flip_weights(float *flipped, const float *weight, const struct v2v_conv_spec *spec);
 

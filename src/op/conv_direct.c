@@ -122,7 +122,7 @@ done:
     return rc;
 }
 
-/** weight [out,in,k,k] or, transposed and turned, of the data gradient. */
+/** weight [out,in,k,k] or, transposed and rotated by 180 degrees, of the data gradient. */
 static void pack(struct plan *plan, const struct v2v_conv_spec *spec, const float *weight, int turn)
 {
     int64_t taps = (int64_t)spec->kernel * spec->kernel;

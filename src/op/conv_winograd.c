@@ -1,4 +1,4 @@
-/* Winograd's minimal filtering behind the interface of a backend: plain images, one after the
+/* Winograd minimal filtering behind the interface of a backend: plain images, one after the
  * other. */
 #include "op/conv_backend.h"
 #include "v2v3d/base/memory.h"

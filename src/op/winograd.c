@@ -26,7 +26,7 @@ enum { DEPTH = 128 };
  *  from memory too often. */
 static const int64_t CHUNK_FLOATS = 16 << 20;
 
-/** In training: filters are turned, and the weights' gradient comes from memory, once a chunk. */
+/** In training: filters are transposed, the weights' gradient comes from memory, once a chunk. */
 static const int64_t TRAINING_CHUNK_FLOATS = 64 << 20;
 
 struct v2v_winograd {
@@ -397,7 +397,7 @@ static void multiply(const struct v2v_winograd *self, const struct chunk *chunk)
     }
 }
 
-/* Left operand of the data gradient: filters [out..][in] of a run of outputs, turned to
+/* Left operand of the data gradient: filters [out..][in] of a run of outputs, transposed to
  * [in/8][out][8]. */
 static void pack_filters(const struct v2v_winograd *self, float *pack, const float *weights,
                          int64_t first, int64_t depth)
@@ -440,7 +440,7 @@ static void multiply_data(const struct v2v_winograd *self, const struct chunk *c
     }
 }
 
-/* Channels [first, first + 8) of a run of tiles, turned: [tile][step] from [panel][channels][32].
+/* Channels first .. first + 7 of tiles, transposed: [tile][step] from [panel][channels][32].
  */
 static void turn_tiles(const struct v2v_winograd *self, float *to, int64_t step, const float *from,
                        int64_t channels, int64_t first, int64_t tile, int64_t count)

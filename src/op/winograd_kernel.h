@@ -1,4 +1,4 @@
-/** Winograd's minimal filtering F(4 x 4, 3 x 3): 4 x 4 outputs of a 3 x 3 convolution from 6 x 6
+/** Winograd minimal filtering F(4 x 4, 3 x 3): 4 x 4 outputs of a 3 x 3 convolution from 6 x 6
  *  products, the values of polynomials at 0, 1, -1, 2, -2 and infinity (S. Winograd 1980; A. Lavin,
  *  S. Gray, CVPR 2016). Transforms along one axis, one set for each instruction set; a vector holds
  *  neighbouring tiles or filters.

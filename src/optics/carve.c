@@ -206,7 +206,7 @@ static void prepare_view(struct v2v_carve *carve, int64_t v, const float *view)
     fill_ring(carve, v);
 }
 
-/* ---- the light of a stretch of pixels ---- */
+/* ---- the light of a range of pixels ---- */
 
 typedef float lanes __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 typedef int32_t places __attribute__((vector_size(LANES * 4)));
@@ -254,8 +254,8 @@ static void keep_most_of_all(float *light, const float *const *view, int64_t vie
 }
 
 /* light[0 .. count) becomes at least the light of pixels (y, x0 ..) in any slice. */
-static void carve_stretch(const struct v2v_carve *carve, float *light, int64_t y, int64_t x0,
-                          int64_t count)
+static void carve_range(const struct v2v_carve *carve, float *light, int64_t y, int64_t x0,
+                        int64_t count)
 {
     const struct v2v_shifts *shifts = &carve->shifts;
     const float **view = carve->view + omp_get_thread_num() * shifts->views;
@@ -278,7 +278,7 @@ static void carve_tiles(const struct v2v_carve *carve, float *tiles, int64_t row
             light[x] = -FLT_MAX;
         }
         for (int64_t y = row * TILE; y < end; y++) {
-            carve_stretch(carve, light, y, x0, count);
+            carve_range(carve, light, y, x0, count);
         }
         for (int64_t x = 0; x < count; x += TILE) {
             float most = light[x];

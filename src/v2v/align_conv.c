@@ -1,4 +1,4 @@
-/* Two ways share the frame: sparse taps, exact everywhere, and blocks by minimal filtering or in
+/* Two ways share the frame: sparse taps, exact everywhere, and blocks by Winograd or in
  * bf16, several times faster. With merged blocks the one-pixel border ring is left to the taps. */
 #include "v2v/align_conv.h"
 

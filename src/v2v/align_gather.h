@@ -1,5 +1,5 @@
 /* Planes that lie anywhere, copied into one array for a backend of room op, plain or blocked as it
- * takes them: how the blocks are convolved where minimal filtering is not. */
+ * takes them: how the blocks are convolved where Winograd is not. */
 #ifndef V2V3D_V2V_ALIGN_GATHER_H
 #define V2V3D_V2V_ALIGN_GATHER_H
 

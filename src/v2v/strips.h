@@ -1,4 +1,4 @@
-/* A chain of full-size layers by minimal filtering in strips of rows, for inference: what lies
+/* A chain of full-size layers by Winograd in strips of rows, for inference: what lies
  * between the layers never exists for a large frame as a whole, nor where nothing asks for it. */
 #ifndef V2V3D_V2V_STRIPS_H
 #define V2V3D_V2V_STRIPS_H

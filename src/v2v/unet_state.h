@@ -76,7 +76,7 @@ struct v2v_unet {
     struct v2v_layer first; /* sizes and parameters only: align computes it */
     struct v2v_align_conv *align;
     struct v2v_layer layer[LAYERS];
-    /* Inference by minimal filtering: the full-size layers in strips, before and after the rest;
+    /* Inference by Winograd: the full-size layers in strips, before and after the rest;
      * NULL: one by one. */
     struct v2v_strips *chain[CHAINS];
     float *strips[CHAINS];
@@ -86,7 +86,7 @@ struct v2v_unet {
     float *pooled[LEVELS];  /* E1..E4 */
     float *part;            /* E1 of a slab; the middle has that of the frame */
     float *cut;             /* [3n] the slab's rows of E1 and of UP2's output */
-    uint8_t *which[LEVELS]; /* place of the maximum, training only */
+    uint8_t *which[LEVELS]; /* argmax, training only */
     float *bottom;          /* [4n], 1/32 of the sides: input of BOTTOM */
     float *joined[STEPS];   /* input of UP */
     float *gradient[2];     /* of the layer at hand, training only */
@@ -147,7 +147,7 @@ static inline int64_t skip_count(const struct v2v_unet *unet, int k)
     return channels(unet, layer_table[DOWN4 - k].in) * in_pixels(unet, UP1 + k);
 }
 
-/* Can it compute a scene's tiles alone? Only by minimal filtering, and not in training. */
+/* Can it compute a scene's tiles alone? Only by Winograd, and not in training. */
 int v2v_unet_knows_scenes(const struct v2v_unet *unet);
 
 #endif

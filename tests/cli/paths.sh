@@ -4,7 +4,7 @@
 . "$(dirname "$0")/lib.sh"
 
 works check
-for path in 'own kernels' 'minimal filtering' oneDNN OpenBLAS; do
+for path in 'own kernels' 'Winograd' oneDNN OpenBLAS; do
     says "^convolution, $path +ok$"
 done
 

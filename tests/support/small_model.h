@@ -1,4 +1,4 @@
-/** A small network by the hash rule, and noise to feed it. */
+/** A small network with hashed weights, and noise to feed it. */
 #ifndef TEST_SMALL_MODEL_H
 #define TEST_SMALL_MODEL_H
 

@@ -9,7 +9,7 @@
 extern "C" {
 #endif
 
-/** Fill weights by rule (enum v2v_rule), field by field, by name, from the seed: V2V_RULE_HASH is
+/** Initial weights (enum v2v_rule), field by field, by name, from the seed: V2V_RULE_HASH is
  *  REFERENCE.md 9; V2V_RULE_KAIMING PyTorch's default for convolutions (kaiming-uniform, a = sqrt
  * 5; bias uniform in +-1/sqrt(fan_in)); V2V_RULE_HE keeps the signal's size from layer to layer,
  * with biases 0 and a small last layer: what short training wants.

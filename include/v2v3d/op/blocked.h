@@ -1,4 +1,4 @@
-/** Images that one convolution in bf16 hands to the next without turning them: 32 channels of a
+/** Images that one convolution in bf16 hands to the next without reordering: 32 channels of a
  *  pixel side by side, [(channels + 31) / 32][y][x][32], with zeros for channels that are not
  *  there; in memory that is counted in floats. */
 #ifndef V2V3D_OP_BLOCKED_H

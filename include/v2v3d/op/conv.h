@@ -39,7 +39,7 @@ extern "C" {
 struct v2v_conv_method {
     int backend;  /**< enum v2v_backend; layers of few channels take our own direct kernel whatever
                        the backend, where that is faster */
-    int winograd; /**< 1: minimal filtering for 3 x 3 kernels where it is faster */
+    int winograd; /**< 1: Winograd for 3 x 3 kernels where it is faster */
     struct v2v_workspace *workspace; /**< of all operators; winograd and the alignment need it */
     struct v2v_pool *pool; /**< of packed weights, which winograd and the alignment use; or NULL */
     int precision; /**< V2V_PRECISION_F32 or _BF16: 3 x 3 layers that are not too small for it round

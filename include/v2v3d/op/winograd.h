@@ -20,7 +20,7 @@ struct v2v_plane {
     int64_t owner; /**< planes that share memory are neighbours in the list and have one owner */
 };
 
-/** A 3 x 3 convolution by Winograd's minimal filtering, over planes that may lie anywhere: 36
+/** A 3 x 3 convolution by Winograd minimal filtering, over planes that may lie anywhere: 36
  *  multiply-adds a channel pair for every tile of 4 x 4 pixels, not 144. */
 struct v2v_winograd_spec {
     int64_t in, out;

@@ -1,7 +1,7 @@
 /** The two-branch network of REFERENCE.md 4.
  *
  *  Purpose: encoder, alignment + first convolution in merged form, and one U-Net a branch, each
- * with forward and backward; Adam; weights by rule. Invariants: parameters are always the full,
+ * with forward and backward; Adam; initial weights. Invariants: parameters are always the full,
  * published tensors (REFERENCE.md's names and shapes); everything is planned at creation for one
  * frame size, nothing is allocated inside a step; a rank may hold one branch or both.
  *
@@ -43,14 +43,14 @@ struct v2v_model_spec {
     int64_t views, slices, width, features;
     unsigned branches;   /**< V2V_BRANCH_...: what this rank holds */
     int backend;         /**< enum v2v_backend */
-    int winograd;        /**< 1: 3 x 3 convolutions by minimal filtering where it is faster */
+    int winograd;        /**< 1: 3 x 3 convolutions by Winograd where it is faster */
     int precision;       /**< V2V_PRECISION_F32, or _BF16: 3 x 3 convolutions that are not too small
-                              in bf16, none by minimal filtering; needs v2v_op_bf16 */
+                              in bf16, none by Winograd; needs v2v_op_bf16 */
     int every_slice;     /**< 1: the first convolution takes every slice by itself, as the
                               reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
     double skip;         /**< tiles whose light is below this part of the brightest are not
-                              computed; 0: all are. By minimal filtering, and not in training */
+                              computed; 0: all are. By Winograd, and not in training */
     int64_t slabs;       /**< of rows that a frame is cut into; 0 and 1: it is not. Results depend
                               on their number by round-off, and not on who computes them */
     const struct v2v_comm *shard; /**< ranks that compute one slab each; NULL: this one all. It has
@@ -80,7 +80,7 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
 
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
- *  minimal filtering computes full-size layers in strips of rows; where memory is limited, or a
+ *  Winograd computes full-size layers in strips of rows; where memory is limited, or a
  *  large frame is cut into slabs, it packs the weights of one branch at a time, for every frame,
  *  and where that is not enough the strips are smaller. Training where memory is limited transforms
  *  inputs again that it would keep.

@@ -37,11 +37,11 @@ void v2v_amx_pack_pairs(bf16 *to, const float *from, int64_t plane, int64_t chan
                         int64_t pixels);
 
 /* Where the weight of output o, channel c and tap t is: base[o * out + c * in + t], the taps in
- * turned order where that is asked for. */
+ * reversed order where that is asked for. */
 struct amx_weights {
     const float *base;
     int64_t out, in;
-    int taps, turned;
+    int taps, reversed;
 };
 
 /* Up to 32 outputs by 32 channels: [tap][half of the outputs][pair of channels][output][2]. */

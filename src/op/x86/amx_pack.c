@@ -137,7 +137,7 @@ TARGET void v2v_amx_pack_weights(bf16 *to, const struct amx_weights *from, int64
                                  int64_t channels)
 {
     for (int64_t t = 0; t < from->taps; t++) {
-        int64_t tap = from->turned ? from->taps - 1 - t : t;
+        int64_t tap = from->reversed ? from->taps - 1 - t : t;
         for (int64_t first = 0; first < AMX_BLOCK; first += LANES) {
             __m512i row[LANES];
             for (int64_t o = 0; o < LANES; o++) {

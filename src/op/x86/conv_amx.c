@@ -191,7 +191,7 @@ static void set_weights(void *opaque, const float *weight, const float *bias)
     if (state->spec.training) {
         pack_weights(&state->data,
                      &(struct amx_weights){
-                         .base = weight, .out = taps, .in = output, .taps = taps, .turned = 1});
+                         .base = weight, .out = taps, .in = output, .taps = taps, .reversed = 1});
     }
 }
 

@@ -107,7 +107,7 @@ static double relative(double a, double b)
  * a forward error e a share e of them does, and the gradient errs by about sqrt(e), 2e-3 for the
  * largest layers; Adam turns that into whole steps of other signs. After two steps the reference in
  * float32 (PyTorch) is off by 7e-4 to 8e-4, oneDNN with merged taps as much, OpenBLAS without
- * merging by 6e-4 to 9e-4; minimal filtering and oneDNN's unmerged taps, with more round-off before
+ * merging by 6e-4 to 9e-4; Winograd and oneDNN's unmerged taps, with more round-off before
  * the first kinks, by 1e-3 to 4e-3: otherwise in every build and for every number of threads. */
 static void check_step(const double *terms, double norm, const double *golden, int step,
                        double last)

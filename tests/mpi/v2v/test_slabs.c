@@ -140,7 +140,7 @@ static double distance_of_gradients(const struct outcome *a, const struct outcom
 
 /* Round-off of two ways through 18 layers, and back through as many for a gradient: 6e-8 each,
  * times the root of the products that a sum has, of the network's largest layer (8 * width
- * channels) and of the alignment's (140); minimal filtering loses up to ten times more in a layer.
+ * channels) and of the alignment's (140); Winograd loses up to ten times more in a layer.
  * A leaky unit near its kink may fall to the other side: one of 1e5, whose share of the gradient is
  * its size. */
 static double bound(int winograd, int training)

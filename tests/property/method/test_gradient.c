@@ -29,7 +29,7 @@ struct way {
 static const struct way ways[] = {
     {"as chosen", {NULL}, V2V_NETWORK_ALL, 32, 0, 1},
     {"every slice", {"model.merge=false"}, V2V_NETWORK_ALL, 32, 0, 1},
-    {"no minimal filtering", {"model.winograd=false"}, V2V_NETWORK_ALL, 32, 0, 1},
+    {"no Winograd", {"model.winograd=false"}, V2V_NETWORK_ALL, 32, 0, 1},
     {"OpenBLAS", {"model.backend=openblas", "model.winograd=false"}, V2V_NETWORK_ALL, 32, 0, 1},
     {"the first output", {NULL}, 1, 32, 0, 1},
     {"the last output", {NULL}, 2, 32, 0, 2},

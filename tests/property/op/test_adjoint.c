@@ -108,7 +108,7 @@ static const struct v2v_conv_spec layers[] = {{13, 1, 4, 40, 48, 3, 1, 1.0f, 1, 
 
 struct way {
     const struct v2v_conv_backend *backend;
-    int filters; /* bool: minimal filtering */
+    int filters; /* bool: Winograd */
     int bf16;    /* bool: images are rounded to 8 bits */
 };
 static const struct way ways[] = {{&v2v_conv_direct, 0, 0},   {&v2v_conv_onednn, 0, 0},
@@ -213,7 +213,7 @@ static void of_weights_turned(void *self, float *in, const float *out)
     v2v_conv_backward(l->conv, &to, l->x, out);
 }
 
-/* Sums over taps of all channels, or for weights over pixels. Minimal filtering adds up channels,
+/* Sums over taps of all channels, or for weights over pixels. Winograd adds up channels,
  * or tiles of 16 pixels, between transforms that grow moduli by at most 16 along each axis. */
 static double rounding_of(const struct layer *l, const struct way *way, int of_weights)
 {

@@ -29,7 +29,7 @@ static const int32_t listed[LISTED] = {1, 3};
 struct way {
     const char *name;
     int backend, winograd, every_slice;
-    /* of the worst element's error against one rounding of each product: minimal filtering's
+    /* of the worst element's error against one rounding of each product: Winograd's
      * transforms grow moduli by at most 16 along each axis */
     double growth;
     int precision;
@@ -225,7 +225,7 @@ static void of_weights_turned(void *self, float *in, const float *out)
     memcpy(in + OUT * IN * 9, c->db, OUT * sizeof *in);
 }
 
-/* Sums over the taps of all inputs or outputs, for weights over pixels; by minimal filtering over
+/* Sums over the taps of all inputs or outputs, for weights over pixels; by Winograd over
  * channels, or tiles of 16 pixels, between its transforms. Merged weights are rounded to 8 bits
  * once more: 2^-10 in the mean square. */
 static double rounding_of(const struct way *way, double channels, double pixels)

@@ -1,11 +1,11 @@
-/* How the error of a convolution grows with the number of terms of its sums: minimal filtering
+/* How the error of a convolution grows with the number of terms of its sums: Winograd
  * F(4 x 4, 3 x 3) beside the kernels that add products one by one, all against plain loops in
  * double precision, forward and both gradients.
  *
  * The bound is that of independent roundings. A sum of n products of independent numbers has the
  * variance n s^2; a rounding behind its k-th term errs by at most u = 2^-24 of a sum of variance
  * k s^2; n of them leave, relative to the result, u sqrt((n + 1) / 2), in whatever order.
- * Minimal filtering has n = channels (tiles for the weight gradient), but the products behind its
+ * Winograd has n = channels (tiles for the weight gradient), but the products behind its
  * transforms are larger than what becomes of them: by `amplification`, see there. Beside the sum,
  * six transforms along an axis round their values at most 4 times each. */
 #include "op/conv_backend.h"

@@ -3,7 +3,7 @@
  *
  * The bound comes from what float32 does to one layer. A sum of n products rounded n times errs
  * as if each weight were off by u sqrt((n + 1) / 2), u = 2^-24, independently (see
- * tests/stress/op/test_winograd_depth.c, also for what minimal filtering does: 10.8 times the same
+ * tests/stress/op/test_winograd_depth.c, also for what Winograd does: 10.8 times the same
  * for n = channels, and 24 roundings of the transforms); bias, activation, pooling, interpolation
  * and sums of branches round each value a few times more. So the float32 network is the exact
  * network of such weights, and what they do to its volumes is measured on the twin: with noise of
@@ -167,8 +167,8 @@ static void check(int winograd)
 {
     struct network n;
     network_init(&n);
-    print_message("%s minimal filtering\n%-10s %9s %6s", winograd ? "with" : "without", "input",
-                  "largest", "finite");
+    print_message("%s Winograd\n%-10s %9s %6s", winograd ? "with" : "without", "input", "largest",
+                  "finite");
     for (int w = 0; w < WAYS; w++) {
         print_message(" %9s", ways[w].name);
     }

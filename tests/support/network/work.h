@@ -33,7 +33,7 @@ enum v2v_status v2v_work_of_layer(struct v2v_work *work, const struct v2v_net_la
  *  macs: the sum over layers, less what the specification's shortcuts leave out:
  *    - merging (every_slice 0): the first layer multiplies each of its merged taps once, taps *
  *      features * 8n a pixel instead of 9 * branch_views * slices * features * 8n;
- *    - minimal filtering (winograd 1): F(4x4,3x3) multiplies 36 times instead of 144 for a tile of
+ *    - Winograd (winograd 1): F(4x4,3x3) multiplies 36 times instead of 144 for a tile of
  *      16 outputs, so layers of kernel 3 and stride 1 keep a quarter. The merged first layer has
  *      that as well as 3 x 3 blocks, or takes its taps as they are, whichever is less.
  *    Additions, transforms and the border ring are left out: this is a floor.

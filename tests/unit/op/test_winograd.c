@@ -1,4 +1,4 @@
-/* Minimal filtering against the double-precision twin: every size of tail, upsampling, chunks. */
+/* Winograd against the double-precision twin: every size of tail, upsampling, chunks. */
 #include "op/conv_backend.h"
 #include "support.h"
 #include "twin_conv.h"

@@ -1,4 +1,4 @@
-/* Weights by rule. */
+/* Initial weights. */
 #include "support.h"
 
 #include "v2v3d/base/memory.h"

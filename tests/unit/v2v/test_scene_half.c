@@ -139,7 +139,7 @@ static float *draw_images(const struct frame *frame)
     return in;
 }
 
-/* 45 products a sum; by minimal filtering the round-off of as many terms grows by less than 100
+/* 45 products a sum; by Winograd the round-off of as many terms grows by less than 100
  * (the transforms' constants), of values of about 1. */
 static void one_tile_of_background_stands_for_all(void **state)
 {

@@ -148,7 +148,7 @@ static void run(struct chain *c, enum part part, int64_t most_floats, float *out
     v2v_mem_free(scratch);
 }
 
-/* Minimal filtering gives the same bits in any strip; the border ring's matrix products have other
+/* Winograd gives the same bits in any strip; the border ring's matrix products have other
  * shapes there, and layers by themselves are computed directly: two or three layers whose
  * transforms round about ten times and grow roundings fourfold along each axis, the largest of
  * 60,000 differences being five standard deviations. In parts of the images' root mean square. */
