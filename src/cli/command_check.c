@@ -84,7 +84,7 @@ static enum v2v_status predict(const struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     struct v2v_projector_cost cost;
     const struct v2v_network_cost *network = &cost.network;
-    double seconds[2];
+    double seconds[V2V_SPLITS];
     int ranks = v2v_comm_size(session->world);
     V2V_TRY(v2v_projector_cost_measure(&cost, session->world));
     const double n = TRANSFORM * TRANSFORM;
@@ -99,14 +99,22 @@ static enum v2v_status predict(const struct v2v_session *session)
                1e6 * network->message_s, 1e6 * cost.wait_s, 1e-9 / network->byte_s,
                1e6 * network->sum_step_s, 1e-9 / network->sum_byte_s);
     }
-    printf("\nprojection of %d x %d, 39 slices, there and back, predicted over %d ranks:\n",
+    printf("\n");
+    if (ranks > 1) {
+        printf(
+            "a frame that all ranks transform, there and back: %.3g ms by the own exchange, %.3g "
+            "ms by FFTW3-MPI\n",
+            1e3 * cost.own_s, 1e3 * cost.fftw3_mpi_s);
+    }
+    printf("projection of %d x %d, 39 slices, there and back, predicted over %d ranks:\n",
            SIDE_OF_FRAME, SIDE_OF_FRAME, ranks);
     for (int64_t count = paper.views; count >= 1; count -= paper.views - 1) {
-        enum v2v_split split = v2v_projector_faster(seconds, &cost, &paper, SIDE_OF_FRAME,
-                                                    SIDE_OF_FRAME, count, ranks);
-        printf("  %2lld views at a time: by slices %.3g ms, by slabs %.3g ms; taken: %s\n",
-               (long long)count, 1e3 * seconds[0], 1e3 * seconds[1],
-               split == V2V_SPLIT_SLABS ? "slabs" : "slices");
+        enum v2v_split split = v2v_projector_faster(seconds, &cost, &session->config, &paper,
+                                                    SIDE_OF_FRAME, SIDE_OF_FRAME, count, ranks);
+        printf("  %2lld views at a time: by slices %.3g ms, by slabs %.3g ms, by slabs through "
+               "FFTW3-MPI %.3g ms; taken: %s\n",
+               (long long)count, 1e3 * seconds[0], 1e3 * seconds[1], 1e3 * seconds[2],
+               v2v_split_text(split));
     }
 done:
     return rc;

@@ -28,8 +28,8 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
     *projection = (struct v2v_projection){
         .scale = session->config.psf.reduce == V2V_REDUCE_MEAN ? 1.0f / (float)psf->slices : 1.0f,
         .pixels = height * width};
-    V2V_TRY(v2v_projector_choose_split(&split, session->config.parallel.split, psf, height, width,
-                                       psf->views, session->world));
+    V2V_TRY(v2v_projector_choose_split(&split, &session->config, psf, height, width, psf->views,
+                                       session->world));
     V2V_TRY(
         v2v_projector_create(&projection->projector, psf, height, width, split, session->world));
     projection->mine = v2v_projector_slices(projection->projector);

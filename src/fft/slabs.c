@@ -1,4 +1,5 @@
 #include "v2v3d/fft/slabs.h"
+#include "fft/transposition.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
@@ -17,19 +18,20 @@ enum { EXCHANGE = 1 << 20 };
 /* Where everything lies; one place, so that v2v_fft_slabs_bytes can't drift. Numbers are complex.
  */
 struct layout {
-    int64_t half;                    /* nx/2+1 */
-    int64_t row_floats;              /* a row of pixels */
-    int64_t row_stride;              /* from spectrum to spectrum of rows, numbers */
-    int64_t column_stride;           /* a column, numbers */
-    int64_t batch;                   /* frames of one exchange */
-    int64_t rows_side, columns_side; /* numbers of the fullest rank's buffers */
+    int64_t half;          /* nx/2+1 */
+    int64_t row_floats;    /* a row of pixels */
+    int64_t row_stride;    /* from spectrum to spectrum of rows, numbers */
+    int64_t column_stride; /* a column, numbers */
+    int64_t batch;         /* frames of one exchange, at most */
+    int64_t rows, columns; /* of the fullest rank */
+    int64_t side;          /* numbers of a lane's buffer */
 };
 
-/* One exchange. Both buffers lie by the other rank r: on the rows' side [frame, kx of r, y of this
- * rank], on the columns' side [frame, kx of this rank, y of r]. On one rank they are the same. */
+/* One exchange: equal pieces from and to each rank r, as large as the fullest ranks'. On the rows'
+ * side [r, frame, kx of r, y of this rank], on the columns' side [r, frame, kx of this rank, y of
+ * r], or as FFTW3-MPI leaves it: [frame, kx of this rank, r, y of r]. One rank has one side. */
 struct lane {
     struct v2v_complex *rows_side, *columns_side;
-    int *counts; /* counts and offsets of both sides: 4 for each rank */
     MPI_Request request;
 };
 enum { LANES = 2 };
@@ -40,7 +42,8 @@ struct v2v_fft_slabs {
     const struct v2v_comm *comm;   /* borrowed */
     struct v2v_part rows, columns; /* of this rank */
     int threads;
-    struct lane lane[LANES];     /* on one rank: the first one's rows_side, a frame a thread */
+    struct lane lane[LANES]; /* on one rank: the first one's rows_side, a frame a thread */
+    struct v2v_transposition *transposition; /* of the first lane; NULL: the own exchange */
     float *pixels;               /* [thread,row_floats]: zeros behind `width` for ever */
     float *restored;             /* [thread,row_floats] */
     struct v2v_complex *numbers; /* [thread,ROWS,row_stride] */
@@ -54,6 +57,16 @@ static int64_t aligned(int64_t n)
     return (n + 15) / 16 * 16; /* whole cache lines of floats, and of complex numbers */
 }
 
+static int is_transposed(const struct v2v_fft_shape *shape, int ranks)
+{
+    return shape->uses_fftw3_mpi && ranks > 1;
+}
+
+static int lanes_of(const struct v2v_fft_shape *shape, int ranks)
+{
+    return is_transposed(shape, ranks) ? 1 : LANES;
+}
+
 /* 0 when the numbers of a frame leave the int that MPI counts in. */
 static int layout_plan(struct layout *layout, const struct v2v_fft_shape *shape, int ranks)
 {
@@ -61,9 +74,9 @@ static int layout_plan(struct layout *layout, const struct v2v_fft_shape *shape,
     if (frame < 0 || frame > INT_MAX) {
         return 0;
     }
-    const struct v2v_part rows = v2v_par_part(shape->height, ranks, 0);
-    const struct v2v_part columns = v2v_par_part(half, ranks, 0);
-    const int64_t sent = rows.count * half * (int64_t)sizeof(struct v2v_complex);
+    const int64_t rows = v2v_par_part(shape->height, ranks, 0).count;
+    const int64_t columns = v2v_par_part(half, ranks, 0).count;
+    const int64_t sent = rows * half * (int64_t)sizeof(struct v2v_complex);
     layout->half = half;
     layout->row_floats = aligned(shape->nx);
     layout->row_stride = aligned(half);
@@ -72,8 +85,9 @@ static int layout_plan(struct layout *layout, const struct v2v_fft_shape *shape,
     if (ranks == 1) {
         layout->batch = 1;
     }
-    layout->rows_side = layout->batch * rows.count * half;
-    layout->columns_side = layout->batch * columns.count * shape->height;
+    layout->rows = rows;
+    layout->columns = columns;
+    layout->side = layout->batch * rows * columns * ranks;
     return 1;
 }
 
@@ -84,9 +98,9 @@ int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks)
         return -1;
     }
     const int64_t threads = omp_get_max_threads();
-    const int64_t buffers =
-        ranks == 1 ? threads * layout.rows_side : LANES * (layout.rows_side + layout.columns_side);
-    return (buffers + threads * (ROWS * layout.row_stride + 2 * layout.column_stride)) *
+    const int64_t buffers = ranks == 1 ? threads : 2 * lanes_of(shape, ranks);
+    return (buffers * layout.side +
+            threads * (ROWS * layout.row_stride + 2 * layout.column_stride)) *
                (int64_t)sizeof(struct v2v_complex) +
            threads * 2 * layout.row_floats * (int64_t)sizeof(float) +
            (int64_t)sizeof(struct v2v_fft_slabs);
@@ -119,16 +133,15 @@ static enum v2v_status plan(struct v2v_fft_slabs *fft)
 static enum v2v_status take_lanes(struct v2v_fft_slabs *fft, int size)
 {
     enum v2v_status rc = V2V_OK;
-    for (int i = 0; i < LANES && size > 1; i++) {
+    for (int i = 0; i < lanes_of(&fft->shape, size) && size > 1; i++) {
         struct lane *lane = &fft->lane[i];
         lane->request = MPI_REQUEST_NULL;
-        V2V_TRY(V2V_ALLOC(lane->rows_side, "fft.exchange", fft->layout.rows_side));
-        V2V_TRY(V2V_ALLOC(lane->columns_side, "fft.exchange", fft->layout.columns_side));
-        V2V_TRY(V2V_ALLOC(lane->counts, "fft.exchange", 4 * (int64_t)size));
+        V2V_TRY(V2V_ALLOC(lane->rows_side, "fft.exchange", fft->layout.side));
+        V2V_TRY(V2V_ALLOC(lane->columns_side, "fft.exchange", fft->layout.side));
     }
     if (size == 1) {
         V2V_TRY(V2V_ALLOC(fft->lane[0].rows_side, "fft.exchange",
-                          v2v_mem_product(fft->threads, fft->layout.rows_side, 1)));
+                          v2v_mem_product(fft->threads, fft->layout.side, 1)));
     }
 done:
     return rc;
@@ -173,6 +186,13 @@ enum v2v_status v2v_fft_slabs_create(struct v2v_fft_slabs **fft, const struct v2
         rc = create_local(*fft, shape, size);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
+    if (is_transposed(shape, size)) {
+        const struct layout *layout = &(*fft)->layout;
+        const struct lane *lane = &(*fft)->lane[0];
+        V2V_TRY(v2v_transposition_create(&(*fft)->transposition, lane->rows_side,
+                                         lane->columns_side, layout->rows, layout->columns,
+                                         layout->batch, comm));
+    }
 done:
     if (rc != V2V_OK) {
         v2v_fft_slabs_destroy(fft);
@@ -193,10 +213,10 @@ void v2v_fft_slabs_destroy(struct v2v_fft_slabs **fft)
             fftwf_destroy_plan(plans[i]);
         }
     }
+    v2v_transposition_destroy(&old->transposition);
     for (int i = 0; i < LANES; i++) {
         v2v_mem_free(old->lane[i].rows_side);
         v2v_mem_free(old->lane[i].columns_side);
-        v2v_mem_free(old->lane[i].counts);
     }
     v2v_mem_free(old->pixels);
     v2v_mem_free(old->restored);
@@ -273,6 +293,21 @@ static inline void turn_back(struct v2v_complex *restrict to, int64_t to_stride,
     }
 }
 
+/* Where frame i of n begins among the numbers for rank r on the rows' side. */
+static int64_t rows_place(const struct v2v_fft_slabs *fft, int r, int64_t n, int64_t i)
+{
+    return (r * n + i) * fft->layout.columns * fft->layout.rows;
+}
+
+/* Where the rows of rank r begin, of column k of frame i of n on the columns' side. */
+static int64_t column_place(const struct v2v_fft_slabs *fft, int r, int64_t n, int64_t i, int64_t k)
+{
+    const int64_t column = i * fft->layout.columns + k;
+    const int64_t place = fft->transposition != NULL ? column * v2v_comm_size(fft->comm) + r
+                                                     : r * n * fft->layout.columns + column;
+    return place * fft->layout.rows;
+}
+
 /* Rows y .. y+ROWS-1 of frame i of n into the rows' side. */
 static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
                       const float *frames, int64_t n, int64_t i, int64_t y)
@@ -280,6 +315,7 @@ static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
     const int size = v2v_comm_size(fft->comm);
     const int64_t mine = fft->rows.count, width = fft->shape.width;
     const int64_t count = v2v_smaller(ROWS, mine - y), stride = fft->layout.row_stride;
+    const int64_t step = fft->layout.rows;
     struct v2v_complex *numbers = thread_numbers(fft);
     for (int64_t j = 0; j < count; j++) {
         transform_row(fft, numbers + j * stride, thread_pixels(fft),
@@ -287,11 +323,11 @@ static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
     }
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->layout.half, size, r);
-        struct v2v_complex *to = side + mine * (n * part.first + i * part.count) + y;
+        struct v2v_complex *to = side + rows_place(fft, r, n, i) + y;
         if (count == ROWS) {
-            turn(to, mine, numbers + part.first, stride, part.count, ROWS);
+            turn(to, step, numbers + part.first, stride, part.count, ROWS);
         } else {
-            turn(to, mine, numbers + part.first, stride, part.count, count);
+            turn(to, step, numbers + part.first, stride, part.count, count);
         }
     }
 }
@@ -304,8 +340,7 @@ static void take_column(const struct v2v_fft_slabs *fft, struct v2v_complex *spe
     struct v2v_complex *column = thread_column(fft);
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->shape.height, size, r);
-        memcpy(column + part.first,
-               side + fft->columns.count * (n * part.first + i * part.count) + k * part.count,
+        memcpy(column + part.first, side + column_place(fft, r, n, i, k),
                (size_t)part.count * sizeof *column);
     }
     fftwf_execute_dft(fft->column_forward, (fftwf_complex *)(void *)column,
@@ -323,8 +358,8 @@ static void send_column(const struct v2v_fft_slabs *fft, struct v2v_complex *sid
     fftwf_execute_dft(fft->column_inverse, from, (fftwf_complex *)(void *)changed);
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->shape.height, size, r);
-        memcpy(side + fft->columns.count * (n * part.first + i * part.count) + k * part.count,
-               changed + part.first, (size_t)part.count * sizeof *changed);
+        memcpy(side + column_place(fft, r, n, i, k), changed + part.first,
+               (size_t)part.count * sizeof *changed);
     }
 }
 
@@ -335,15 +370,16 @@ static void take_rows(const struct v2v_fft_slabs *fft, float *frames, float fact
     const int size = v2v_comm_size(fft->comm);
     const int64_t mine = fft->rows.count, width = fft->shape.width;
     const int64_t count = v2v_smaller(ROWS, mine - y), stride = fft->layout.row_stride;
+    const int64_t step = fft->layout.rows;
     struct v2v_complex *numbers = thread_numbers(fft);
     float *restored = thread_restored(fft);
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->layout.half, size, r);
-        const struct v2v_complex *from = side + mine * (n * part.first + i * part.count) + y;
+        const struct v2v_complex *from = side + rows_place(fft, r, n, i) + y;
         if (count == ROWS) {
-            turn_back(numbers + part.first, stride, from, mine, part.count, ROWS);
+            turn_back(numbers + part.first, stride, from, step, part.count, ROWS);
         } else {
-            turn_back(numbers + part.first, stride, from, mine, part.count, count);
+            turn_back(numbers + part.first, stride, from, step, part.count, count);
         }
     }
     for (int64_t j = 0; j < count; j++) {
@@ -356,42 +392,31 @@ static void take_rows(const struct v2v_fft_slabs *fft, float *frames, float fact
     }
 }
 
-static void count_pieces(const struct v2v_fft_slabs *fft, int *counts, int64_t n)
-{
-    const int size = v2v_comm_size(fft->comm);
-    int *row_count = counts, *row_at = row_count + size;
-    int *column_count = row_at + size, *column_at = column_count + size;
-    for (int r = 0; r < size; r++) {
-        const struct v2v_part columns = v2v_par_part(fft->layout.half, size, r);
-        const struct v2v_part rows = v2v_par_part(fft->shape.height, size, r);
-        row_count[r] = (int)(n * columns.count * fft->rows.count);
-        row_at[r] = (int)(n * columns.first * fft->rows.count);
-        column_count[r] = (int)(n * rows.count * fft->columns.count);
-        column_at[r] = (int)(n * rows.first * fft->columns.count);
-    }
-}
-
 static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n, int forward)
 {
-    const int size = v2v_comm_size(fft->comm);
-    int *rows = lane->counts, *columns = rows + 2 * size;
-    count_pieces(fft, lane->counts, n);
-    if (forward) {
-        MPI_Ialltoallv(lane->rows_side, rows, rows + size, MPI_C_FLOAT_COMPLEX, lane->columns_side,
-                       columns, columns + size, MPI_C_FLOAT_COMPLEX, v2v_comm_mpi(fft->comm),
-                       &lane->request);
+    const int count = (int)(n * fft->layout.rows * fft->layout.columns);
+    struct v2v_complex *to = forward ? lane->columns_side : lane->rows_side;
+    const struct v2v_complex *from = forward ? lane->rows_side : lane->columns_side;
+    if (fft->transposition != NULL) {
+        const double began = v2v_clock_now();
+        v2v_transposition_run(fft->transposition, n, forward);
+        v2v_par_spent(V2V_PAR_EXCHANGE, began);
     } else {
-        MPI_Ialltoallv(lane->columns_side, columns, columns + size, MPI_C_FLOAT_COMPLEX,
-                       lane->rows_side, rows, rows + size, MPI_C_FLOAT_COMPLEX,
-                       v2v_comm_mpi(fft->comm), &lane->request);
+        MPI_Ialltoall(from, count, MPI_C_FLOAT_COMPLEX, to, count, MPI_C_FLOAT_COMPLEX,
+                      v2v_comm_mpi(fft->comm), &lane->request);
     }
 }
 
-/* Frames `first` .. of batch b, and how many. */
-static struct v2v_part batch_of(const struct v2v_fft_slabs *fft, int64_t b, int64_t n)
+/* The frames of n that follow a batch; FFTW3-MPI takes a power of two. */
+static struct v2v_part batch_after(const struct v2v_fft_slabs *fft, struct v2v_part batch,
+                                   int64_t n)
 {
-    const int64_t first = b * fft->layout.batch;
-    return (struct v2v_part){first, v2v_smaller(fft->layout.batch, n - first)};
+    const int64_t first = batch.first + batch.count;
+    int64_t count = v2v_smaller(fft->layout.batch, n - first);
+    while (fft->transposition != NULL && (count & (count - 1)) != 0) {
+        count &= count - 1;
+    }
+    return (struct v2v_part){first, count};
 }
 
 /* The arrays of one call. */
@@ -452,25 +477,37 @@ static void rows_from_lane(const struct v2v_fft_slabs *fft, const struct job *jo
     }
 }
 
-/* While a batch is exchanged, the one before it is finished and the one after it begun. */
+static void finish(const struct v2v_fft_slabs *fft, const struct job *job, struct lane *lane,
+                   struct v2v_part batch, int forward)
+{
+    const double began = v2v_clock_now();
+    MPI_Wait(&lane->request, MPI_STATUS_IGNORE);
+    v2v_par_spent(V2V_PAR_EXCHANGE, began);
+    (forward ? columns_from_lane : rows_from_lane)(fft, job, lane, batch);
+}
+
+/* While a batch is exchanged, the one before it is finished and the one after it begun. FFTW3-MPI
+ * returns when a batch has arrived. */
 static void share(struct v2v_fft_slabs *fft, const struct job *job, int64_t n, int forward)
 {
-    const int64_t batches = (n + fft->layout.batch - 1) / fft->layout.batch;
-    for (int64_t b = 0; b <= batches; b++) {
-        struct lane *lane = &fft->lane[b % LANES], *before = &fft->lane[(b + 1) % LANES];
-        if (b < batches) {
-            const struct v2v_part batch = batch_of(fft, b, n);
+    struct v2v_part batch = {0, 0}, before;
+    const int lanes = lanes_of(&fft->shape, v2v_comm_size(fft->comm));
+    int64_t b = 0;
+    do {
+        struct lane *lane = &fft->lane[b++ % lanes];
+        before = batch;
+        batch = batch_after(fft, batch, n);
+        if (batch.count > 0) {
             (forward ? rows_to_lane : columns_to_lane)(fft, job, lane, batch);
             start(fft, lane, batch.count, forward);
         }
-        if (b > 0) {
-            double began = v2v_clock_now();
-            MPI_Wait(&before->request, MPI_STATUS_IGNORE);
-            v2v_par_spent(V2V_PAR_EXCHANGE, began);
-            (forward ? columns_from_lane : rows_from_lane)(fft, job, before,
-                                                           batch_of(fft, b - 1, n));
+        if (lanes == 1) {
+            before = batch;
         }
-    }
+        if (before.count > 0) {
+            finish(fft, job, &fft->lane[b % lanes], before, forward);
+        }
+    } while (batch.count > 0);
 }
 
 static void forward_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
@@ -498,7 +535,7 @@ static void inverse_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *s
 /* On one rank a thread's frame lies here between its rows and its columns. */
 static struct v2v_complex *thread_side(const struct v2v_fft_slabs *fft)
 {
-    return fft->lane[0].rows_side + omp_get_thread_num() * fft->layout.rows_side;
+    return fft->lane[0].rows_side + omp_get_thread_num() * fft->layout.side;
 }
 
 void v2v_fft_slabs_forward(struct v2v_fft_slabs *fft, struct v2v_complex *spectra, int64_t stride,

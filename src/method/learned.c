@@ -68,9 +68,8 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     V2V_TRY(v2v_par_agree(shard, rc));
     if (self->network->ops->traits & V2V_TRAIT_PROJECTS) {
         enum v2v_split split;
-        V2V_TRY(v2v_projector_choose_split(&split, problem->config->parallel.split, problem->psf,
-                                           estimator->height, estimator->width, problem->psf->views,
-                                           shard));
+        V2V_TRY(v2v_projector_choose_split(&split, problem->config, problem->psf, estimator->height,
+                                           estimator->width, problem->psf->views, shard));
         V2V_TRY(v2v_projector_create(&self->projector, problem->psf, estimator->height,
                                      estimator->width, split, shard));
     }

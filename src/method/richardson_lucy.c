@@ -103,8 +103,8 @@ static enum v2v_status prepare(struct v2v_richardson_lucy *self, const struct v2
     enum v2v_status rc = V2V_OK;
     struct scratch scratch = {0};
     enum v2v_split split;
-    V2V_TRY(v2v_projector_choose_split(&split, problem->config->parallel.split, problem->psf,
-                                       self->height, self->width, 1, self->comm));
+    V2V_TRY(v2v_projector_choose_split(&split, problem->config, problem->psf, self->height,
+                                       self->width, 1, self->comm));
     V2V_TRY(v2v_projector_create(&self->projector, problem->psf, self->height, self->width, split,
                                  self->comm));
     self->share = v2v_projector_share(self->projector);

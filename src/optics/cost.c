@@ -16,8 +16,9 @@ enum { FRAMES = 4, REPEATS = 8 };
 
 struct trial {
     struct v2v_fft_slabs *alone, *together;
-    int64_t frames; /* FRAMES for each thread */
-    int64_t shared; /* as many for each rank */
+    int64_t frames;  /* FRAMES for each thread */
+    int64_t shared;  /* as many for each rank */
+    int64_t columns; /* of this rank, of their spectra */
     float *frame;
     struct v2v_complex *spectrum;
     float *otf;     /* [block,v,z] */
@@ -29,16 +30,22 @@ static const int64_t stride = SIZE * (SIZE / 2 + 1);
 static const float factor = 1.0f / (SIZE * SIZE);
 static const int64_t scratch_floats = (SLICES + 2) * V2V_BLOCK_FLOATS;
 
-static const struct v2v_fft_shape measured = {SIDE, SIDE, SIZE, SIZE, FRAMES};
+static const struct v2v_fft_shape measured = {SIDE, SIDE, SIZE, SIZE, FRAMES, 0};
 
-static enum v2v_status take(struct trial *trial)
+/* Room for a rank's part of the shared frames, too. @param threads of the rank that has most */
+static enum v2v_status take(struct trial *trial, int64_t threads, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
+    const int64_t ranks = v2v_comm_size(comm);
+    const int64_t rows = ranks * v2v_par_part(SIDE, ranks, 0).count;
+    const int64_t columns = ranks * v2v_par_part(SIZE / 2 + 1, ranks, 0).count;
     trial->threads = omp_get_max_threads();
     trial->frames = FRAMES * (int64_t)trial->threads;
+    trial->shared = FRAMES * threads * ranks;
+    trial->columns = v2v_par_part(SIZE / 2 + 1, ranks, v2v_comm_rank(comm)).count;
     V2V_TRY(v2v_fft_slabs_create(&trial->alone, &measured, NULL));
-    V2V_TRY(V2V_ALLOC(trial->frame, "optics.cost", trial->frames * SIDE * SIDE));
-    V2V_TRY(V2V_ALLOC(trial->spectrum, "optics.cost", trial->frames * stride));
+    V2V_TRY(V2V_ALLOC(trial->frame, "optics.cost", FRAMES * threads * rows * SIDE));
+    V2V_TRY(V2V_ALLOC(trial->spectrum, "optics.cost", FRAMES * threads * columns * SIZE));
     V2V_TRY(
         V2V_ALLOC(trial->otf, "optics.cost", (int64_t)BLOCKS * VIEWS * SLICES * V2V_BLOCK_FLOATS));
     V2V_TRY(V2V_ALLOC(trial->scratch, "optics.cost", trial->threads * scratch_floats));
@@ -76,6 +83,17 @@ static void transform_together(const void *context)
     }
 }
 
+/* All of them in one call, as projections do, so that one frame's exchange may hide another's
+ * work. */
+static void transform_at_once(const void *context)
+{
+    const struct trial *trial = context;
+    v2v_fft_slabs_forward(trial->together, trial->spectrum, trial->columns * SIZE, trial->frame,
+                          trial->shared);
+    v2v_fft_slabs_inverse(trial->together, trial->frame, factor, trial->spectrum,
+                          trial->columns * SIZE, trial->shared);
+}
+
 static void multiply(const void *context)
 {
     const struct trial *trial = context;
@@ -104,6 +122,7 @@ struct work {
     int ranks;
     double frame_s; /* of one frame, on one rank */
     double largest; /* share of the rows and columns that the first rank has */
+    double ratio;   /* of frames transformed together, to the own exchange's */
 };
 
 /* Frames that each rank transforms by itself, a thread a frame. */
@@ -127,7 +146,8 @@ static double together_s(const struct work *work, int64_t frames)
     const double bytes = work->largest * (double)(frames * shape->height * work->layout.half) *
                          sizeof(struct v2v_complex) * (work->ranks - 1) / work->ranks;
     const double batches = ceil((double)frames / (double)v2v_fft_slabs_batch(shape, work->ranks));
-    return (double)frames * work->largest * work->frame_s + turns_s(work, bytes, batches);
+    return work->ratio *
+           ((double)frames * work->largest * work->frame_s + turns_s(work, bytes, batches));
 }
 
 /* Numbers of `size` bytes of all frequencies of `count` views from or to the ranks that own them.
@@ -146,12 +166,30 @@ static double waiting(const struct v2v_projector_cost *cost, const struct trial 
                       const struct v2v_comm *comm)
 {
     const int ranks = v2v_comm_size(comm);
-    struct work work = {.cost = cost, .ranks = ranks, .largest = 1.0 / ranks};
+    struct work work = {.cost = cost, .ranks = ranks, .largest = 1.0 / ranks, .ratio = 1.0};
     work.layout.shape = measured;
     work.layout.half = SIZE / 2 + 1;
     work.frame_s = cost->transform_s * operations(SIZE, SIZE);
     const double taken = v2v_cost_median(transform_together, trial, comm);
     return fmax(taken / (2.0 * (double)trial->shared) - together_s(&work, 1), 0.0);
+}
+
+/* Waiting by the own exchange, and both exchanges, one after the other. */
+static enum v2v_status measure_together(struct v2v_projector_cost *cost, struct trial *trial,
+                                        const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_fft_shape shape = measured;
+    const double shared = (double)trial->shared;
+    V2V_TRY(v2v_fft_slabs_create(&trial->together, &shape, comm));
+    cost->wait_s = waiting(cost, trial, comm);
+    cost->own_s = v2v_cost_median(transform_at_once, trial, comm) / shared;
+    v2v_fft_slabs_destroy(&trial->together);
+    shape.uses_fftw3_mpi = 1;
+    V2V_TRY(v2v_fft_slabs_create(&trial->together, &shape, comm));
+    cost->fftw3_mpi_s = v2v_cost_median(transform_at_once, trial, comm) / shared;
+done:
+    return rc;
 }
 
 enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
@@ -160,19 +198,16 @@ enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
     enum v2v_status rc = V2V_OK;
     struct trial trial = {0};
     int64_t threads = omp_get_max_threads();
-    *cost = (struct v2v_projector_cost){0};
-    V2V_TRY(v2v_par_agree(comm, take(&trial)));
     v2v_par_max_i64(comm, &threads, 1);
-    cost->threads = (int)threads;
-    trial.shared = FRAMES * threads * v2v_comm_size(comm);
-    V2V_TRY(v2v_fft_slabs_create(&trial.together, &measured, comm));
+    *cost = (struct v2v_projector_cost){.threads = (int)threads};
+    V2V_TRY(v2v_par_agree(comm, take(&trial, threads, comm)));
     cost->transform_s = v2v_cost_median(transform, &trial, comm) /
                         (2.0 * (double)trial.frames * operations(SIZE, SIZE));
     cost->product_s = v2v_cost_median(multiply, &trial, comm) /
                       ((double)REPEATS * BLOCKS * VIEWS * SLICES * V2V_BLOCK);
     V2V_TRY(v2v_network_cost_measure(&cost->network, comm));
     if (v2v_comm_size(comm) > 1) {
-        cost->wait_s = waiting(cost, &trial, comm);
+        V2V_TRY(measure_together(cost, &trial, comm));
     }
 done:
     give_back(&trial);
@@ -184,7 +219,7 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
                                                  int64_t width, int64_t count, enum v2v_split split,
                                                  int ranks)
 {
-    struct work work = {.cost = cost, .ranks = ranks};
+    struct work work = {.cost = cost, .ranks = ranks, .ratio = 1.0};
     struct v2v_projector_layout *layout = &work.layout;
     if (!v2v_projector_plan(layout, psf, height, width, split, ranks, 0)) {
         return (struct v2v_projector_times){INFINITY, INFINITY};
@@ -194,10 +229,13 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
     work.largest =
         0.5 * ((double)v2v_par_part(height, ranks, 0).count / (double)height +
                (double)v2v_par_part(layout->half, ranks, 0).count / (double)layout->half);
+    if (split == V2V_SPLIT_SLABS_FFTW3_MPI && ranks > 1 && cost->own_s > 0) {
+        work.ratio = cost->fftw3_mpi_s / cost->own_s;
+    }
     const double products =
         cost->product_s * (double)(layout->slices * count) * (double)layout->slice_numbers;
     struct v2v_projector_times times = {products, products};
-    if (split == V2V_SPLIT_SLABS || ranks == 1) {
+    if (split != V2V_SPLIT_SLICES || ranks == 1) {
         times.forward_s += together_s(&work, layout->slices + count);
         times.adjoint_s += together_s(&work, layout->slices + count);
     } else {
@@ -210,46 +248,75 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
     return times;
 }
 
-enum v2v_split v2v_projector_faster(double seconds[2], const struct v2v_projector_cost *cost,
-                                    const struct v2v_psf_file *psf, int64_t height, int64_t width,
-                                    int64_t count, int ranks)
+static const enum v2v_split splits[V2V_SPLITS] = {V2V_SPLIT_SLICES, V2V_SPLIT_SLABS,
+                                                  V2V_SPLIT_SLABS_FFTW3_MPI};
+
+const char *v2v_split_text(enum v2v_split split)
 {
-    static const enum v2v_split splits[] = {V2V_SPLIT_SLICES, V2V_SPLIT_SLABS};
-    for (int i = 0; i < 2; i++) {
+    static const char *const texts[] = {"auto", "slices", "slabs", "slabs through FFTW3-MPI"};
+    return texts[split];
+}
+
+/* Do parallel.split and parallel.transform leave this choice? */
+static int is_allowed(const struct v2v_config *config, enum v2v_split split)
+{
+    const int wanted = config->parallel.split, transform = config->parallel.transform;
+    if (split == V2V_SPLIT_SLICES) {
+        return wanted == V2V_SPLIT_AUTO || wanted == V2V_SPLIT_SLICES;
+    }
+    return wanted != V2V_SPLIT_SLICES &&
+           (transform == V2V_TRANSFORM_AUTO ||
+            (transform == V2V_TRANSFORM_OWN) == (split == V2V_SPLIT_SLABS));
+}
+
+enum v2v_split v2v_projector_faster(double seconds[V2V_SPLITS],
+                                    const struct v2v_projector_cost *cost,
+                                    const struct v2v_config *config, const struct v2v_psf_file *psf,
+                                    int64_t height, int64_t width, int64_t count, int ranks)
+{
+    int best = -1;
+    for (int i = 0; i < V2V_SPLITS; i++) {
         const struct v2v_projector_times times =
             v2v_projector_predict(cost, psf, height, width, count, splits[i], ranks);
         seconds[i] = times.forward_s + times.adjoint_s;
+        if (is_allowed(config, splits[i]) && (best < 0 || seconds[i] < seconds[best])) {
+            best = i;
+        }
     }
-    return seconds[1] < seconds[0] ? V2V_SPLIT_SLABS : V2V_SPLIT_SLICES;
+    return splits[best];
 }
 
-enum v2v_status v2v_projector_choose_split(enum v2v_split *split, int wanted,
+enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v2v_config *config,
                                            const struct v2v_psf_file *psf, int64_t height,
                                            int64_t width, int64_t count,
                                            const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_projector_cost cost;
-    double seconds[2];
+    double seconds[V2V_SPLITS];
     const int ranks = v2v_comm_size(comm);
-    *split = (enum v2v_split)wanted;
-    if (*split == V2V_SPLIT_AUTO && ranks == 1) {
-        *split = V2V_SPLIT_SLICES;
-    } else if (*split == V2V_SPLIT_AUTO) {
-        rc = v2v_projector_cost_measure(&cost, comm);
-        if (rc == V2V_E_MEMORY) { /* the projection itself may well fit */
-            v2v_log(V2V_LOG_INFO, "no memory to measure projections: shared by slices");
-            *split = V2V_SPLIT_SLICES;
-            return V2V_OK;
+    int choices = 0;
+    for (int i = V2V_SPLITS - 1; i >= 0; i--) {
+        if (is_allowed(config, splits[i])) {
+            *split = splits[i];
+            choices++;
         }
-        V2V_TRY(rc);
-        *split = v2v_projector_faster(seconds, &cost, psf, height, width, count, ranks);
-        v2v_log(V2V_LOG_INFO,
-                "projection over %d ranks by %s: %.3g ms there and back predicted by slices, %.3g "
-                "ms by slabs",
-                ranks, *split == V2V_SPLIT_SLABS ? "slabs" : "slices", 1e3 * seconds[0],
-                1e3 * seconds[1]);
     }
+    if (ranks == 1 || choices == 1) {
+        return V2V_OK;
+    }
+    rc = v2v_projector_cost_measure(&cost, comm);
+    if (rc == V2V_E_MEMORY) { /* the projection itself may well fit */
+        v2v_log(V2V_LOG_INFO, "no memory to measure projections: shared by %s",
+                v2v_split_text(*split));
+        return V2V_OK;
+    }
+    V2V_TRY(rc);
+    *split = v2v_projector_faster(seconds, &cost, config, psf, height, width, count, ranks);
+    v2v_log(V2V_LOG_INFO,
+            "projection over %d ranks by %s: %.3g ms there and back predicted by slices, %.3g ms "
+            "by slabs, %.3g ms by slabs through FFTW3-MPI",
+            ranks, v2v_split_text(*split), 1e3 * seconds[0], 1e3 * seconds[1], 1e3 * seconds[2]);
 done:
     return rc;
 }

@@ -125,7 +125,7 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
     const int ranks = v2v_comm_size(comm), rank = v2v_comm_rank(comm);
 
     V2V_ASSERT(height >= 1 && width >= 1);
-    V2V_ASSERT(split == V2V_SPLIT_SLICES || split == V2V_SPLIT_SLABS);
+    V2V_ASSERT(split != V2V_SPLIT_AUTO);
     *projector = NULL;
     rc = V2V_ALLOC(made, "projector", 1);
     if (rc == V2V_OK) {
@@ -138,8 +138,8 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
         made->width = width;
         made->threads = omp_get_max_threads();
         made->share.view_rows = my_rows;
-        made->share.slices = split == V2V_SPLIT_SLABS ? all_slices : my_slices;
-        made->share.rows = split == V2V_SPLIT_SLABS ? my_rows : all_rows;
+        made->share.slices = split == V2V_SPLIT_SLICES ? my_slices : all_slices;
+        made->share.rows = split == V2V_SPLIT_SLICES ? all_rows : my_rows;
         rc = create_local(made, psf, &rows);
     }
     V2V_TRY(v2v_par_agree(comm, rc));

@@ -80,17 +80,18 @@ int v2v_projector_plan(struct v2v_projector_layout *layout, const struct v2v_psf
     *layout = (struct v2v_projector_layout){
         .shape = {height, width, transform_size(height, psf->height),
                   transform_size(width, psf->width),
-                  psf->views > psf->slices ? psf->views : psf->slices},
+                  psf->views > psf->slices ? psf->views : psf->slices,
+                  split == V2V_SPLIT_SLABS_FFTW3_MPI},
         .views = psf->views,
         .slices =
-            split == V2V_SPLIT_SLABS ? psf->slices : v2v_par_part(psf->slices, ranks, rank).count};
+            split == V2V_SPLIT_SLICES ? v2v_par_part(psf->slices, ranks, rank).count : psf->slices};
     if (v2v_fft_slabs_bytes(&layout->shape, ranks) < 0) {
         return 0;
     }
     const int64_t ny = layout->shape.ny, half = layout->shape.nx / 2 + 1;
     layout->half = half;
     layout->view_numbers = v2v_par_part(half, ranks, rank).count * ny;
-    layout->slice_numbers = split == V2V_SPLIT_SLABS ? layout->view_numbers : half * ny;
+    layout->slice_numbers = split == V2V_SPLIT_SLICES ? half * ny : layout->view_numbers;
     layout->slice_stride = v2v_round_up(layout->slice_numbers, 8);
     layout->view_stride = v2v_round_up(layout->view_numbers, 8);
     plan_rounds(layout, split, ranks);

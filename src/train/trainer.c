@@ -112,12 +112,15 @@ static enum v2v_status create_loss(struct v2v_trainer *trainer, const struct v2v
                                    .window = v2v_sampler_window(trainer->sampler),
                                    .outputs = trainer->ops->outputs,
                                    .comm = trainer->grid.shard};
+    const enum v2v_split split = job->config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI
+                                     ? V2V_SPLIT_SLABS_FFTW3_MPI
+                                     : V2V_SPLIT_SLABS;
     for (int o = 0; o < setup.outputs; o++) {
         const struct v2v_output *output = &trainer->network->output[o];
         setup.held_out[o] = (struct v2v_held_out){output->held_out, output->count};
     }
-    V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, setup.height, setup.width,
-                                 V2V_SPLIT_SLABS, setup.comm));
+    V2V_TRY(v2v_projector_create(&trainer->projector, job->psf, setup.height, setup.width, split,
+                                 setup.comm));
     setup.projector = trainer->projector;
     V2V_TRY(v2v_loss_create(&trainer->loss, &setup));
 done:

@@ -1,5 +1,5 @@
-/* Projection by slices against projection by slabs, measured in turn and predicted, with their
- * errors against plain sums in double precision.
+/* Projection by slices, by slabs and by slabs through FFTW3-MPI, measured in turn and predicted,
+ * with their errors against plain sums in double precision.
  *   mpirun -n RANKS bench_projector PSF [SIDE [TURNS]] */
 #include "twin_projector.h"
 #include "v2v3d/base/clock.h"
@@ -13,9 +13,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { SPLITS = 2, KINDS = 4, MOST_TURNS = 101, SAMPLES = 64 };
-static const enum v2v_split splits[SPLITS] = {V2V_SPLIT_SLICES, V2V_SPLIT_SLABS};
-static const char *const split_names[SPLITS] = {"slices", "slabs"};
+enum { SPLITS = 3, KINDS = 4, MOST_TURNS = 101, SAMPLES = 64 };
+static const enum v2v_split splits[SPLITS] = {V2V_SPLIT_SLICES, V2V_SPLIT_SLABS,
+                                              V2V_SPLIT_SLABS_FFTW3_MPI};
+static const char *const split_names[SPLITS] = {"slices", "slabs", "FFTW3-MPI"};
 static const char *const kind_names[KINDS] = {"forward, all views", "adjoint, all views",
                                               "forward, one view", "adjoint, one view"};
 

@@ -1,6 +1,7 @@
-/* Our transforms cut over ranks against FFTW3-MPI's, in turn: frames of SIDE x SIDE in zeros, there
- * and back. FFTW3-MPI: planned by estimate as all plans are here (MEASURE gives other bits from run
- * to run), transposed spectra, a frame after the other.
+/* Transforms cut over ranks by the own exchange, by FFTW3-MPI's transposition, and by FFTW3-MPI
+ * alone, in turn: frames of SIDE x SIDE in zeros, there and back. FFTW3-MPI alone transforms and
+ * sends the zeros too: planned by estimate as all transforms are here (MEASURE gives other bits
+ * from run to run), transposed spectra, a frame after the other.
  *   mpirun -n RANKS bench_slabs [SIDE [FRAMES [TURNS]]] */
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
@@ -10,14 +11,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { KINDS = 4, MOST_TURNS = 101 };
-static const char *const names[KINDS] = {"ours, forward", "ours, inverse", "FFTW3-MPI, forward",
-                                         "FFTW3-MPI, inverse"};
+enum { KINDS = 6, MOST_TURNS = 101 };
+static const char *const names[KINDS] = {"own, forward",        "own, inverse",
+                                         "fftw3-mpi, forward",  "fftw3-mpi, inverse",
+                                         "FFTW alone, forward", "FFTW alone, inverse"};
 
 struct bench {
     struct v2v_comm *world;
     struct v2v_fft_shape shape;
-    struct v2v_fft_slabs *ours;
+    struct v2v_fft_slabs *slabs[2]; /* own, fftw3-mpi */
+    double planned_s[2];
     int64_t stride;
     float *frames;
     struct v2v_complex *spectra;
@@ -38,9 +41,15 @@ static enum v2v_status prepare(struct bench *b)
     enum v2v_status rc = V2V_OK;
     const struct v2v_fft_shape *s = &b->shape;
     ptrdiff_t columns, first_column;
-    V2V_TRY(v2v_fft_slabs_create(&b->ours, s, b->world));
-    b->stride = v2v_fft_slabs_columns(b->ours).count * s->ny;
-    int64_t pixels = v2v_fft_slabs_rows(b->ours).count * s->width;
+    for (int i = 0; i < 2; i++) {
+        struct v2v_fft_shape shape = *s;
+        const double start = v2v_clock_now();
+        shape.uses_fftw3_mpi = i;
+        V2V_TRY(v2v_fft_slabs_create(&b->slabs[i], &shape, b->world));
+        b->planned_s[i] = v2v_clock_now() - start;
+    }
+    b->stride = v2v_fft_slabs_columns(b->slabs[0]).count * s->ny;
+    int64_t pixels = v2v_fft_slabs_rows(b->slabs[0]).count * s->width;
     V2V_TRY(V2V_ALLOC(b->frames, "bench", s->frames * pixels));
     V2V_TRY(V2V_ALLOC(b->spectra, "bench", s->frames * b->stride));
     fftwf_mpi_init();
@@ -91,14 +100,15 @@ static double measure(const struct bench *b, int kind)
     const float factor = 1.0f / (float)(s->ny * s->nx);
     v2v_par_barrier(b->world);
     double start = v2v_clock_now();
-    if (kind == 0) {
-        v2v_fft_slabs_forward(b->ours, b->spectra, b->stride, b->frames, s->frames);
-    } else if (kind == 1) {
-        v2v_fft_slabs_inverse(b->ours, b->frames, factor, b->spectra, b->stride, s->frames);
-    } else if (kind == 2) {
+    if (kind == 4) {
         their_forward(b);
-    } else {
+    } else if (kind == 5) {
         their_inverse(b, factor);
+    } else if (kind % 2 == 0) {
+        v2v_fft_slabs_forward(b->slabs[kind / 2], b->spectra, b->stride, b->frames, s->frames);
+    } else {
+        v2v_fft_slabs_inverse(b->slabs[kind / 2], b->frames, factor, b->spectra, b->stride,
+                              s->frames);
     }
     double taken = v2v_clock_now() - start;
     v2v_par_max_f64(b->world, &taken, 1);
@@ -128,7 +138,7 @@ int main(int argc, char **argv)
     const long side = number(argc, argv, 1, 512, 8192), frames = number(argc, argv, 2, 39, 1000);
     const long turns = number(argc, argv, 3, 11, MOST_TURNS);
     const int64_t size = v2v_fft_good_size(side + side / 8);
-    b.shape = (struct v2v_fft_shape){side, side, size, size, frames};
+    b.shape = (struct v2v_fft_shape){side, side, size, size, frames, 0};
     if (prepare(&b) != V2V_OK) {
         fprintf(stderr, "%s\n", v2v_status_message());
         v2v_par_abort(1);
@@ -140,9 +150,12 @@ int main(int argc, char **argv)
     }
     for (int kind = 0; kind < KINDS && v2v_comm_rank(b.world) == 0; kind++) {
         qsort(seconds[kind], (size_t)turns, sizeof(double), by_size);
-        printf("%d ranks, %ld frames of %ld in %lld: %-18s %7.1f ms, least %7.1f\n",
+        printf("%d ranks, %ld frames of %ld in %lld: %-19s %7.1f ms, least %7.1f\n",
                v2v_comm_size(b.world), frames, side, (long long)size, names[kind],
                1e3 * seconds[kind][turns / 2], 1e3 * seconds[kind][0]);
+    }
+    if (v2v_comm_rank(b.world) == 0) {
+        printf("planned in %.3f s (own), %.3f s (fftw3-mpi)\n", b.planned_s[0], b.planned_s[1]);
     }
     fftwf_destroy_plan(b.forward);
     fftwf_destroy_plan(b.inverse);
@@ -150,7 +163,8 @@ int main(int argc, char **argv)
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
-    v2v_fft_slabs_destroy(&b.ours);
+    v2v_fft_slabs_destroy(&b.slabs[0]);
+    v2v_fft_slabs_destroy(&b.slabs[1]);
     v2v_par_finalize(&b.world);
     return 0;
 }

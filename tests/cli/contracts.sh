@@ -23,13 +23,20 @@ works info adjoint.h5
 says 'volume, 2 frames, 7 slices of 64 x 64'
 
 # Slabs over these ranks against one rank, which the split leaves alone.
-works project --psf one/psf.h5 --volume one/truth.h5 -o slabs.h5 --set parallel.split=slabs
+works project --psf one/psf.h5 --volume one/truth.h5 -o slabs.h5 --set parallel.split=slabs \
+    --set parallel.transform=own
 "$program" project --psf one/psf.h5 --volume one/truth.h5 -o alone.h5 2>stderr ||
     fail "$(cat stderr)"
 same slabs.h5 alone.h5 /views
 works project --psf one/psf.h5 --input lfi.h5 --adjoint -o slabs_adjoint.h5 --normalize none \
-    --set parallel.split=slabs
+    --set parallel.split=slabs --set parallel.transform=own
 same slabs_adjoint.h5 adjoint.h5 /volume
+works project --psf one/psf.h5 --volume one/truth.h5 -o fftw.h5 --set parallel.split=slabs \
+    --set parallel.transform=fftw3-mpi
+same fftw.h5 alone.h5 /views
+works project --psf one/psf.h5 --input lfi.h5 --adjoint -o fftw_adjoint.h5 --normalize none \
+    --set parallel.split=slabs --set parallel.transform=fftw3-mpi
+same fftw_adjoint.h5 adjoint.h5 /volume
 refuses 78 'parallel.split.*slices' project --psf one/psf.h5 --volume one/truth.h5 -o out.h5 \
     --set parallel.split=rows
 
@@ -42,16 +49,19 @@ works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
 works deconvolve --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
 works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 \
-    --set parallel.split=slabs
+    --set parallel.split=slabs --set parallel.transform=own
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o rld_alone.h5 --iterations 2 2>stderr ||
     fail "$(cat stderr)"
 same rld_slabs.h5 rld_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --iterations 2 \
+    --set parallel.split=slabs --set parallel.transform=fftw3-mpi
+same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
 works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --stop heldout --iterations 20
 
 # A range of frames has the bits of the whole; a complete output is not made again.
 works deconvolve --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 \
-    --set parallel.split=slabs
+    --set parallel.split=slabs --set parallel.transform=own
 works info last.h5
 says 'volume, 1 frames'
 if command -v h5dump >/dev/null; then

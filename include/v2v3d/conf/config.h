@@ -38,7 +38,15 @@ struct v2v_number {
 enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
 /** How ranks share a projection: see optics/projector.h. AUTO: what the cost model predicts faster.
  */
-enum v2v_split { V2V_SPLIT_AUTO, V2V_SPLIT_SLICES, V2V_SPLIT_SLABS };
+enum v2v_split {
+    V2V_SPLIT_AUTO,
+    V2V_SPLIT_SLICES,
+    V2V_SPLIT_SLABS,
+    V2V_SPLIT_SLABS_FFTW3_MPI, /**< slabs with V2V_TRANSFORM_FFTW3_MPI; no word of parallel.split */
+};
+/** How slabs exchange rows for columns: see fft/slabs.h. AUTO: as the cost model predicts
+ *  faster; training, where it isn't asked, takes the own one. */
+enum v2v_transform { V2V_TRANSFORM_AUTO, V2V_TRANSFORM_OWN, V2V_TRANSFORM_FFTW3_MPI };
 enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 /** Of the convolutions. BF16: on processors with the instructions, else float32; BF16_ALWAYS: also
@@ -132,6 +140,7 @@ struct v2v_config {
                                depend on their number; 0: as shards, or one */
         int64_t threads;  /**< 0: cores / ranks on this host */
         int split;        /**< enum v2v_split */
+        int transform;    /**< enum v2v_transform */
         double watchdog_s;
         double max_mem_gb; /**< of a rank; 0: no limit */
         int reproducible;  /**< bool: the same bits at any rank count and grid, or a refusal */

@@ -16,17 +16,22 @@ extern "C" {
  *
  *  Rows are transformed one by one, exchanged, and then columns one by one, each by the same plan
  *  whatever the rank count: any number of ranks gets the same bits. Rows of zeros are neither
- *  transformed nor sent. Several frames go in one exchange, under way while the frames before and
- *  after them are transformed. */
+ *  transformed nor sent. Several frames go in one exchange.
+ *
+ *  Two back ends exchange, and change no bit: the own one is under way while the frames before and
+ *  after are transformed; FFTW3-MPI's distributed transposition, which a cluster may bring tuned
+ *  and which tries its ways at creation, is waited for. FFTW3-MPI's whole two-dimensional transform
+ *  would transform and send the zeros too (tests/bench/bench_slabs.c compares). */
 struct v2v_fft_slabs;
 
 struct v2v_fft_shape {
     int64_t height, width; /**< of a frame */
     int64_t ny, nx;        /**< of its transform: even, and not smaller */
     int64_t frames;        /**< that one call transforms, about: no exchange has room for more */
+    int uses_fftw3_mpi;    /**< bool: FFTW3-MPI exchanges; on one rank nothing is exchanged */
 };
 
-/** Plan. @kind Collective(comm) (NULL: all rows and columns here).
+/** Plan. @kind Collective(comm) (NULL: all rows and columns here), as is _destroy.
  *  @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_fft_slabs_create(struct v2v_fft_slabs **fft, const struct v2v_fft_shape *shape,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
@@ -47,7 +52,8 @@ struct v2v_part v2v_fft_slabs_columns(const struct v2v_fft_slabs *fft);
  *  @kind   Collective(comm), no allocation; on one rank frames are shared by the threads
  *  @param  spectra [columns of this rank,ny] each, `stride` complex numbers apart (even)
  *  @param  frames [n, rows of this rank, width]
- *  @cost   2 * (ranks-1)/ranks^2 * n * height * (nx/2+1) * 4 bytes sent by a rank */
+ *  @cost   2 * (ranks-1)/ranks^2 * n * height * (nx/2+1) * 4 bytes sent by a rank, rows and columns
+ *          rounded up to multiples of ranks */
 void v2v_fft_slabs_forward(struct v2v_fft_slabs *fft, struct v2v_complex *spectra, int64_t stride,
                            const float *frames, int64_t n);
 

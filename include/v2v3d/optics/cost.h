@@ -18,6 +18,8 @@ struct v2v_projector_cost {
     double transform_s; /**< of a frame by all threads, for each of its n log2(n), n = ny * nx */
     double product_s;   /**< of one number of an OTF, by all threads */
     double wait_s; /**< that ranks wait for one another in an exchange between pieces of work */
+    double own_s;  /**< a frame that all ranks share, there and back, by the own exchange .. */
+    double fftw3_mpi_s; /**< .. and by FFTW3-MPI's; 0 on one rank */
     struct v2v_network_cost network;
 };
 
@@ -26,8 +28,9 @@ struct v2v_projector_times {
     double forward_s, adjoint_s;
 };
 
-/** Measure: some 30 MB, a second in all, or three turns of each figure where that takes longer. All
- *  ranks get the same figures. @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
+/** Measure: some 30 MB, one to two seconds in all, or three turns of each figure where that takes
+ *  longer. All ranks get the same figures.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
                                            const struct v2v_comm *comm) V2V_MUST_CHECK;
 
@@ -38,16 +41,23 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
                                                  int64_t width, int64_t count, enum v2v_split split,
                                                  int ranks);
 
-/** Predicted seconds of either split, and the faster one. @kind Local.
- *  @param seconds [2]: a projection and a back-projection by slices, by slabs */
-enum v2v_split v2v_projector_faster(double seconds[2], const struct v2v_projector_cost *cost,
-                                    const struct v2v_psf_file *psf, int64_t height, int64_t width,
-                                    int64_t count, int ranks);
+/** slices, slabs, slabs through FFTW3-MPI */
+enum { V2V_SPLITS = 3 };
 
-/** How ranks share projections and back-projections of `count` views at a time: as `wanted` (enum
- *  v2v_split) says, or as the cost model, measured for it, predicts the faster; logged.
- *  @kind Collective(comm), agreed. @return V2V_OK | V2V_E_MEMORY */
-enum v2v_status v2v_projector_choose_split(enum v2v_split *split, int wanted,
+/** In words. @kind Local. */
+const char *v2v_split_text(enum v2v_split split);
+
+/** Predicted seconds of a projection and a back-projection by each, and the fastest of those that
+ *  parallel.split and parallel.transform leave. @kind Local. */
+enum v2v_split v2v_projector_faster(double seconds[V2V_SPLITS],
+                                    const struct v2v_projector_cost *cost,
+                                    const struct v2v_config *config, const struct v2v_psf_file *psf,
+                                    int64_t height, int64_t width, int64_t count, int ranks);
+
+/** How ranks share projections and back-projections of `count` views at a time: as parallel.split
+ *  and parallel.transform say, or as the cost model, measured for it, predicts the fastest of what
+ *  they leave; logged. @kind Collective(comm), agreed. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v2v_config *config,
                                            const struct v2v_psf_file *psf, int64_t height,
                                            int64_t width, int64_t count,
                                            const struct v2v_comm *comm) V2V_MUST_CHECK;

@@ -18,7 +18,7 @@ extern "C" {
  *  - slices: a rank holds and transforms its depth slices. The spectra of the projections are
  *    summed over ranks, each rank summing its columns.
  *  - slabs: a rank holds rows of all slices and columns of all spectra; transforms exchange rows
- *    for columns, nothing is summed over ranks.
+ *    for columns, by themselves or by FFTW3-MPI, nothing is summed over ranks.
  *  Either way OTFs are split over ranks and views are held by rows. Slabs give the same bits at any
  *  rank count; slices too but for the rounding of one number in millions. */
 struct v2v_projector;
@@ -30,8 +30,8 @@ struct v2v_projector_share {
 
 /** Plan for frames of [height,width] over the ranks of comm (NULL: all here, whatever the split).
  *  Stores the OTFs: views * slices * ny * (nx/2+1) * 8 bytes over all ranks.
- *  @kind Collective(comm). @param split V2V_SPLIT_SLICES or V2V_SPLIT_SLABS: see optics/cost.h for
- *  the choice. @return V2V_OK | V2V_E_MEMORY; agreed */
+ *  @kind Collective(comm). @param split not V2V_SPLIT_AUTO: see optics/cost.h for the choice.
+ *  @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_projector_create(struct v2v_projector **projector,
                                      const struct v2v_psf_file *psf, int64_t height, int64_t width,
                                      enum v2v_split split,

@@ -1,5 +1,6 @@
-/* Transforms cut over ranks against those of one rank, bit for bit, and against the plain plan:
- * uneven cuts, more ranks than rows or columns, more frames than one exchange takes. */
+/* Transforms cut over ranks, by either exchange, against those of one rank, bit for bit, and
+ * against the plain plan: uneven cuts, more ranks than rows or columns, more frames than one
+ * exchange takes. */
 #include "support.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
@@ -9,9 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* FFTW3-MPI: uneven cuts; 4 + 1 frames; more ranks than columns and rows; frames one by one. */
 static const struct v2v_fft_shape shapes[] = {
-    {1, 1, 2, 2, 1},    {3, 5, 4, 6, 2},    {17, 12, 20, 16, 3},
-    {20, 7, 20, 8, 40}, {9, 40, 10, 42, 1}, {300, 290, 300, 320, 5},
+    {1, 1, 2, 2, 1, 0},     {3, 5, 4, 6, 2, 0},    {17, 12, 20, 16, 3, 0},
+    {20, 7, 20, 8, 40, 0},  {9, 40, 10, 42, 1, 0}, {300, 290, 300, 320, 5, 0},
+    {17, 12, 20, 16, 4, 1}, {1, 1, 2, 2, 1, 1},    {300, 290, 300, 320, 5, 1},
 };
 enum { SHAPES = sizeof shapes / sizeof shapes[0], FRAMES = 5 };
 

@@ -35,6 +35,7 @@ static int setup_as(void **state, const char *method, enum v2v_split split)
     v2v_config_defaults(&config);
     snprintf(config.deconv.method, sizeof config.deconv.method, "%s", method);
     config.parallel.split = split;
+    config.parallel.transform = V2V_TRANSFORM_OWN;
     is_frl = strcmp(method, "frl") == 0;
     return setup(state);
 }
@@ -47,6 +48,13 @@ static int setup_rld_slices(void **state)
 static int setup_rld_slabs(void **state)
 {
     return setup_as(state, "rld", V2V_SPLIT_SLABS);
+}
+
+static int setup_rld_fftw3_mpi(void **state)
+{
+    const int failed = setup_as(state, "rld", V2V_SPLIT_SLABS);
+    config.parallel.transform = V2V_TRANSFORM_FFTW3_MPI;
+    return failed;
 }
 
 static int setup_frl_slices(void **state)
@@ -369,6 +377,8 @@ int main(int argc, char **argv)
         WITH(residual_falls_with_every_iteration_on_clean_views),
         WITH(a_constant_scene_is_found_at_once_and_kept),
         WITH(any_number_of_ranks_gives_the_same_volume),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
+                                        setup_rld_fftw3_mpi, teardown),
         WITH(scaled_views_give_the_scaled_volume),
         WITH(negative_samples_count_as_zero),
         WITH(dark_views_give_a_dark_volume),

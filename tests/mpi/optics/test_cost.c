@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/cost.h"
 #include <math.h>
+#include <string.h>
 
 enum { SIDE = 512 };
 
@@ -33,14 +34,17 @@ static void measured_figures_are_the_same_on_all_ranks_and_positive(void **state
     (void)state;
     assert_ok(v2v_projector_cost_measure(&cost, test_world()));
     assert_int_equal(v2v_mem_held(), held);
-    double figures[] = {cost.transform_s, cost.product_s, cost.wait_s, cost.network.byte_s};
-    double first[] = {cost.transform_s, cost.product_s, cost.wait_s, cost.network.byte_s};
+    double figures[] = {cost.transform_s, cost.product_s,   cost.wait_s,
+                        cost.own_s,       cost.fftw3_mpi_s, cost.network.byte_s};
+    double first[6];
+    memcpy(first, figures, sizeof first);
     v2v_par_broadcast(test_world(), first, (int64_t)sizeof first, 0);
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 6; i++) {
         assert_true(figures[i] == first[i] && isfinite(figures[i]));
     }
     assert_true(cost.transform_s > 0 && cost.product_s > 0 && cost.wait_s >= 0);
     assert_int_equal(cost.network.ranks, v2v_comm_size(test_world()));
+    assert_int_equal(cost.own_s > 0 && cost.fftw3_mpi_s > 0, v2v_comm_size(test_world()) > 1);
 }
 
 static void a_rank_short_of_memory_fails_the_measurement_on_all(void **state)
@@ -95,6 +99,22 @@ static void slices_win_for_single_views_over_a_slow_network(void **state)
     }
 }
 
+/* Transforms take two thirds of the time, the products between them all of it. */
+static void slabs_gain_what_fftw3_mpi_is_measured_to_gain(void **state)
+{
+    struct v2v_projector_cost cost = machine(1e-5, 1e-9);
+    (void)state;
+    cost.own_s = 3e-3;
+    cost.fftw3_mpi_s = 2e-3;
+    const double slabs = there_and_back(&cost, 13, V2V_SPLIT_SLABS, 4);
+    const double products = 2 * cost.product_s * 39 * 13 * 576 * 73;
+    const double expected = products + (slabs - products) * 2 / 3;
+    assert_true(fabs(there_and_back(&cost, 13, V2V_SPLIT_SLABS_FFTW3_MPI, 4) - expected) <=
+                1e-12 * slabs);
+    assert_true(there_and_back(&cost, 13, V2V_SPLIT_SLABS_FFTW3_MPI, 1) ==
+                there_and_back(&cost, 13, V2V_SPLIT_SLABS, 1));
+}
+
 static void a_frame_beyond_all_counts_takes_for_ever(void **state)
 {
     const struct v2v_projector_cost cost = machine(0, 0);
@@ -112,6 +132,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(one_rank_takes_the_same_time_by_either_split),
         cmocka_unit_test(slabs_win_where_messages_cost_nothing),
         cmocka_unit_test(slices_win_for_single_views_over_a_slow_network),
+        cmocka_unit_test(slabs_gain_what_fftw3_mpi_is_measured_to_gain),
         cmocka_unit_test(a_frame_beyond_all_counts_takes_for_ever),
     };
     return test_mpi_main(tests, argc, argv);

@@ -116,7 +116,8 @@ static int setup(const char *name)
     config.model.volume_scale = 2;
     config.model.winograd = 0;
     config.deconv.iterations = 2;
-    config.parallel.split = V2V_SPLIT_SLABS;         /* the same bits at any number of ranks */
+    config.parallel.split = V2V_SPLIT_SLABS; /* the same bits at any number of ranks */
+    config.parallel.transform = V2V_TRANSFORM_OWN;
     for (int64_t i = 0; i < FRAMES * SAMPLES; i++) { /* whole counts: exact in float32 */
         frames[i / SAMPLES][i % SAMPLES] = (float)(100 + v2v_random_below(3, 0, (uint64_t)i, 64));
     }
