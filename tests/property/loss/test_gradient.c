@@ -100,8 +100,8 @@ static void backward(void *self, const double *dtotal)
     }
 }
 
-/* These have a Taylor remainder of second order; the others have kinks wherever a voxel lies on 0 or
- * a frequency vanishes. */
+/* These have a Taylor remainder of second order; the others have kinks wherever a voxel lies on 0
+ * or a frequency vanishes. */
 static int is_quadratic(int profile, int term)
 {
     return term == V2V_LOSS_MSE || (term == V2V_LOSS_FFT && profile == V2V_LOSS_PAPER);

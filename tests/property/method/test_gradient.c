@@ -35,9 +35,9 @@ static const struct way ways[] = {
     {"the last output", {NULL}, 2, 32, 0, 2},
     {"two slabs", {NULL}, V2V_NETWORK_ALL, 64, 2, 1}};
 
-/* What kinks a network is tried with. Biases lifted by 4, several deviations of the sums that they are
- * added to, make every activation positive: but for maximum pools the network then is smooth, its
- * Taylor remainder of second order, and slopes are seen to two per cent. */
+/* What kinks a network is tried with. Biases lifted by 4, several deviations of the sums that they
+ * are added to, make every activation positive: but for maximum pools the network then is smooth,
+ * its Taylor remainder of second order, and slopes are seen to two per cent. */
 struct smoothness {
     double lift, sees;
     int64_t elements;

@@ -67,7 +67,7 @@ static void weights_that_part_end_the_job(void **state)
                            text);
     unsetenv("V2V_FAULT");
     assert_int_equal(code, 70);
-    assert_non_null(strstr(text, "after step 4 the weights of the encoder on rank 2 are not those "
+    assert_non_null(strstr(text, "after step 4 the weights of feat_extract on rank 2 are not those "
                                  "of rank 0"));
     assert_false(v2v_file_exists(program_file(&scene, "run/weights.h5")));
     scene_fini(&scene);
