@@ -5,9 +5,9 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/recon/recon.h"
-#include "v2v3d/v2v/model.h"
 #include <string.h>
 
 /* What a run opens and makes. */
@@ -24,11 +24,11 @@ struct work {
     struct v2v_volume_writer *writer;
 };
 
-static double skip_of(const struct v2v_recon_settings *recon)
+static double skip_of(const struct v2v_number *skip, double automatic)
 {
-    return recon->skip.mode == V2V_NUMBER_NONE   ? 0.0
-           : recon->skip.mode == V2V_NUMBER_AUTO ? V2V_SKIP_AUTO
-                                                 : recon->skip.value;
+    return skip->mode == V2V_NUMBER_NONE   ? 0.0
+           : skip->mode == V2V_NUMBER_AUTO ? automatic
+                                           : skip->value;
 }
 
 /* FIRST:COUNT; all frames when it is not given. */
@@ -52,7 +52,7 @@ done:
 static enum v2v_status check(struct work *work, const struct v2v_session *session)
 {
     const struct v2v_volumes *given = work->given;
-    if (work->ops->is_learned && skip_of(&session->config.recon) > 0.0 &&
+    if (work->ops->is_learned && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
     }
@@ -80,6 +80,7 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info network;
+    const struct v2v_network_ops *ops = NULL;
     struct v2v_recon_settings *recon = &session->config.recon;
     struct v2v_problem *problem = &work->problem;
     V2V_TRY(v2v_step_weights_info(session, &network, work->given->weights, &work->psf));
@@ -87,7 +88,8 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
     if (problem->precision == V2V_PRECISION_F32) {
         recon->precision = V2V_PRECISION_F32;
     }
-    problem->skip = skip_of(recon);
+    V2V_TRY(v2v_network_find(&ops, session->config.model.method));
+    problem->skip = skip_of(&recon->skip, ops->skip_auto);
     if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     }

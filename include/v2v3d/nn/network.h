@@ -38,10 +38,6 @@ enum { V2V_NETWORK_MOST_OUTPUTS = 2, V2V_NETWORK_MOST_GROUPS = 4 };
 /** All outputs, of however many there are. */
 #define V2V_NETWORK_ALL 3u
 
-/** The tolerance of skipping that is called auto. Measured on noisy recordings (13 views, noise
- *  0.1, 0.2 and 0.4 of their peak): PSNR of thin and thick structures falls by 0.04 dB at most. */
-#define V2V_SKIP_AUTO 0.085
-
 /** A volume: the views that it may not see and is judged by; the mean of all volumes is the result.
  */
 struct v2v_output {
@@ -116,7 +112,8 @@ struct v2v_network_ops {
                                   its function depend on; weight files carry them */
     const char *split;       /**< which views which volume sees, in a word */
     int outputs;
-    unsigned traits; /**< V2V_TRAIT_.. */
+    unsigned traits;  /**< V2V_TRAIT_.. */
+    double skip_auto; /**< the tolerance of skipping that is called auto */
 
     /** Append the parameters of the outputs in spec to an empty table. @kind Local.
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG */
