@@ -133,7 +133,9 @@ done:
 static int enough(void *context, int64_t iteration, const struct v2v_iterate *iterate)
 {
     struct onlooker *onlooker = context;
-    onlooker->rc = look(onlooker, iteration, iterate);
+    if (onlooker->rc == V2V_OK) { /* a failure of an earlier frame stays */
+        onlooker->rc = look(onlooker, iteration, iterate);
+    }
     return onlooker->rc != V2V_OK;
 }
 
@@ -175,6 +177,7 @@ enum v2v_status v2v_demo_deconvolve(struct v2v_demo *demo)
     const struct v2v_volumes given = {.psf = psf, .input = input, .output = output};
     session.config.deconv.iterations = demo->iterations;
     session.config.deconv.stop = V2V_STOP_FIXED;
+    V2V_TRY(v2v_config_set(&session.config, "deconv.method=rld"));
     V2V_TRY(v2v_demo_path(psf, demo, "psf.h5"));
     V2V_TRY(v2v_demo_path(input, demo, "recording.h5"));
     V2V_TRY(v2v_demo_path(output, demo, "rld.h5"));

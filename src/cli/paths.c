@@ -21,7 +21,8 @@ enum { FEW = 16, MANY = 48, SIDE = 24, TAPS = 9, THREADS = 2, LIMIT_SECONDS = 60
 
 /* Exit codes of a process that tries a path, the worst of all ranks last; what a shell would add to
  * a signal's number. */
-enum { PATH_IS_GOOD, PATH_IS_ABSENT, PATH_IS_WRONG, PATH_FAILED, BY_SIGNAL = 128 };
+/* Codes of a process; below PATH_IS_ABSENT other libraries have theirs. */
+enum { PATH_IS_GOOD, PATH_IS_ABSENT = 64, PATH_IS_WRONG, PATH_FAILED, BY_SIGNAL = 128 };
 
 /* One side adds up TAPS * channels products below 1: so many times this it may err by. Minimal
  * filtering loses up to 10 times more; bf16 rounds both factors to 8 bits. */
@@ -164,6 +165,7 @@ static int try_apart(int path)
     if (posix_spawn(&child, "/proc/self/exe", &silence, NULL, words, environ) == 0 &&
         waitpid(child, &status, 0) == child) {
         code = WIFSIGNALED(status) ? BY_SIGNAL + WTERMSIG(status) : WEXITSTATUS(status);
+        code = code > PATH_IS_GOOD && code < PATH_IS_ABSENT ? PATH_FAILED : code;
     }
     posix_spawn_file_actions_destroy(&silence);
     return code;

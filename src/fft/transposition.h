@@ -23,7 +23,7 @@ enum v2v_status v2v_transposition_create(struct v2v_transposition **transpositio
                                          const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_transposition_destroy(struct v2v_transposition **transposition);
 
-/** From the rows' side to the columns', which destroys the former, or back. @kind Collective(comm),
+/** From the rows' side to the columns' or back; may destroy what it reads. @kind Collective(comm),
  *  no allocation. @param frames a power of two */
 void v2v_transposition_run(const struct v2v_transposition *transposition, int64_t frames,
                            int forward);

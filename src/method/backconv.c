@@ -157,13 +157,13 @@ static void describe_work(struct v2v_grid_work *work, const struct v2v_network_s
     int64_t floats = 2 * spec->views + (2 * HALVES + 1) * spec->slices + inner;
     int64_t fixed =
         spec->psf == NULL ? 0 : v2v_projector_bytes(spec->psf, height, width, V2V_SPLIT_SLICES, 1);
-    *work =
-        (struct v2v_grid_work){.height = height,
-                               .unit = 1,
-                               .most_shards = 1,
-                               .most_branches = HALVES,
-                               .fixed_bytes = fixed,
-                               .bytes = fixed + floats * height * width * (int64_t)sizeof(float)};
+    *work = (struct v2v_grid_work){
+        .height = height,
+        .unit = 1,
+        .most_shards = 1,
+        .most_branches = HALVES,
+        .fixed_bytes = fixed,
+        .bytes = v2v_mem_bytes(v2v_mem_product(floats, height, width), fixed)};
 }
 
 static int64_t held_count(const struct v2v_network *network)

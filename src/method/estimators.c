@@ -34,7 +34,10 @@ enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops, const c
             return V2V_OK;
         }
         size_t used = strlen(known);
-        snprintf(known + used, sizeof known - used, "%s%s", i > 0 ? "|" : "", estimators[i]->name);
+        if (!estimators[i]->is_learned) { /* those come with weights, not by this setting */
+            snprintf(known + used, sizeof known - used, "%s%s", used > 0 ? "|" : "",
+                     estimators[i]->name);
+        }
     }
     return V2V_FAIL(V2V_E_CONFIG, "deconv.method: '%s' is none of %s", name, known);
 }

@@ -67,7 +67,8 @@ static enum v2v_status take_memory(struct v2v_richardson_lucy *self, struct scra
     }
     V2V_TRY(V2V_ALLOC(self->seen, "rld.seen", share->slices.count * self->width));
     V2V_TRY(V2V_ALLOC(self->blind, "rld.blind", v2v_mem_product(self->views, pixels, 1)));
-    if (share->rows.count < self->height) {
+    if (share->rows.count < self->height ||
+        share->slices.count != v2v_projector_slices(self->projector).count) {
         V2V_TRY(V2V_ALLOC(self->volume, "rld.volume", voxels));
     }
     V2V_TRY(V2V_ALLOC(scratch->light, "rld.light", pixels));
@@ -92,8 +93,8 @@ enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
         .unit = 1,
         .most_shards = INT_MAX,
         .most_branches = 1,
-        .bytes = v2v_projector_bytes(psf, height, width, V2V_SPLIT_SLICES, 1) +
-                 images * (int64_t)sizeof(float)};
+        .bytes =
+            v2v_mem_bytes(images, v2v_projector_bytes(psf, height, width, V2V_SPLIT_SLICES, 1))};
     return v2v_stop_rule_check(problem);
 }
 
@@ -250,9 +251,9 @@ static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, 
 {
     const int64_t pixels = self->height * self->width;
     const float *rows = views + self->share.view_rows.first * self->width;
-    v2v_watchdog_beat("an iteration of the deconvolution");
     for (int64_t i = 0; i < list->count; i++) {
         int32_t v = list->view[i];
+        v2v_watchdog_beat("a view of the deconvolution");
         v2v_projector_forward(self->projector, self->ratio, volume, &v, 1, 1.0f);
         self->correction->correct(self, rows + v * pixels, v, (float)(1 / mean));
         multiply(self, volume, v);

@@ -2,6 +2,7 @@
 
 #include "method/richardson_lucy.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
 
 #include <math.h>
 
@@ -55,6 +56,7 @@ static void miss(double sums[2], const struct v2v_judge *judge, const float *vol
     sums[0] = sums[1] = 0.0;
     for (int64_t i = 0; i < list->count; i++) {
         const int32_t v = list->view[i];
+        v2v_watchdog_beat("a view that is held out");
         const float *recorded = judge->views + v * self->height * self->width + first;
         v2v_projector_forward(self->projector, self->ratio, volume, &v, 1, 1.0f);
         for (int64_t p = 0; p < count; p++) {

@@ -131,8 +131,9 @@ static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *wo
                                struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_grid_shape wanted = {(int)problem->config->parallel.branches,
-                                          (int)problem->config->parallel.shards};
+    const struct v2v_grid_shape wanted = {
+        (int)v2v_smaller(problem->config->parallel.branches, work->most_branches),
+        (int)problem->config->parallel.shards};
     if (wanted.shards > work->most_shards) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: ranks cannot share a frame's volume"));
     }

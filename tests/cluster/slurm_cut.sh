@@ -18,6 +18,7 @@ start=$(seconds)
 job=$(sbatch --parsable --nodes=1 --time=10 "$root/jobs/train.sbatch" "${train[@]}" \
     -o cut) || give_up "sbatch"
 progress "$job" 0 cut/metrics.jsonl 4
+within 60 [ -e cut/weights.h5 ] || broken "$job" "wrote no checkpoint"
 node=$(field "$job" BatchHost)
 freeze "$node" # it holds the lock
 "$sandbox" cut "$folder/sandbox" "$node"

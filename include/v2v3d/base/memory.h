@@ -36,6 +36,16 @@ void v2v_mem_report(void);
 /** a * b * c, or -1 when it leaves int64_t or a factor is negative. @kind Local. */
 int64_t v2v_mem_product(int64_t a, int64_t b, int64_t c);
 
+/** Bytes of `floats` and `more` bytes; INT64_MAX where that, or a product that `floats` comes from
+ *  (-1), leaves int64_t. @kind Local. */
+static inline int64_t v2v_mem_bytes(int64_t floats, int64_t more)
+{
+    const int64_t most = INT64_MAX / (int64_t)sizeof(float);
+    return floats < 0 || floats > most || more > INT64_MAX - floats * (int64_t)sizeof(float)
+               ? INT64_MAX
+               : floats * (int64_t)sizeof(float) + more;
+}
+
 #ifdef __cplusplus
 }
 #endif

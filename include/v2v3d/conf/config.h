@@ -37,7 +37,7 @@ struct v2v_number {
 
 enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
 /** How ranks share a projection: see optics/projector.h. AUTO: what the cost model predicts faster.
- */
+ *  Training takes slabs whatever is asked for: the same bits at any rank count. */
 enum v2v_split {
     V2V_SPLIT_AUTO,
     V2V_SPLIT_SLICES,

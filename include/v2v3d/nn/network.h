@@ -2,7 +2,7 @@
  *  and reconstruction know it by.
  *
  *  Purpose: one const table of functions a method (struct v2v_network_ops), all of them listed in
- *  method/registry.h. What a network computes, how its parameters are called and which of its
+ *  method/networks.h. What a network computes, how its parameters are called and which of its
  *  volumes may not see which views is said by the method; everything else is written once, over it.
  *  Invariants: parameters lie in one arena, in the order of the schema's fields; everything is
  *  planned for one frame size; nothing is allocated in forward and backward.

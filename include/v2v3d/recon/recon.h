@@ -46,9 +46,9 @@ void v2v_recon_destroy(struct v2v_recon **recon);
  *          written when `branches`
  *  @param  monitor of the method's iterations; NULL: none
  *  The watchdog is re-armed for every frame and stays armed; the caller disarms it.
- *  @return V2V_OK | V2V_STOPPED (on request, after a round of frames at least; the frames so far
- * are written and marked done) | V2V_E_NUMERIC (frame and voxel) | V2V_E_INPUT | V2V_E_IO |
- * V2V_E_MEMORY; agreed */
+ *  @return V2V_OK | V2V_STOPPED (on request: a network after a round of frames at least, what
+ *          iterates after any iteration; the frames so far are written and marked done) |
+ *          V2V_E_NUMERIC (frame and voxel) | V2V_E_INPUT | V2V_E_IO | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *recording,
                               const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
                               int branches, const struct v2v_monitor *monitor) V2V_MUST_CHECK;
