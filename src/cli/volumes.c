@@ -89,7 +89,8 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
         recon->precision = V2V_PRECISION_F32;
     }
     V2V_TRY(v2v_network_find(&ops, session->config.model.method));
-    problem->skip = skip_of(&recon->skip, ops->skip_auto);
+    /* where nothing can be skipped, auto is refused as any tolerance is */
+    problem->skip = skip_of(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
     if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     }
