@@ -19,9 +19,8 @@
 
 enum { FEW = 16, MANY = 48, SIDE = 24, TAPS = 9, THREADS = 2, LIMIT_SECONDS = 60 };
 
-/* Exit codes of a process that tries a path, the worst of all ranks last; what a shell would add to
- * a signal's number. */
-/* Codes of a process; below PATH_IS_ABSENT other libraries have theirs. */
+/* Exit codes of a process that tries a path, the worst of all ranks last: from 64 on, as libraries
+ * end a process with small ones. What a shell would add to a signal's number. */
 enum { PATH_IS_GOOD, PATH_IS_ABSENT = 64, PATH_IS_WRONG, PATH_FAILED, BY_SIGNAL = 128 };
 
 /* One side adds up TAPS * channels products below 1: so many times this it may err by. Minimal
@@ -54,8 +53,7 @@ static const struct path {
      ROUNDS},
     {"bf16",
      "DNNL_MAX_CPU_ISA=AVX512_CORE_BF16 (no tile unit) or AVX512_CORE (no bf16) in the "
-     "environment, "
-     "or no precision bf16",
+     "environment, or no precision bf16",
      MANY,
      {.precision = V2V_PRECISION_BF16},
      ROUNDS_BF16},

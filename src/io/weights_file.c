@@ -72,7 +72,7 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
                  {"settings", info->settings, sizeof info->settings},
                  {"method", info->method, sizeof info->method}};
     int found = 0;
-    *info = (struct v2v_weights_info){.split = "even-odd"};
+    *info = (struct v2v_weights_info){0};
     V2V_TRY(check_version(file, path));
     for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
         V2V_TRY(v2v_h5_get_integer(whole[i].value, &found, file, path, whole[i].name));
@@ -82,11 +82,10 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
         }
     }
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
-        char text[V2V_WEIGHTS_SETTINGS_BYTES];
-        V2V_TRY(v2v_h5_get_text(text, texts[i].bytes, &found, file, path, texts[i].name));
-        if (found) {
-            V2V_TRY(v2v_text_format(texts[i].text, texts[i].bytes, "%s", text));
-        }
+        V2V_TRY(v2v_h5_get_text(texts[i].text, texts[i].bytes, &found, file, path, texts[i].name));
+    }
+    if (info->split[0] == '\0') {
+        V2V_TRY(v2v_text_format(info->split, sizeof info->split, "even-odd"));
     }
     if (info->method[0] == '\0') {
         V2V_TRY(read_first_settings(info, file, path));

@@ -1,6 +1,7 @@
 #include "v2v3d/loss/loss.h"
 
 #include "loss/terms.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/slicing.h"
 #include "v2v3d/tensor/statistics.h"
@@ -77,12 +78,7 @@ void v2v_loss_weights(double *weights, const struct v2v_loss_settings *settings)
 /* Room for n numbers such that the next ones start on a 64-byte boundary, as transforms ask. */
 static int64_t aligned(int64_t n)
 {
-    return (n + 15) / 16 * 16;
-}
-
-static int64_t larger(int64_t a, int64_t b)
-{
-    return a > b ? a : b;
+    return v2v_round_up(n, 16);
 }
 
 static enum v2v_status take_memory(struct v2v_loss *loss, const struct v2v_loss_setup *setup)
@@ -96,7 +92,7 @@ static enum v2v_status take_memory(struct v2v_loss *loss, const struct v2v_loss_
         V2V_TRY(V2V_ALLOC(loss->seen[o].view, "loss", held_out->count));
         memcpy(loss->seen[o].view, held_out->view, (size_t)held_out->count * sizeof(int32_t));
         loss->seen[o].count = held_out->count;
-        most = larger(most, held_out->count);
+        most = held_out->count > most ? held_out->count : most;
     }
     V2V_TRY(V2V_ALLOC(loss->projection_rows, "loss", most * rows * loss->width));
     loss->projection = loss->projection_rows;
@@ -104,7 +100,7 @@ static enum v2v_status take_memory(struct v2v_loss *loss, const struct v2v_loss_
         most = v2v_par_part(most, v2v_comm_size(loss->comm), 0).count;
         V2V_TRY(V2V_ALLOC(loss->projection, "loss", most * loss->height * loss->width));
     }
-    loss->items = larger(loss->views, loss->height);
+    loss->items = loss->views > loss->height ? loss->views : loss->height;
     V2V_TRY(V2V_ALLOC(loss->value, "loss", loss->outputs * V2V_LOSS_TOTAL * loss->items));
     V2V_TRY(V2V_ALLOC(loss->parts, "loss", v2v_comm_size(loss->comm)));
     V2V_TRY(V2V_ALLOC(loss->scratch, "loss", loss->threads * 3 * aligned(ny * nx)));
