@@ -13,10 +13,10 @@
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/tensor/pad.h"
+#include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { MOST_REPEAT = 99, OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
@@ -66,7 +66,7 @@ static const struct v2v_option options[] = {
     {0}};
 
 struct row {
-    double forward_s[MOST_REPEAT], gradient_s[MOST_REPEAT];
+    float forward_s[MOST_REPEAT], gradient_s[MOST_REPEAT]; /* by round */
     double error[OUTPUTS], bytes;
 };
 
@@ -129,14 +129,15 @@ static int can_run(const struct variant *variant, const struct v2v_network_ops *
 }
 
 /* Seconds of the second of two passes: the first one touches the memory. */
-static enum v2v_status time_passes(double *seconds, struct bench *bench,
-                                   struct v2v_network *network, int training)
+static enum v2v_status time_passes(float *seconds, struct bench *bench, struct v2v_network *network,
+                                   int training)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_projector *projector = NULL;
     struct v2v_network_plan plan = {
         .height = bench->size, .width = bench->size, .training = training};
     const float *dvolume[OUTPUTS];
+    double began = 0.0;
     if (bench->ops->traits & V2V_TRAIT_PROJECTS) {
         V2V_TRY(v2v_projector_create(&projector, &bench->psf, bench->size, bench->size,
                                      V2V_SPLIT_SLICES, NULL));
@@ -144,14 +145,14 @@ static enum v2v_status time_passes(double *seconds, struct bench *bench,
     }
     V2V_TRY(bench->ops->plan(network, &plan));
     for (int pass = 0; pass < 2; pass++) {
-        *seconds = v2v_clock_now();
+        began = v2v_clock_now();
         bench->ops->forward(network, bench->volume, bench->views);
         if (training) {
             memcpy(dvolume, bench->volume, sizeof dvolume); /* any gradient takes as long */
             bench->ops->backward(network, dvolume);
         }
     }
-    *seconds = v2v_clock_now() - *seconds;
+    *seconds = (float)(v2v_clock_now() - began);
 done:
     v2v_projector_destroy(&projector);
     return rc;
@@ -208,18 +209,6 @@ done:
     return rc;
 }
 
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *seconds, int64_t count)
-{
-    qsort(seconds, (size_t)count, sizeof *seconds, by_size);
-    return (seconds[(count - 1) / 2] + seconds[count / 2]) / 2.0;
-}
-
 static enum v2v_status print(struct bench *bench, const struct arguments *given,
                              const struct v2v_session *session)
 {
@@ -238,8 +227,9 @@ static enum v2v_status print(struct bench *bench, const struct arguments *given,
         if (!can_run(&variants[i], bench->ops)) {
             continue;
         }
-        const double forward_s = median(row->forward_s, given->repeat);
-        const double gradient_s = median(row->gradient_s, given->repeat);
+        double forward_s = 0.0, gradient_s = 0.0;
+        V2V_TRY(v2v_percentile(&forward_s, row->forward_s, given->repeat, 50.0));
+        V2V_TRY(v2v_percentile(&gradient_s, row->gradient_s, given->repeat, 50.0));
         const struct v2v_json_item items[] = {
             {.name = "variant", .text = variants[i].name},
             {.name = "method", .text = bench->ops->name},

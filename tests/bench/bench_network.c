@@ -16,6 +16,7 @@
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/op/gemm.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/tensor/statistics.h"
 #include "v2v3d/v2v/schema.h"
 #include <inttypes.h>
 #include <math.h>
@@ -50,7 +51,8 @@ struct bench {
 };
 
 struct row {
-    double forward_s[MOST_TURNS], step_s[MOST_TURNS], error[BRANCHES];
+    float forward_s[MOST_TURNS], step_s[MOST_TURNS]; /* by turn */
+    double error[BRANCHES];
 };
 
 static struct v2v_model_spec spec_of(const struct bench *b, const struct way *way)
@@ -183,12 +185,12 @@ static enum v2v_status measure(struct bench *b, const struct way *way, struct ro
     V2V_TRY(v2v_model_create(&model, &spec, &b->shifts));
     memcpy(v2v_model_weights(model), b->weights, (size_t)b->fields.total * sizeof *b->weights);
     V2V_TRY(v2v_model_plan(model, b->side, b->side, 0));
-    row->forward_s[turn] = time_passes(b, model, 0);
+    row->forward_s[turn] = (float)time_passes(b, model, 0);
     for (int k = 0; k < BRANCHES; k++) {
         row->error[k] = error_of(b, k);
     }
     V2V_TRY(v2v_model_plan(model, b->side / 2, b->side / 2, 1));
-    row->step_s[turn] = time_passes(b, model, 1);
+    row->step_s[turn] = (float)time_passes(b, model, 1);
 done:
     v2v_model_destroy(&model);
     return rc;
@@ -196,30 +198,18 @@ done:
 
 /* ---- printing ---- */
 
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *seconds, int64_t count)
-{
-    qsort(seconds, (size_t)count, sizeof *seconds, by_size);
-    return (seconds[(count - 1) / 2] + seconds[count / 2]) / 2.0;
-}
-
 static enum v2v_status print_row(const struct bench *b, const struct way *way, struct row *row)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_model_spec spec = spec_of(b, way);
     struct v2v_work work;
-    double floor_s[2];
+    double floor_s[2], forward_s = 0.0, step_s = 0.0;
     for (int k = 0; k < 2; k++) {
         V2V_TRY(v2v_work_of(&work, &spec, &b->shifts, b->side >> k, b->side >> k));
         floor_s[k] = fmax(work.macs / b->macs_a_second, work.bytes / b->bytes_a_second);
     }
-    const double forward_s = median(row->forward_s, b->turns);
-    const double step_s = median(row->step_s, b->turns);
+    V2V_TRY(v2v_percentile(&forward_s, row->forward_s, b->turns, 50.0));
+    V2V_TRY(v2v_percentile(&step_s, row->step_s, b->turns, 50.0));
     printf("%-32s  %9.4f  ", way->name, forward_s);
     if (way->precision == V2V_PRECISION_F32) { /* whose rate was measured */
         printf("%8.4f  %9.4f  %8.4f", floor_s[0], step_s, 3.0 * floor_s[1]);

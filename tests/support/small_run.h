@@ -109,6 +109,22 @@ static inline struct v2v_train_job scene_job(struct scene *scene, char *run, con
                                   .folder = run};
 }
 
+/** Train in RUN `name`, over an older run unless it is resumed; returns the last loss. */
+static inline double scene_train(struct scene *scene, const char *name, int64_t branches,
+                                 int64_t steps, int resume, struct v2v_comm *comm)
+{
+    char run[PATH];
+    struct v2v_train_report report;
+    struct v2v_train_job job = scene_job(scene, run, name);
+    job.resume = resume;
+    job.force = !resume;
+    scene->config.parallel.branches = branches;
+    scene->config.train.steps = steps;
+    assert_ok(v2v_train_run(&job, &report, comm));
+    assert_int_equal(report.steps, steps);
+    return report.last_total;
+}
+
 /** All three arenas of a checkpoint of the whole network, *count floats. */
 static inline enum v2v_status scene_arenas(const struct scene *scene, const char *path,
                                            float **arenas, int64_t *count)

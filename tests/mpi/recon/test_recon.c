@@ -1,4 +1,4 @@
-#include "../method/small_optics.h"
+#include "small_optics.h"
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"

@@ -4,30 +4,14 @@
 
 #include <string.h>
 
-/* Train in RUN `name`; returns the last loss. */
-static double train(struct scene *scene, const char *name, int64_t branches, int64_t steps,
-                    int resume, struct v2v_comm *comm)
-{
-    char run[PATH];
-    struct v2v_train_report report;
-    struct v2v_train_job job = scene_job(scene, run, name);
-    job.resume = resume;
-    job.force = !resume;
-    scene->config.parallel.branches = branches;
-    scene->config.train.steps = steps;
-    assert_ok(v2v_train_run(&job, &report, comm));
-    assert_int_equal(report.steps, steps);
-    return report.last_total;
-}
-
 /* Sums of gradients in another order differ by 1e-7 of them; at this learning rate that does not
  * grow in ten steps, and the loss, 1e-3 of which one step changes, keeps four digits. */
 static void check_against_one_rank(struct scene *scene, int64_t branches)
 {
     double alone = 0.0;
-    double together = train(scene, "together", branches, 10, 0, test_world());
+    double together = scene_train(scene, "together", branches, 10, 0, test_world());
     if (v2v_comm_rank(test_world()) == 0) {
-        alone = train(scene, "alone", 1, 10, 0, NULL);
+        alone = scene_train(scene, "alone", 1, 10, 0, NULL);
         print_message("%s, batch %d, %d branch ranks: loss %.9g, on one rank %.9g\n",
                       scene->config.model.method, (int)scene->config.train.batch, (int)branches,
                       together, alone);
@@ -43,9 +27,9 @@ static void check_resume(struct scene *scene)
     float *arenas[2] = {NULL, NULL};
     int64_t count[2] = {0, 0};
     static const char *const name[] = {"whole", "parts"};
-    train(scene, name[0], 1, 10, 0, test_world());
-    train(scene, name[1], 1, 5, 0, test_world());
-    train(scene, name[1], 1, 10, 1, test_world());
+    scene_train(scene, name[0], 1, 10, 0, test_world());
+    scene_train(scene, name[1], 1, 5, 0, test_world());
+    scene_train(scene, name[1], 1, 10, 1, test_world());
     for (int i = 0; i < 2; i++) {
         snprintf(path[i], PATH, "%s/%s/weights.h5", scene->folder, name[i]);
         assert_ok(scene_arenas(scene, path[i], &arenas[i], &count[i]));

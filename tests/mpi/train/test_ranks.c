@@ -15,21 +15,6 @@ static void setup(struct scene *scene, int64_t batch)
     scene->config.train.init = V2V_RULE_HE;
 }
 
-/* Train in RUN `name`; returns the last loss. */
-static double train(struct scene *scene, const char *name, int64_t branches, int64_t steps,
-                    int resume, struct v2v_comm *comm)
-{
-    char run[PATH];
-    struct v2v_train_report report;
-    struct v2v_train_job job = scene_job(scene, run, name);
-    job.resume = resume;
-    scene->config.parallel.branches = branches;
-    scene->config.train.steps = steps;
-    assert_ok(v2v_train_run(&job, &report, comm));
-    assert_int_equal(report.steps, steps);
-    return report.last_total;
-}
-
 static void read_arenas(struct scene *scene, const char *name, float **arenas, int64_t *count)
 {
     char path[PATH];
@@ -69,10 +54,10 @@ static void check_against_one_rank(int64_t batch, int64_t branches, int64_t slab
         /* Either exchange of the projector gives the bits of one rank, which has none. */
         scene.config.parallel.transform = slabs == 2 ? V2V_TRANSFORM_FFTW3_MPI : V2V_TRANSFORM_OWN;
     }
-    double together = train(&scene, "together", branches, 20, 0, test_world());
+    double together = scene_train(&scene, "together", branches, 20, 0, test_world());
     if (v2v_comm_rank(test_world()) == 0) {
         scene.config.parallel.shards = 0;
-        alone = train(&scene, "alone", 1, 20, 0, NULL);
+        alone = scene_train(&scene, "alone", 1, 20, 0, NULL);
         print_message("loss after 20 steps: %.9g, on one rank %.9g\n", together, alone);
     }
     v2v_par_broadcast(test_world(), &alone, sizeof alone, 0);
@@ -131,9 +116,9 @@ static void slabs_train_like_a_whole_crop(void **state)
     scene.config.train.init = V2V_RULE_KAIMING;
     scene.config.train.learning_rate = 1e-4;
     use_slabs(&scene, 1, 1);
-    loss[0] = train(&scene, "whole", 1, 20, 0, test_world());
+    loss[0] = scene_train(&scene, "whole", 1, 20, 0, test_world());
     use_slabs(&scene, 2, shards() == 2 ? 2 : 1);
-    loss[1] = train(&scene, "slabs", 1, 20, 0, test_world());
+    loss[1] = scene_train(&scene, "slabs", 1, 20, 0, test_world());
     print_message("loss after 20 steps: %.9g, in two slabs %.9g\n", loss[0], loss[1]);
     assert_true(loss[0] != loss[1] && change(loss[1], loss[0]) <= 1e-4);
     scene_fini(&scene);
@@ -169,11 +154,11 @@ static void a_run_in_bf16_follows_the_run_in_float32(void **state)
     setup(&scene, 2);
     scene.config.model.width = 8;
     scene.config.train.learning_rate = 1e-4;
-    first = train(&scene, "first", 1, 1, 0, test_world());
+    first = scene_train(&scene, "first", 1, 1, 0, test_world());
     for (int i = 0; i < 2; i++) {
         scene.config.train.precision = i == 0 ? V2V_PRECISION_F32 : V2V_PRECISION_BF16_ALWAYS;
         snprintf(name, sizeof name, "precision%d", i);
-        last[i] = train(&scene, name, 1, STEPS, 0, test_world());
+        last[i] = scene_train(&scene, name, 1, STEPS, 0, test_world());
     }
     print_message("loss %.9g, after %d steps %.9g, in bf16 %.9g\n", first, STEPS, last[0], last[1]);
     assert_true(last[0] < 0.9 * first);
@@ -187,9 +172,9 @@ static void ten_and_ten_steps_equal_twenty_bit_for_bit(void **state)
     struct scene scene;
     int64_t branches = v2v_comm_size(test_world()) > 1 ? 2 : 1;
     setup(&scene, 2);
-    double loss = train(&scene, "whole", branches, 20, 0, test_world());
-    (void)train(&scene, "parts", branches, 10, 0, test_world());
-    double resumed = train(&scene, "parts", branches, 20, 1, test_world());
+    double loss = scene_train(&scene, "whole", branches, 20, 0, test_world());
+    (void)scene_train(&scene, "parts", branches, 10, 0, test_world());
+    double resumed = scene_train(&scene, "parts", branches, 20, 1, test_world());
     assert_true(loss == resumed);
     assert_same_bits(&scene, "whole", "parts");
     scene_fini(&scene);
@@ -200,10 +185,11 @@ static void a_checkpoint_resumes_on_another_rank_count(void **state)
     (void)state;
     struct scene scene;
     setup(&scene, 2);
-    (void)train(&scene, "shared", v2v_comm_size(test_world()) > 1 ? 2 : 1, 10, 0, test_world());
-    (void)train(&scene, "whole", 1, 20, 0, test_world());
+    (void)scene_train(&scene, "shared", v2v_comm_size(test_world()) > 1 ? 2 : 1, 10, 0,
+                      test_world());
+    (void)scene_train(&scene, "whole", 1, 20, 0, test_world());
     if (v2v_comm_rank(test_world()) == 0) {
-        (void)train(&scene, "shared", 1, 20, 1, NULL);
+        (void)scene_train(&scene, "shared", 1, 20, 1, NULL);
     }
     v2v_par_barrier(test_world());
     assert_same_bits(&scene, "whole", "shared");
@@ -235,7 +221,7 @@ static void a_folder_with_a_run_is_refused(void **state)
     char run[PATH];
     struct v2v_train_report report;
     setup(&scene, 1);
-    (void)train(&scene, "run", 1, 2, 0, test_world());
+    (void)scene_train(&scene, "run", 1, 2, 0, test_world());
     struct v2v_train_job job = scene_job(&scene, run, "run");
     assert_int_equal(v2v_train_run(&job, &report, test_world()), V2V_E_USAGE);
     assert_non_null(strstr(v2v_status_message(), "--resume"));

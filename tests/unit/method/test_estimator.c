@@ -1,5 +1,5 @@
 /* The example of estimator.h, of every method that needs no weights. */
-#include "../../mpi/method/small_optics.h"
+#include "small_optics.h"
 
 #include "v2v3d/method/estimator.h"
 

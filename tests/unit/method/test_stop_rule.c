@@ -1,5 +1,5 @@
 /* --stop heldout on noisy views of a known scene. */
-#include "../../mpi/method/small_optics.h"
+#include "small_optics.h"
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/method/estimator.h"

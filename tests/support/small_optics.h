@@ -1,4 +1,4 @@
-/** A small microscope for the tests of recon and its exact numbers: V views that see depth under
+/** A small microscope for the tests of method and recon: V views that see depth under
  *  different angles, Gaussian spots that widen out of focus, kernels of even height. */
 #ifndef TEST_SMALL_OPTICS_H
 #define TEST_SMALL_OPTICS_H
