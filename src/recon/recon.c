@@ -44,12 +44,6 @@ struct v2v_recon {
     int64_t frames;
 };
 
-/** Local: does this rank compute output o? An idle rank holds none. */
-static int holds(const struct v2v_grid *grid, int o)
-{
-    return !grid->idle && (grid->branch_size == 1 || grid->branch_rank == o);
-}
-
 /** Local: rows that a rank of the shard computes, all of them and without the padding. */
 static struct v2v_part rows_of(const struct v2v_recon *recon, int rank)
 {
@@ -92,7 +86,7 @@ static enum v2v_status take_volumes(struct v2v_recon *recon)
     int64_t whole =
         recon->slicing == NULL ? 0 : v2v_mem_product(recon->own.count, recon->height, recon->width);
     for (int o = 0; o < recon->outputs; o++) {
-        if (holds(&recon->grid, o)) {
+        if (v2v_estimator_holds(recon->estimator, o)) {
             int is_first = recon->whole == NULL;
             V2V_TRY(V2V_ALLOC(recon->output[o], "recon.volumes",
                               is_first && whole > output ? whole : output));
@@ -107,20 +101,18 @@ done:
     return rc;
 }
 
-/** Local: for the views, and for take_volumes: of every row the mean and two of each output held,
- *  and whole slices. */
-static void leave_room(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
+/** Local: the outputs of this rank, which is not idle, and room for the views and for take_volumes:
+ *  of every row the mean and two of each output held, and whole slices. */
+static void give_share(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
 {
+    const int is_alone = recon->grid.branch_size == 1;
     int64_t pixels = recon->height * recon->width;
     int64_t padded_width = v2v_pad_size(recon->width, unit);
     int64_t padded = v2v_pad_size(recon->height, unit) * padded_width;
-    int64_t images = recon->outputs > 1;
-    int64_t ranks = recon->grid.shard_size,
-            slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
-    for (int o = 0; o < recon->outputs; o++) {
-        images += 2 * holds(&recon->grid, o);
-        problem->outputs |= (unsigned)holds(&recon->grid, o) << o;
-    }
+    int64_t images = 2 * (is_alone ? recon->outputs : 1) + (recon->outputs > 1);
+    int64_t ranks = recon->grid.shard_size;
+    int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
+    problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
     problem->floats = recon->views * (pixels + padded) + slices * pixels;
     problem->floats_a_row = images * recon->slices * padded_width;
 }
@@ -200,8 +192,8 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     V2V_TRY(lay_out(made, &work, problem, frames, world));
     rc = v2v_agreement_create(&made->agreement, world);
     V2V_TRY(v2v_par_agree(world, rc));
-    leave_room(&own, made, work.unit);
     if (!made->grid.idle) {
+        give_share(&own, made, work.unit);
         rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
         if (rc == V2V_OK) {
             rc = take_memory(made);
@@ -299,7 +291,7 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
     recon->parts[0] += estimator->computed_part;
     recon->parts[1] += 1.0;
     for (int o = 0; o < recon->outputs; o++) {
-        if (holds(&recon->grid, o)) {
+        if (v2v_estimator_holds(recon->estimator, o)) {
             V2V_TRY(cut(recon, o, t));
         }
     }
@@ -367,7 +359,7 @@ static enum v2v_status put_frame(struct v2v_recon *recon, int64_t t)
     rc = v2v_volume_put(recon->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
                         half.count);
     for (int o = 0; recon->branches && o < recon->outputs; o++) {
-        int is_held = t >= 0 && holds(grid, o);
+        int is_held = t >= 0 && v2v_estimator_holds(recon->estimator, o);
         slices = is_held ? make_slices(recon, recon->cut[o]) : NULL; /* with the other ranks */
         if (rc == V2V_OK) {
             rc = v2v_volume_put(recon->writer, V2V_VOLUME_BRANCH1 + o, slices, frame, own.first,
