@@ -66,7 +66,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(parallel, transform, V2V_TRANSFORM_AUTO, "how slabs exchange rows for columns",
          "auto", "own", "fftw3-mpi"),
     REAL(parallel, watchdog_s, 0.0, 86400.0, 600.0,
-         "a longer step or wait for a frame ends the job, s; 0: off"),
+         "a longer time without progress ends the job, s; 0: off"),
     REAL(parallel, max_mem_gb, 0.0, 1e9, 0.0, "that a rank may hold, GB; 0: no limit"),
     BOOL(parallel, reproducible, 0, "the same bits at any rank count; threads 0 then is 1"),
 

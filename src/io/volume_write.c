@@ -185,6 +185,11 @@ enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, 
     return v2v_volume_tiff_write(writer->tiff, slices, t, first, count);
 }
 
+int v2v_volume_keeps_step(const struct v2v_volume_writer *writer)
+{
+    return writer->h5 == NULL;
+}
+
 enum v2v_status v2v_volume_put(struct v2v_volume_writer *writer, int dataset, const float *slices,
                                int64_t t, int64_t first, int64_t count)
 {

@@ -4,6 +4,14 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
 
+#include <time.h>
+
+/* In a period of the watchdog a rank that computes tells so this often. */
+#define ALIVE_PARTS 4
+
+/* Between two looks of a rank that waits. Its core is free for threads that compute meanwhile. */
+#define LOOK_NANOSECONDS 50000
+
 /* What the ranks tell of one round. */
 struct round {
     int *code;            /* [ranks] */
@@ -11,11 +19,52 @@ struct round {
     int under_way;        /* told, and not learnt yet */
 };
 
+static int is_missed(const struct round *round, int rank)
+{
+    return round->request[2 * rank] != MPI_REQUEST_NULL;
+}
+
 struct v2v_agreement {
     const struct v2v_comm *comm;
     struct round round[2];
-    int now; /* which of them is told next */
+    int now;    /* which of them is told next */
+    int *index; /* [2 * ranks], scratch */
+    double told_alive;
 };
+
+/* Of a rank that computes, to all others: no payload, so that none has to receive it soon. */
+static void tell_alive(void *context)
+{
+    struct v2v_agreement *self = context;
+    const double now = v2v_clock_now(), period = v2v_watchdog_period();
+    if (!(period > 0.0) || now - self->told_alive < period / ALIVE_PARTS) {
+        return;
+    }
+    self->told_alive = now;
+    for (int r = 0; r < v2v_comm_size(self->comm); r++) {
+        MPI_Request request = MPI_REQUEST_NULL;
+        if (r != v2v_comm_rank(self->comm)) {
+            MPI_Isend(NULL, 0, MPI_BYTE, r, V2V_TAG_ALIVE, v2v_comm_mpi(self->comm), &request);
+            MPI_Request_free(&request);
+        }
+    }
+}
+
+/* Has one of the ranks that are missed in this round said that it is alive? */
+static int hear_alive(const struct v2v_agreement *self, const struct round *round)
+{
+    MPI_Comm mpi = v2v_comm_mpi(self->comm);
+    int heard = 0, is_there = 1;
+    while (is_there) {
+        MPI_Status status;
+        MPI_Iprobe(MPI_ANY_SOURCE, V2V_TAG_ALIVE, mpi, &is_there, &status);
+        if (is_there) {
+            MPI_Recv(NULL, 0, MPI_BYTE, status.MPI_SOURCE, V2V_TAG_ALIVE, mpi, MPI_STATUS_IGNORE);
+            heard = heard || is_missed(round, status.MPI_SOURCE);
+        }
+    }
+    return heard;
+}
 
 enum v2v_status v2v_agreement_create(struct v2v_agreement **agreement, const struct v2v_comm *comm)
 {
@@ -24,9 +73,13 @@ enum v2v_status v2v_agreement_create(struct v2v_agreement **agreement, const str
     int64_t ranks = v2v_comm_size(comm);
     V2V_TRY(V2V_ALLOC(self, "par.agreement", 1));
     self->comm = comm;
+    V2V_TRY(V2V_ALLOC(self->index, "par.agreement", 2 * ranks));
     for (int i = 0; i < 2; i++) {
         V2V_TRY(V2V_ALLOC(self->round[i].code, "par.agreement", ranks));
         V2V_TRY(V2V_ALLOC(self->round[i].request, "par.agreement", 2 * ranks));
+    }
+    if (ranks > 1) {
+        v2v_watchdog_listen(tell_alive, self);
     }
 done:
     if (rc != V2V_OK) {
@@ -47,6 +100,8 @@ void v2v_agreement_destroy(struct v2v_agreement **agreement)
         v2v_mem_free(self->round[i].code);
         v2v_mem_free(self->round[i].request);
     }
+    v2v_watchdog_listen(NULL, NULL);
+    v2v_mem_free(self->index);
     v2v_mem_free(self);
     *agreement = NULL;
 }
@@ -67,14 +122,32 @@ static void tell(const struct v2v_agreement *self, struct round *round, enum v2v
     round->under_way = 1;
 }
 
+static void await(const struct v2v_agreement *self, struct round *round)
+{
+    static const char what[] = "waiting for a round of other ranks";
+    const struct timespec pause = {.tv_nsec = LOOK_NANOSECONDS};
+    const int requests = 2 * v2v_comm_size(self->comm);
+    int done = 0; /* MPI_UNDEFINED: nothing is left */
+    v2v_watchdog_wait(what);
+    for (;;) {
+        MPI_Testsome(requests, round->request, &done, self->index, MPI_STATUSES_IGNORE);
+        if (done == MPI_UNDEFINED) {
+            return;
+        }
+        if (hear_alive(self, round)) {
+            v2v_watchdog_wait(what);
+        }
+        nanosleep(&pause, NULL);
+    }
+}
+
 /* The lowest of the ranks whose code is the worst. */
 static int learn(const struct v2v_agreement *self, struct round *round)
 {
     int ranks = v2v_comm_size(self->comm), worst = 0;
     if (ranks > 1) {
-        v2v_watchdog_beat("waiting for a round of other ranks");
         double began = v2v_clock_now();
-        MPI_Waitall(2 * ranks, round->request, MPI_STATUSES_IGNORE);
+        await(self, round);
         v2v_par_spent(V2V_PAR_AGREE, began);
     }
     round->under_way = 0;
@@ -114,4 +187,10 @@ enum v2v_status v2v_agreement_tell(struct v2v_agreement *self, enum v2v_status r
 enum v2v_status v2v_agreement_end(struct v2v_agreement *self)
 {
     return learn_older(self, &self->round[1 - self->now], &self->round[self->now]);
+}
+
+enum v2v_status v2v_agreement_meet(struct v2v_agreement *self)
+{
+    const enum v2v_status rc = v2v_agreement_tell(self, V2V_OK);
+    return rc == V2V_OK ? v2v_agreement_end(self) : rc;
 }

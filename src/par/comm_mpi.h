@@ -15,7 +15,7 @@ MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm);
 int *v2v_comm_scratch(const struct v2v_comm *comm);
 
 /** Who sends to a rank beside others tells its messages from theirs. */
-enum { V2V_TAG_PAIR = 1, V2V_TAG_PARTS, V2V_TAG_TRANSFER, V2V_TAG_AGREEMENT };
+enum { V2V_TAG_PAIR = 1, V2V_TAG_PARTS, V2V_TAG_TRANSFER, V2V_TAG_AGREEMENT, V2V_TAG_ALIVE };
 
 /** Book the time since `began`, a v2v_clock_now() before a call of MPI that may wait. @kind Local,
  *  MPI's thread. */

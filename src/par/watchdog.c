@@ -24,6 +24,11 @@ static struct {
 
 static double period; /* of beats, as the program has set it */
 
+static struct {
+    void (*listen)(void *context); /* NULL: nobody does */
+    void *context;
+} listener;
+
 static void on_alarm(int number)
 {
     (void)number;
@@ -85,10 +90,29 @@ void v2v_watchdog_set_period(double seconds)
     period = seconds;
 }
 
-void v2v_watchdog_beat(const char *what)
+double v2v_watchdog_period(void)
+{
+    return period;
+}
+
+void v2v_watchdog_listen(void (*listen)(void *context), void *context)
+{
+    listener.listen = listen;
+    listener.context = context;
+}
+
+void v2v_watchdog_wait(const char *what)
 {
     if (period > 0.0) {
         v2v_watchdog_arm(period, what);
+    }
+}
+
+void v2v_watchdog_beat(const char *what)
+{
+    v2v_watchdog_wait(what);
+    if (listener.listen != NULL) {
+        listener.listen(listener.context);
     }
 }
 

@@ -383,6 +383,12 @@ static enum v2v_status run_round(struct v2v_recon *recon, int64_t t, enum v2v_st
         rc = heed_stop(recon);
     }
     int has_frame = rc == V2V_OK && t >= 0;
+    if (v2v_volume_keeps_step(recon->writer)) {
+        enum v2v_status met = v2v_agreement_meet(recon->agreement);
+        if (met != V2V_OK) {
+            return met;
+        }
+    }
     put = put_frame(recon, has_frame ? t : -1);
     if (has_frame) {
         V2V_TRY(v2v_par_agree(sample, put));

@@ -80,6 +80,9 @@ enum v2v_status v2v_volume_write(struct v2v_volume_writer *writer, int dataset, 
 enum v2v_status v2v_volume_put(struct v2v_volume_writer *writer, int dataset, const float *slices,
                                int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
+/** Whether v2v_volume_put is collective. @kind Local. */
+int v2v_volume_keeps_step(const struct v2v_volume_writer *writer);
+
 /** Frame t, which the ranks of `writers` wrote and nobody else (NULL: this one alone), is done: its
  *  data go to the disk, then it is marked. A file that is finished without any call of this has all
  *  its frames marked: who writes frames that may stay missing marks them.

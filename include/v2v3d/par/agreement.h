@@ -9,11 +9,15 @@ extern "C" {
 /** Agreement of ranks that work in rounds, each by itself: a rank goes on with its next round
  *  before it knows how the others fared in this one, and is never more than one round ahead.
  *  What one rank tells goes straight to all others (ranks^2 messages of four bytes a round): once
- *  ranks are connected, its way leads over none that is computing. Waiting for a round is a piece
- *  of work of its own for the watchdog. */
+ *  ranks are connected, its way leads over none that is computing.
+ *
+ *  A frame may take longer on one rank than the watchdog grants a rank that waits: beats of a rank
+ *  that computes are told to the others, at most ALIVE_PARTS times in the watchdog's period, and a
+ *  rank waits on as long as one that it waits for is alive. */
 struct v2v_agreement;
 
-/** @kind Local. @return V2V_OK | V2V_E_MEMORY */
+/** From here to its destruction it listens to this process's beats: one at a time. @kind Local.
+ *  @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_agreement_create(struct v2v_agreement **agreement,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 /** Nothing may be under way. @kind Local; accepts NULL; nulls the pointer. */
@@ -30,6 +34,10 @@ enum v2v_status v2v_agreement_tell(struct v2v_agreement *agreement,
 /** Learn how the last round that was told went everywhere. @kind Collective(comm). @return likewise
  */
 enum v2v_status v2v_agreement_end(struct v2v_agreement *agreement) V2V_MUST_CHECK;
+
+/** Wait until every rank is here, before a collective step that ranks may reach at very different
+ *  times. @kind Collective(comm). @return that of the round that was told last */
+enum v2v_status v2v_agreement_meet(struct v2v_agreement *agreement) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

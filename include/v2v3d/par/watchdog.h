@@ -19,6 +19,14 @@ void v2v_watchdog_disarm(void);
 void v2v_watchdog_set_period(double seconds);
 void v2v_watchdog_beat(const char *what);
 
+/** A beat of a rank that waits for others: not told to the listener. */
+void v2v_watchdog_wait(const char *what);
+
+/** From now on listen(context) is called at every beat, on the thread that beats; NULL: nobody
+ *  listens. One listener a process. */
+void v2v_watchdog_listen(void (*listen)(void *context), void *context);
+double v2v_watchdog_period(void);
+
 #ifdef __cplusplus
 }
 #endif

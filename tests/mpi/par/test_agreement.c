@@ -4,6 +4,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/agreement.h"
+#include "v2v3d/par/watchdog.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -134,6 +135,28 @@ static void a_rank_may_be_one_round_ahead(void **state)
     v2v_agreement_destroy(&agreement);
 }
 
+/* The last rank computes for PERIODS of the watchdog, beating; the others wait for it and live. The
+ * last test: it leaves the watchdog armed with its period. */
+static void a_rank_waits_for_one_that_is_alive(void **state)
+{
+    (void)state;
+    enum { PERIODS = 2, BEATS = 30 };
+    const double period = 3.0; /* a machine that stands still for so long ends the test */
+    struct v2v_agreement *agreement = NULL;
+    const int is_slow = v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1;
+    assert_ok(v2v_agreement_create(&agreement, test_world()));
+    v2v_watchdog_set_period(period);
+    const double began = v2v_clock_now();
+    for (int i = 0; is_slow && i < BEATS; i++) {
+        v2v_watchdog_beat("a part of a long frame");
+        sleep_for(PERIODS * period / BEATS);
+    }
+    assert_ok(v2v_agreement_meet(agreement));
+    assert_true(v2v_clock_now() - began >= 0.9 * PERIODS * period); /* nobody left before it */
+    v2v_watchdog_set_period(0.0);
+    v2v_agreement_destroy(&agreement);
+}
+
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
@@ -142,6 +165,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(of_two_failures_in_a_round_the_worse_is_told),
         cmocka_unit_test(a_rank_may_be_one_round_ahead),
         cmocka_unit_test(a_rank_is_one_round_ahead_at_most),
+        cmocka_unit_test(a_rank_waits_for_one_that_is_alive),
     };
     return test_mpi_main(tests, argc, argv);
 }
