@@ -221,7 +221,7 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
 {
     struct work work = {.cost = cost, .ranks = ranks, .ratio = 1.0};
     struct v2v_projector_layout *layout = &work.layout;
-    if (!v2v_projector_plan(layout, psf, height, width, split, ranks, 0)) {
+    if (!v2v_projector_plan(layout, psf, height, width, V2V_BEYOND_ZERO, split, ranks, 0)) {
         return (struct v2v_projector_times){INFINITY, INFINITY};
     }
     const struct v2v_fft_shape *shape = &layout->shape;

@@ -94,13 +94,13 @@ done:
 }
 
 static enum v2v_status create_local(struct v2v_projector *projector, const struct v2v_psf_file *psf,
-                                    float **rows)
+                                    enum v2v_beyond beyond, float **rows)
 {
     enum v2v_status rc = V2V_OK;
     const int ranks = v2v_comm_size(projector->comm), rank = v2v_comm_rank(projector->comm);
     struct v2v_projector_layout *layout = &projector->layout;
-    if (!v2v_projector_plan(layout, psf, projector->height, projector->width, projector->split,
-                            ranks, rank)) {
+    if (!v2v_projector_plan(layout, psf, projector->height, projector->width, beyond,
+                            projector->split, ranks, rank)) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "projection of frames of %lld x %lld pixels is too large",
                          (long long)projector->height, (long long)projector->width));
     }
@@ -118,6 +118,14 @@ done:
 enum v2v_status v2v_projector_create(struct v2v_projector **projector,
                                      const struct v2v_psf_file *psf, int64_t height, int64_t width,
                                      enum v2v_split split, const struct v2v_comm *comm)
+{
+    return v2v_projector_create_beyond(projector, psf, height, width, V2V_BEYOND_ZERO, split, comm);
+}
+
+enum v2v_status v2v_projector_create_beyond(struct v2v_projector **projector,
+                                            const struct v2v_psf_file *psf, int64_t height,
+                                            int64_t width, enum v2v_beyond beyond,
+                                            enum v2v_split split, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_projector *made = NULL;
@@ -140,7 +148,7 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
         made->share.view_rows = my_rows;
         made->share.slices = split == V2V_SPLIT_SLICES ? my_slices : all_slices;
         made->share.rows = split == V2V_SPLIT_SLICES ? all_rows : my_rows;
-        rc = create_local(made, psf, &rows);
+        rc = create_local(made, psf, beyond, &rows);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     V2V_TRY(v2v_fft_slabs_create(&made->together, &made->layout.shape, comm));

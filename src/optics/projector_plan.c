@@ -72,14 +72,16 @@ static void plan_rounds(struct v2v_projector_layout *layout, enum v2v_split spli
 }
 
 int v2v_projector_plan(struct v2v_projector_layout *layout, const struct v2v_psf_file *psf,
-                       int64_t height, int64_t width, enum v2v_split split, int ranks, int rank)
+                       int64_t height, int64_t width, enum v2v_beyond beyond, enum v2v_split split,
+                       int ranks, int rank)
 {
+    const int is_periodic = beyond == V2V_BEYOND_PERIODIC;
     if (height > INT32_MAX / 4 || width > INT32_MAX / 4) {
         return 0;
     }
     *layout = (struct v2v_projector_layout){
-        .shape = {height, width, transform_size(height, psf->height),
-                  transform_size(width, psf->width),
+        .shape = {height, width, is_periodic ? height : transform_size(height, psf->height),
+                  is_periodic ? width : transform_size(width, psf->width),
                   psf->views > psf->slices ? psf->views : psf->slices,
                   split == V2V_SPLIT_SLABS_FFTW3_MPI},
         .views = psf->views,
@@ -128,8 +130,14 @@ void v2v_projector_cut(struct v2v_projector *projector)
 int64_t v2v_projector_bytes(const struct v2v_psf_file *psf, int64_t height, int64_t width,
                             enum v2v_split split, int ranks)
 {
+    return v2v_projector_bytes_beyond(psf, height, width, V2V_BEYOND_ZERO, split, ranks);
+}
+
+int64_t v2v_projector_bytes_beyond(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                   enum v2v_beyond beyond, enum v2v_split split, int ranks)
+{
     struct v2v_projector_layout layout;
-    if (!v2v_projector_plan(&layout, psf, height, width, split, ranks, 0)) {
+    if (!v2v_projector_plan(&layout, psf, height, width, beyond, split, ranks, 0)) {
         return INT64_MAX;
     }
     const int64_t float_bytes = (int64_t)sizeof(float);

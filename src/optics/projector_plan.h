@@ -65,9 +65,23 @@ struct v2v_projector {
 int64_t v2v_kernel_before(int64_t kernel, int64_t size);
 int64_t v2v_kernel_after(int64_t kernel, int64_t size);
 
-/** @return 0 when a size leaves int64_t or the int that FFTW and MPI count in */
+/** What lies beyond a frame: nothing, or the opposite edge. */
+enum v2v_beyond { V2V_BEYOND_ZERO, V2V_BEYOND_PERIODIC };
+
+/** @param beyond periodic: sides that v2v_fft_good_size keeps, none shorter than the kernel's
+ *  @return 0 when a size leaves int64_t or the int that FFTW and MPI count in */
 int v2v_projector_plan(struct v2v_projector_layout *layout, const struct v2v_psf_file *psf,
-                       int64_t height, int64_t width, enum v2v_split split, int ranks, int rank);
+                       int64_t height, int64_t width, enum v2v_beyond beyond, enum v2v_split split,
+                       int ranks, int rank);
+
+/** v2v_projector_create for frames of either kind; v2v_projector_bytes likewise. */
+enum v2v_status v2v_projector_create_beyond(struct v2v_projector **projector,
+                                            const struct v2v_psf_file *psf, int64_t height,
+                                            int64_t width, enum v2v_beyond beyond,
+                                            enum v2v_split split,
+                                            const struct v2v_comm *comm) V2V_MUST_CHECK;
+int64_t v2v_projector_bytes_beyond(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                   enum v2v_beyond beyond, enum v2v_split split, int ranks);
 
 /** The ranges and blocks of a plan. */
 void v2v_projector_cut(struct v2v_projector *projector);

@@ -31,6 +31,9 @@ void v2v_block_project(double *sum, const float *otf, const float *slice, int64_
 /** The sum, rounded. @param spectrum [width] */
 void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t width);
 
+/** rest = recorded - sum; both [2,V2V_BLOCK]. */
+void v2v_block_rest(float *rest, const float *recorded, const double *sum);
+
 /** slice[z,f] += conj(otf[z,f]) * view[f]. */
 void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices);
 

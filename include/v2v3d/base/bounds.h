@@ -13,6 +13,12 @@ static inline int64_t v2v_smaller(int64_t a, int64_t b)
     return a < b ? a : b;
 }
 
+/** The larger of two. @kind Local. */
+static inline int64_t v2v_larger(int64_t a, int64_t b)
+{
+    return a > b ? a : b;
+}
+
 /** x, or the bound that it is beyond; `high` where the bounds cross. @kind Local. */
 static inline int64_t v2v_within(int64_t x, int64_t low, int64_t high)
 {

@@ -1,0 +1,86 @@
+/** The step of a convex method towards the views, in closed form.
+ *
+ *  Purpose: argmin over x of 1/2 |A x - y|^2 + |x - v|^2 / (2 tau), without iterations. On a torus
+ *  A is a matrix of views x slices for every frequency, so that
+ *      x = v + A^H s,   (A A^H + 1/tau) s = y - A v,   A x = y - s / tau
+ *  takes one Hermitian inverse of views x views a frequency, made once for all frames.
+ *  Invariants: the torus holds the frame at its origin and a border that no light crosses but
+ *  V2V_DATA_STEP_LOST of any slice's; views are unknown there and follow the volume
+ *  (v2v_data_step_extend). A rank owns rows of the torus and columns of its spectra; nothing is
+ *  summed over ranks but the residual. Any number of ranks gets the same bits.
+ *
+ *  Example (compiled by tests/unit/optics):
+ *
+ *      V2V_TRY(v2v_data_step_create(&step, &psf, 512, 512, V2V_SPLIT_SLABS, comm));
+ *      v2v_data_step_factor(step, tau);
+ *      v2v_data_step_begin(step, views, 1.0);
+ *      v2v_data_step_run(step, volume);              // [slices, rows of the torus, its width]
+ *      squares = v2v_data_step_extend(step);         // |A x - y|^2 over the frame
+ *  done:
+ *      v2v_data_step_destroy(&step);
+ */
+#ifndef V2V3D_OPTICS_DATA_STEP_H
+#define V2V3D_OPTICS_DATA_STEP_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Of a slice's light in a view, beyond the border. */
+#define V2V_DATA_STEP_LOST 1e-3
+
+struct v2v_data_step;
+
+struct v2v_torus {
+    int64_t height, width;
+    struct v2v_part rows; /**< of this rank */
+};
+
+/** Its sides for frames of [height,width]; rows: all. @kind Local. */
+struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t height,
+                                        int64_t width);
+
+/** @kind Collective(comm). @param split V2V_SPLIT_SLABS or V2V_SPLIT_SLABS_FFTW3_MPI
+ *  @return V2V_OK | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v2v_psf_file *psf,
+                                     int64_t height, int64_t width, enum v2v_split split,
+                                     const struct v2v_comm *comm) V2V_MUST_CHECK;
+void v2v_data_step_destroy(struct v2v_data_step **step);
+
+/** Bytes that the fullest of `ranks` ranks holds. @kind Local. */
+int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                            enum v2v_split split, int ranks);
+
+/** @kind Local. */
+struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step);
+
+/** Invert A A^H + 1/tau, in double precision, kept in single. @kind Local, no allocation.
+ *  @cost views^3 products a frequency, eight times as dear as single ones; nothing for the same tau
+ *  as before */
+void v2v_data_step_factor(struct v2v_data_step *step, double tau);
+
+/** Take the views of a frame, times `scale`; beyond it they go from edge to opposite edge in a
+ *  straight line. @kind Collective(comm), no allocation. @param views [v,height,width], whole */
+void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale);
+
+/** x from v, in place. @kind Collective(comm), no allocation.
+ *  @param  volume [slices, torus rows of this rank, torus width]: v on entry, x on return
+ *  @cost   Z forward and Z inverse transforms, 2*V*Z + V^2 complex products a frequency; every OTF
+ *          comes once from memory */
+void v2v_data_step_run(struct v2v_data_step *step, float *volume);
+
+/** Beyond the frame, y becomes A x of the last run. @kind Collective(comm), no allocation.
+ *  @cost V inverse and V forward transforms. @return |A x - y|^2 over the frame, all views */
+double v2v_data_step_extend(struct v2v_data_step *step);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

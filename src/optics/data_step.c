@@ -1,0 +1,323 @@
+#include "v2v3d/optics/data_step.h"
+#include "optics/hermitian.h"
+#include "optics/projector_plan.h"
+#include "optics/sizes.h"
+#include "optics/spectrum_block.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+struct v2v_data_step {
+    struct v2v_projector *projector; /* on the torus */
+    const struct v2v_comm *comm;     /* borrowed */
+    int64_t views, slices;
+    int64_t height, width; /* of a frame */
+    struct v2v_torus torus;
+    double tau;      /* of the factors; 0: none yet */
+    float *factor;   /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
+    float *recorded; /* [v,rows,torus width]: y */
+    float *spectra;  /* [block,v,2,V2V_BLOCK]: of y */
+    float *missed;   /* [v,rows,torus width]: y - A x */
+    float *scratch;  /* [thread,2 v,2,V2V_BLOCK] */
+    double *entries; /* [thread,v2v_hermitian_scratch] */
+    double *of_row;  /* [torus height]: squares of a row of all views */
+};
+
+/* Pixels from the kernel's centre to the edge of a square that holds all but LOST of its light. */
+static int64_t reach_of(const float *kernel, int64_t height, int64_t width)
+{
+    const int64_t cy = v2v_psf_centre(height), cx = v2v_psf_centre(width);
+    const int64_t most =
+        v2v_larger(v2v_larger(cy, height - 1 - cy), v2v_larger(cx, width - 1 - cx));
+    double total = 0.0, inside = 0.0;
+    for (int64_t i = 0; i < height * width; i++) {
+        total += fabs((double)kernel[i]);
+    }
+    for (int64_t r = 0; r <= most; r++) {
+        for (int64_t y = v2v_larger(cy - r, 0); y <= v2v_smaller(cy + r, height - 1); y++) {
+            const int is_edge = y == cy - r || y == cy + r;
+            for (int64_t x = cx - r; x <= cx + r; x += is_edge || r == 0 ? 1 : 2 * r) {
+                inside += x >= 0 && x < width ? fabs((double)kernel[y * width + x]) : 0.0;
+            }
+        }
+        if (inside >= (1.0 - V2V_DATA_STEP_LOST) * total) {
+            return r;
+        }
+    }
+    return most;
+}
+
+struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t height,
+                                        int64_t width)
+{
+    int64_t reach = 0;
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        const float *kernel = psf->data + i * psf->height * psf->width;
+        reach = v2v_larger(reach, reach_of(kernel, psf->height, psf->width));
+    }
+    struct v2v_torus torus = {v2v_fft_good_size(v2v_larger(height + 2 * reach, psf->height)),
+                              v2v_fft_good_size(v2v_larger(width + 2 * reach, psf->width)),
+                              {0, 0}};
+    torus.rows.count = torus.height;
+    return torus;
+}
+
+/* Numbers of each array. */
+struct sizes {
+    int64_t factor, recorded, spectra, scratch, entries;
+};
+
+static struct sizes sizes_of(int64_t views, int64_t blocks, const struct v2v_torus *torus)
+{
+    return (struct sizes){
+        .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
+        .recorded = v2v_mem_product(views, torus->rows.count, torus->width),
+        .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
+        .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views, V2V_BLOCK_FLOATS),
+        .entries = v2v_mem_product(omp_get_max_threads(), v2v_hermitian_scratch(views), 1)};
+}
+
+int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                            enum v2v_split split, int ranks)
+{
+    struct v2v_projector_layout layout;
+    struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
+    if (!v2v_projector_plan(&layout, psf, torus.height, torus.width, V2V_BEYOND_PERIODIC, split,
+                            ranks, 0)) {
+        return INT64_MAX;
+    }
+    torus.rows = v2v_par_part(torus.height, ranks, 0);
+    const struct sizes sizes = sizes_of(psf->views, layout.blocks, &torus);
+    return v2v_mem_bytes(sizes.factor + 2 * sizes.recorded + sizes.spectra + sizes.scratch +
+                             2 * sizes.entries,
+                         v2v_projector_bytes_beyond(psf, torus.height, torus.width,
+                                                    V2V_BEYOND_PERIODIC, split, ranks));
+}
+
+static enum v2v_status take_memory(struct v2v_data_step *step)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct sizes sizes = sizes_of(step->views, step->projector->layout.blocks, &step->torus);
+    V2V_TRY(V2V_ALLOC(step->factor, "data_step.factor", sizes.factor));
+    V2V_TRY(V2V_ALLOC(step->recorded, "data_step.views", sizes.recorded));
+    V2V_TRY(V2V_ALLOC(step->spectra, "data_step.views", sizes.spectra));
+    V2V_TRY(V2V_ALLOC(step->missed, "data_step.views", sizes.recorded));
+    V2V_TRY(V2V_ALLOC(step->scratch, "data_step.block", sizes.scratch));
+    V2V_TRY(V2V_ALLOC(step->entries, "data_step.factor", sizes.entries));
+    V2V_TRY(V2V_ALLOC(step->of_row, "data_step.views", step->torus.height));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v2v_psf_file *psf,
+                                     int64_t height, int64_t width, enum v2v_split split,
+                                     const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_data_step *made = NULL;
+    V2V_ASSERT(split == V2V_SPLIT_SLABS || split == V2V_SPLIT_SLABS_FFTW3_MPI);
+    *step = NULL;
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(made, "data_step", 1)));
+    *made = (struct v2v_data_step){.comm = comm,
+                                   .views = psf->views,
+                                   .slices = psf->slices,
+                                   .height = height,
+                                   .width = width,
+                                   .torus = v2v_data_step_torus_of(psf, height, width)};
+    V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, made->torus.height,
+                                        made->torus.width, V2V_BEYOND_PERIODIC, split, comm));
+    made->torus.rows = v2v_projector_share(made->projector).rows;
+    V2V_TRY(v2v_par_agree(comm, take_memory(made)));
+    *step = made;
+    made = NULL;
+done:
+    v2v_data_step_destroy(&made);
+    return rc;
+}
+
+void v2v_data_step_destroy(struct v2v_data_step **step)
+{
+    struct v2v_data_step *old = *step;
+    *step = NULL;
+    if (old != NULL) {
+        v2v_projector_destroy(&old->projector);
+        v2v_mem_free(old->factor);
+        v2v_mem_free(old->recorded);
+        v2v_mem_free(old->spectra);
+        v2v_mem_free(old->missed);
+        v2v_mem_free(old->scratch);
+        v2v_mem_free(old->entries);
+        v2v_mem_free(old->of_row);
+        v2v_mem_free(old);
+    }
+}
+
+struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step)
+{
+    return step->torus;
+}
+
+static float *factor_of(const struct v2v_data_step *step, int64_t block)
+{
+    return step->factor + block * v2v_hermitian_pairs(step->views) * V2V_BLOCK_FLOATS;
+}
+
+static float *spectra_of(const struct v2v_data_step *step, int64_t block)
+{
+    return step->spectra + block * step->views * V2V_BLOCK_FLOATS;
+}
+
+void v2v_data_step_factor(struct v2v_data_step *step, double tau)
+{
+    if (step->tau == tau) {
+        return;
+    }
+    step->tau = tau;
+#pragma omp parallel for schedule(dynamic) num_threads(step->projector->threads)
+    for (int64_t b = 0; b < step->projector->layout.blocks; b++) {
+        double *entries = step->entries + omp_get_thread_num() * v2v_hermitian_scratch(step->views);
+        v2v_hermitian_inverse(factor_of(step, b), entries, v2v_projector_otf(step->projector, b, 0),
+                              step->views, step->slices, 1.0 / tau);
+    }
+}
+
+/* Beyond the frame, from its last pixel to its first in a straight line. */
+static void bridge(float *line, int64_t stride, int64_t size, int64_t whole)
+{
+    const float last = line[(size - 1) * stride], first = line[0];
+    for (int64_t i = size; i < whole; i++) {
+        const float part = (float)(i - size + 1) / (float)(whole - size + 1);
+        line[i * stride] = last + part * (first - last);
+    }
+}
+
+/* Row y of a view on the torus. */
+static void torus_row(const struct v2v_data_step *step, float *row, const float *view, double scale,
+                      int64_t y)
+{
+    const int64_t height = step->height, width = step->width;
+    const int64_t above = v2v_smaller(y, height - 1);
+    const float *last = view + above * width, *first = view;
+    const double part = (double)(y - above) / (double)(step->torus.height - height + 1);
+    for (int64_t x = 0; x < width; x++) {
+        row[x] = (float)(scale * (last[x] + part * (first[x] - last[x])));
+    }
+    bridge(row, 1, width, step->torus.width);
+}
+
+/* The spectra of y, in blocks. Collective(comm). */
+static void transform_views(struct v2v_data_step *step)
+{
+    const struct v2v_projector *projector = step->projector;
+    const struct v2v_projector_layout *layout = &projector->layout;
+    v2v_fft_slabs_forward(projector->together, projector->view_spectra, layout->view_stride,
+                          step->recorded, step->views);
+#pragma omp parallel for schedule(static) num_threads(projector->threads)
+    for (int64_t b = 0; b < layout->blocks; b++) {
+        const struct v2v_block *block = &projector->block[b];
+        v2v_block_split(spectra_of(step, b), projector->view_spectra + block->first,
+                        layout->view_stride, step->views, block->width);
+    }
+}
+
+void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale)
+{
+    const struct v2v_torus *torus = &step->torus;
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t v = 0; v < step->views; v++) {
+        for (int64_t y = 0; y < torus->rows.count; y++) {
+            torus_row(step, step->recorded + (v * torus->rows.count + y) * torus->width,
+                      views + v * step->height * step->width, scale, torus->rows.first + y);
+        }
+    }
+    transform_views(step);
+}
+
+/* s of one block, where the views' spectra belong, and v -> x of its slices. */
+static void run_block(struct v2v_data_step *step, int64_t b)
+{
+    struct v2v_projector *projector = step->projector;
+    const struct v2v_projector_layout *layout = &projector->layout;
+    const struct v2v_block *block = &projector->block[b];
+    const float *recorded = spectra_of(step, b);
+    double *sum = (double *)(void *)v2v_projector_scratch(projector);
+    float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
+    float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
+    float *solved = rest + step->views * V2V_BLOCK_FLOATS;
+    v2v_block_split(slice, projector->slice_spectra + block->first, layout->slice_stride,
+                    step->slices, block->width);
+    for (int64_t v = 0; v < step->views; v++) {
+        v2v_block_project(sum, v2v_projector_otf(projector, b, v), slice, step->slices);
+        v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS, sum);
+    }
+    v2v_hermitian_multiply(solved, factor_of(step, b), rest, step->views);
+    for (int64_t v = 0; v < step->views; v++) {
+        v2v_block_project_adjoint(slice, v2v_projector_otf(projector, b, v),
+                                  solved + v * V2V_BLOCK_FLOATS, step->slices);
+    }
+    v2v_block_merge(projector->view_spectra + block->first, solved, layout->view_stride,
+                    step->views, block->width);
+    v2v_block_merge(projector->slice_spectra + block->first, slice, layout->slice_stride,
+                    step->slices, block->width);
+}
+
+static double pixels_of(const struct v2v_data_step *step)
+{
+    return (double)step->torus.height * (double)step->torus.width;
+}
+
+void v2v_data_step_run(struct v2v_data_step *step, float *volume)
+{
+    struct v2v_projector *projector = step->projector;
+    const struct v2v_projector_layout *layout = &projector->layout;
+    V2V_ASSERT(step->tau > 0.0);
+    v2v_fft_slabs_forward(projector->together, projector->slice_spectra, layout->slice_stride,
+                          volume, step->slices);
+#pragma omp parallel for schedule(static) num_threads(projector->threads)
+    for (int64_t b = 0; b < layout->blocks; b++) {
+        run_block(step, b);
+    }
+    v2v_fft_slabs_inverse(projector->together, volume, (float)(1.0 / pixels_of(step)),
+                          projector->slice_spectra, layout->slice_stride, step->slices);
+}
+
+/* A row of the residual: its squares over the frame, and y beyond it. */
+static double take_row(float *recorded, const float *missed, int64_t inside, int64_t whole)
+{
+    double squares = 0.0;
+    for (int64_t x = 0; x < inside; x++) {
+        squares += (double)missed[x] * (double)missed[x];
+    }
+    for (int64_t x = inside; x < whole; x++) {
+        recorded[x] -= missed[x];
+    }
+    return squares;
+}
+
+double v2v_data_step_extend(struct v2v_data_step *step)
+{
+    struct v2v_projector *projector = step->projector;
+    const struct v2v_torus *torus = &step->torus;
+    const double factor = 1.0 / (step->tau * pixels_of(step));
+    double squares = 0.0;
+    v2v_fft_slabs_inverse(projector->together, step->missed, (float)factor, projector->view_spectra,
+                          projector->layout.view_stride, step->views);
+    memset(step->of_row, 0, (size_t)torus->height * sizeof *step->of_row);
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < torus->rows.count; y++) {
+        const int64_t whole = torus->rows.first + y;
+        for (int64_t v = 0; v < step->views; v++) {
+            const int64_t at = (v * torus->rows.count + y) * torus->width;
+            step->of_row[whole] += take_row(step->recorded + at, step->missed + at,
+                                            whole < step->height ? step->width : 0, torus->width);
+        }
+    }
+    transform_views(step);
+    v2v_par_sum_f64(step->comm, step->of_row, torus->height);
+    for (int64_t y = 0; y < torus->height; y++) { /* one order for any number of ranks */
+        squares += step->of_row[y];
+    }
+    return squares;
+}

@@ -1,0 +1,214 @@
+/* The example of data_step.h: the step is the minimum that it says, by direct sums over a torus in
+ * double precision. */
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/optics/data_step.h"
+#include "v2v3d/optics/psf.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { VIEWS = 5, SLICES = 4, KERNEL_HEIGHT = 6, KERNEL_WIDTH = 5, HEIGHT = 15, WIDTH = 22 };
+enum { MOST = 40 * 40, SAMPLES = VIEWS * HEIGHT * WIDTH };
+
+static struct v2v_psf_file psf;
+static float views[SAMPLES];
+static struct v2v_torus torus;
+static int64_t pixels; /* of the torus */
+static double y[VIEWS * MOST];
+
+static int setup(void **state)
+{
+    (void)state;
+    const int64_t taps = VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH;
+    psf = (struct v2v_psf_file){
+        .views = VIEWS, .slices = SLICES, .height = KERNEL_HEIGHT, .width = KERNEL_WIDTH};
+    assert_ok(V2V_ALLOC(psf.data, "test", taps));
+    for (int64_t i = 0; i < taps; i++) {
+        psf.data[i] = (float)v2v_random_uniform(31, 0, (uint64_t)i);
+    }
+    v2v_psf_normalize_views(&psf);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        views[i] = (float)v2v_random_uniform(31, 1, (uint64_t)i) - 0.3f;
+    }
+    torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
+    pixels = torus.height * torus.width;
+    assert_true(pixels <= MOST);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    v2v_psf_file_fini(&psf);
+    return v2v_mem_held() != 0;
+}
+
+/* image += A_vz slice, or its adjoint. */
+static void convolve(double *to, const double *from, int64_t v, int64_t z, int is_adjoint)
+{
+    const float *kernel = psf.data + (v * SLICES + z) * KERNEL_HEIGHT * KERNEL_WIDTH;
+    for (int64_t i = 0; i < pixels; i++) {
+        for (int64_t k = 0; k < KERNEL_HEIGHT * KERNEL_WIDTH; k++) {
+            /* the centre of K pixels is ceil(K/2)-1 */
+            const int64_t dy = k / KERNEL_WIDTH - 2, dx = k % KERNEL_WIDTH - 2;
+            const int64_t row = (i / torus.width + dy + torus.height) % torus.height;
+            const int64_t column = (i % torus.width + dx + torus.width) % torus.width;
+            const int64_t there = row * torus.width + column;
+            to[is_adjoint ? i : there] += (double)kernel[k] * from[is_adjoint ? there : i];
+        }
+    }
+}
+
+static void project(double *image, const double *volume)
+{
+    memset(image, 0, (size_t)(VIEWS * pixels) * sizeof *image);
+    for (int64_t v = 0; v < VIEWS; v++) {
+        for (int64_t z = 0; z < SLICES; z++) {
+            convolve(image + v * pixels, volume + z * pixels, v, z, 0);
+        }
+    }
+}
+
+/* |A^T (A x - y) + (x - v) / tau| over the lengths of its terms, |A| <= 1: 0 at the minimum, in
+ * float32 the round-off of transforms and products. */
+static double gradient_of(const float *x, const float *v, double tau)
+{
+    static double volume[SLICES * MOST], image[VIEWS * MOST], gradient[SLICES * MOST],
+        from_views[SLICES * MOST];
+    double squares = 0.0, whole = 0.0, size = 0.0, start = 0.0;
+    memset(gradient, 0, sizeof gradient);
+    memset(from_views, 0, sizeof from_views);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    project(image, volume);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        image[i] -= y[i];
+    }
+    for (int64_t w = 0; w < VIEWS; w++) {
+        for (int64_t z = 0; z < SLICES; z++) {
+            convolve(gradient + z * pixels, image + w * pixels, w, z, 1);
+            convolve(from_views + z * pixels, y + w * pixels, w, z, 1);
+        }
+    }
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        const double g = gradient[i] + ((double)x[i] - (double)v[i]) / tau;
+        squares += g * g;
+        whole += from_views[i] * from_views[i];
+        size += (double)x[i] * (double)x[i];
+        start += (double)v[i] * (double)v[i];
+    }
+    return sqrt(squares) / (sqrt(whole) + sqrt(size) + (sqrt(size) + sqrt(start)) / tau);
+}
+
+/* y as begin makes it: from the last pixel to the first of the opposite edge in a straight line. */
+static void bridge_views(double scale)
+{
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        const int64_t v = i / pixels, row = i % pixels / torus.width, column = i % torus.width;
+        const double py =
+            fmax(0.0, (double)(row - HEIGHT + 1)) / (double)(torus.height - HEIGHT + 1);
+        const double px =
+            fmax(0.0, (double)(column - WIDTH + 1)) / (double)(torus.width - WIDTH + 1);
+        const int64_t r = row < HEIGHT ? row : HEIGHT - 1, c = column < WIDTH ? column : WIDTH - 1;
+        const float *view = views + v * HEIGHT * WIDTH;
+        const double left = (1 - py) * (double)view[r * WIDTH + c] + py * (double)view[c];
+        const double right = (1 - py) * (double)view[r * WIDTH] + py * (double)view[0];
+        y[i] = scale * ((1 - px) * left + px * right);
+    }
+}
+
+static struct v2v_data_step *make(double tau, double scale)
+{
+    struct v2v_data_step *step = NULL;
+    assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLABS, NULL));
+    v2v_data_step_factor(step, tau);
+    v2v_data_step_begin(step, views, scale);
+    bridge_views(scale);
+    return step;
+}
+
+static void random_volume(float *v)
+{
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        v[i] = (float)v2v_random_uniform(31, 2, (uint64_t)i) * 4.0f;
+    }
+}
+
+static void the_step_is_the_minimum(void **state)
+{
+    (void)state;
+    static const double taus[] = {0.1, 1.0, 30.0, 1000.0};
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    for (size_t i = 0; i < sizeof taus / sizeof *taus; i++) {
+        for (double scale = 1.0; scale < 1e3; scale *= 50.0) {
+            struct v2v_data_step *step = make(taus[i], scale);
+            random_volume(v);
+            memcpy(x, v, sizeof v);
+            v2v_data_step_run(step, x);
+            const double gradient = gradient_of(x, v, taus[i]);
+            if (!(gradient < 2e-6)) {
+                fail_msg("tau %g, scale %g: gradient %g", taus[i], scale, gradient);
+            }
+            v2v_data_step_destroy(&step);
+        }
+    }
+}
+
+static void the_border_follows_the_volume(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    static double volume[SLICES * MOST], image[VIEWS * MOST];
+    const double tau = 20.0;
+    double squares = 0.0;
+    struct v2v_data_step *step = make(tau, 1.0);
+    random_volume(v);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    project(image, volume);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        const int is_frame = i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
+        squares += is_frame ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
+        y[i] = is_frame ? y[i] : image[i];
+    }
+    assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < 2e-6);
+    v2v_data_step_destroy(&step);
+}
+
+/* Two views alike, and a view of a slice that gives no light: A A^H has no inverse, its sum with
+ * 1 / tau has. */
+static void views_alike_and_dark_slices_are_no_matter(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    const int64_t taps = KERNEL_HEIGHT * KERNEL_WIDTH, view = SLICES * taps;
+    const double tau = 1e4;
+    memcpy(psf.data + view, psf.data, (size_t)view * sizeof(float));
+    memset(psf.data + 2 * view + taps, 0, (size_t)taps * sizeof(float));
+    struct v2v_data_step *step = make(tau, 1.0);
+    random_volume(v);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < 1e-4);
+    v2v_data_step_destroy(&step);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(the_step_is_the_minimum, setup, teardown),
+        cmocka_unit_test_setup_teardown(the_border_follows_the_volume, setup, teardown),
+        cmocka_unit_test_setup_teardown(views_alike_and_dark_slices_are_no_matter, setup, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
