@@ -4,13 +4,16 @@ static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_FILE(struct v2v_volumes, input, "input", 1, "recording"),
     V2V_OPTION_OUTPUT(struct v2v_volumes, output, "volume to write: .h5 or .tif"),
-    V2V_OPTION_SET("method", "deconv.method", "rld|frl",
-                   "A'(y / Ax) / A'1, or A'y / A'Ax, which leaves no pedestal of noise"),
+    V2V_OPTION_SET("method", "deconv.method", "tv|rld|frl",
+                   "total variation (default); A'(y / Ax) / A'1; or A'y / A'Ax, which leaves no "
+                   "pedestal of noise"),
     V2V_OPTION_SET("iterations", "deconv.iterations", "N",
-                   "over all views (10); with a rule that stops them, the most"),
+                   "at most; 0: rld and frl 10, tv as many as it takes"),
     V2V_OPTION_SET("stop", "deconv.stop", "fixed|heldout",
-                   "after N iterations, or when views held out are predicted no better"),
-    V2V_OPTION_SET("weight", "deconv.weight", "W", "of a view's correction (0.5)"),
+                   "rld, frl: after N iterations, or when views held out are predicted no better"),
+    V2V_OPTION_SET("weight", "deconv.weight", "W", "rld, frl: of a view's correction (0.5)"),
+    V2V_OPTION_SET("lambda", "deconv.lambda", "L",
+                   "tv: weight of the variation, in units of the views' noise (0.048)"),
     V2V_OPTIONS_VOLUMES,
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
@@ -30,9 +33,9 @@ done:
     return rc;
 }
 
-const struct v2v_command v2v_command_deconvolve = {
-    .name = "deconvolve",
-    .summary = "volumes of a recording by iterative deconvolution",
-    .options = options,
-    .bytes = sizeof(struct v2v_volumes),
-    .run = run};
+const struct v2v_command v2v_command_deconvolve = {.name = "deconvolve",
+                                                   .summary =
+                                                       "volumes of a recording by deconvolution",
+                                                   .options = options,
+                                                   .bytes = sizeof(struct v2v_volumes),
+                                                   .run = run};

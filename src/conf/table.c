@@ -129,10 +129,13 @@ const struct v2v_key v2v_key_table[] = {
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
            "light, of the brightest, below which nothing is computed"),
 
-    NAME(deconv, method, "rld", "rld (phase-space Richardson-Lucy) or frl (fast Richardson-Lucy)"),
-    WHOLE(deconv, iterations, 1, 10000, 10, "over all views; the most, with a rule to stop"),
+    NAME(deconv, method, "tv", "tv (total variation), rld (Richardson-Lucy) or frl (fast)"),
+    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rld and frl 10, tv as many as it takes"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
+    REAL(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
+    REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
+    REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),
 
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
     WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),

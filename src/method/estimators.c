@@ -2,6 +2,7 @@
 
 #include "method/learned.h"
 #include "method/richardson_lucy.h"
+#include "method/tv.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/pad.h"
 
@@ -9,8 +10,8 @@
 #include <string.h>
 
 /* One row a method. */
-static const struct v2v_estimator_ops *const estimators[] = {&v2v_estimator_rld, &v2v_estimator_frl,
-                                                             &v2v_estimator_learned};
+static const struct v2v_estimator_ops *const estimators[] = {
+    &v2v_estimator_rld, &v2v_estimator_frl, &v2v_estimator_tv, &v2v_estimator_learned};
 
 enum { ESTIMATORS = sizeof estimators / sizeof *estimators };
 

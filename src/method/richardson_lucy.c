@@ -19,6 +19,9 @@
  * of a number so large spreads over the whole volume (1e-3 of it, measured). */
 static const double sensitivity_floor = 1e-4;
 
+/* Where deconv.iterations leaves it to the method. */
+enum { OWN_ITERATIONS = 10 };
+
 /* What only the creation needs. */
 struct scratch {
     double *light;  /* [view_rows,x] */
@@ -127,6 +130,7 @@ enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_richardson_lucy *self = NULL;
+    const int64_t iterations = problem->config->deconv.iterations;
     V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "rld", 1)));
     estimator->self = self;
     *self = (struct v2v_richardson_lucy){.correction = estimator->ops->variant,
@@ -135,7 +139,7 @@ enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
                                          .views = problem->psf->views,
                                          .height = problem->height,
                                          .width = problem->width,
-                                         .iterations = problem->config->deconv.iterations,
+                                         .iterations = iterations > 0 ? iterations : OWN_ITERATIONS,
                                          .weight = problem->config->deconv.weight};
     V2V_TRY(prepare(self, problem));
     estimator->slices = v2v_projector_slices(self->projector);

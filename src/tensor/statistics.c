@@ -200,3 +200,26 @@ int64_t v2v_first_not_finite(const float *x, int64_t count)
     }
     return found < count ? found : -1;
 }
+
+double v2v_noise_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                           int64_t width)
+{
+    enum { PIXELS = 4 };
+    const double of_normal = 0.67448975019608171; /* median of |x|, x standard normal */
+    const int64_t inside = (height - 1) * (width - 1);
+    if (height < 2 || width < 2) {
+        return 0.0;
+    }
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        for (int64_t y = 0; y < height - 1; y++) {
+            const float *here = images + (i * height + y) * width, *below = here + width;
+            float *to = scratch + i * inside + y * (width - 1);
+            for (int64_t x = 0; x < width - 1; x++) {
+                to[x] = fabsf((here[x] - here[x + 1]) - (below[x] - below[x + 1]));
+            }
+        }
+    }
+    return (double)v2v_select(scratch, count * inside, count * inside / 2) /
+           (sqrt(PIXELS) * of_normal);
+}

@@ -47,20 +47,26 @@ says 'recording, 3 frames'
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
-works deconvolve --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
-works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 \
+works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
+works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 \
     --set parallel.split=slabs --set parallel.transform=own
-"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o rld_alone.h5 --iterations 2 2>stderr ||
+"$program" deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_alone.h5 --iterations 2 2>stderr ||
     fail "$(cat stderr)"
 same rld_slabs.h5 rld_alone.h5 /volume
-works deconvolve --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --iterations 2 \
+works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --iterations 2 \
     --set parallel.split=slabs --set parallel.transform=fftw3-mpi
 same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
-works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --stop heldout --iterations 20
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
+"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"
+same tv.h5 tv_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_smooth.h5 --lambda 0.5
+refuses 78 'stop heldout is for Richardson-Lucy' deconvolve --psf one/psf.h5 --input rec.h5 \
+    -o out.h5 --stop heldout
+works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --method rld --stop heldout --iterations 20
 
 # A range of frames has the bits of the whole; a complete output is not made again.
-works deconvolve --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 \
+works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 \
     --set parallel.split=slabs --set parallel.transform=own
 works info last.h5
 says 'volume, 1 frames'
@@ -70,7 +76,7 @@ if command -v h5dump >/dev/null; then
     cmp whole.bin last.bin || fail 'a range of frames is not what the whole recording gives'
 fi
 before=$(cksum <last.h5)
-works deconvolve --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 --resume
+works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 --resume
 [ "$before" = "$(cksum <last.h5)" ] || fail '--resume made a complete volume again'
 works evaluate --truth one/truth.h5 --volume rld.h5 --json
 for key in psnr ssim background_truth background_volume; do
@@ -96,9 +102,9 @@ works convert --input rec.tif --views 5 -o rec_again.h5
 same rec.h5 rec_again.h5 /views
 works info rec.tif
 says 'TIFF, 15 pages'
-works deconvolve --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
+works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
 same rld.h5 from_tiff.h5 /volume
-works deconvolve --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
+works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
 works preview rld.h5 --frame 2 -o picture.png
 [ "$(head -c 4 picture.png | tail -c 3)" = PNG ] || fail 'preview wrote no PNG'
 
@@ -112,7 +118,7 @@ if [ "$ranks" -gt 1 ]; then
     works project --psf one/psf.h5 --input many/lfi.h5 --adjoint -o adjoint.h5 --normalize none
     works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --noise gaussian:0.2 --seed 5 \
         --frames 3
-    works deconvolve --psf one/psf.h5 --input many/rec.h5 -o rld.h5 --iterations 2
+    works deconvolve --method rld --psf one/psf.h5 --input many/rec.h5 -o rld.h5 --iterations 2
     same lfi.h5 many/lfi.h5 /views 1e-5
     same adjoint.h5 many/adjoint.h5 /volume 1e-5
     same rec.h5 many/rec.h5 /views 1e-5

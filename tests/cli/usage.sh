@@ -46,12 +46,13 @@ refuses 2 "--reduce: 'max' is not sum or mean" project --psf p --volume v -o out
 refuses 2 "--rule: 'magic' is none of kaiming.hash" weights init --rule magic
 refuses 2 '--threads: -1 is outside' init --threads=-1
 deconvolve=(deconvolve --psf p --input r -o out.h5)
-refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 0
+refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations -1
+refuses 2 '--lambda: ' "${deconvolve[@]}" --lambda 1e9
 refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 1e3
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight 0,5
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight nan
 refuses 2 "--stop: 'soon' is not fixed or heldout" "${deconvolve[@]}" --stop soon
-refuses 78 "deconv.method: 'rl' is none of rld.frl" "${deconvolve[@]}" --method rl
+refuses 78 "deconv.method: 'rl' is none of rld.frl.tv" "${deconvolve[@]}" --method rl
 refuses 2 '--method learned takes weights: v2v3d reconstruct' "${deconvolve[@]}" --method learned
 refuses 2 '--frames FIRST:COUNT: ' "${deconvolve[@]}" --frames 3
 refuses 2 'unknown option --skip' "${deconvolve[@]}" --skip auto

@@ -118,9 +118,13 @@ enum v2v_stop { V2V_STOP_FIXED, V2V_STOP_HELDOUT };
 /** Methods that deconvolve by iteration. */
 struct v2v_deconv_settings {
     char method[V2V_CONFIG_NAME_BYTES]; /**< an estimator of method/estimator.h */
-    int64_t iterations;                 /**< over all views; with a rule, the most */
+    int64_t iterations;                 /**< over all views; with a rule, the most; 0: the
+                                             method's own */
     double weight;                      /**< of a view's correction */
     int stop;                           /**< enum v2v_stop */
+    double lambda;    /**< tv: weight of the variation, in units of the noise of the views */
+    double depth;     /**< tv: of differences along z, against those along x and y */
+    double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };
 
 /** The scene and the noise of `v2v3d demo`. */

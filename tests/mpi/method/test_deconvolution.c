@@ -67,6 +67,21 @@ static int setup_frl_slabs(void **state)
     return setup_as(state, "frl", V2V_SPLIT_SLABS);
 }
 
+/* Exactly as many iterations as a test asks for. */
+static int setup_tv(void **state)
+{
+    const int failed = setup_as(state, "tv", V2V_SPLIT_SLABS);
+    config.deconv.tolerance = 0.0;
+    return failed;
+}
+
+static int setup_tv_fftw3_mpi(void **state)
+{
+    const int failed = setup_tv(state);
+    config.parallel.transform = V2V_TRANSFORM_FFTW3_MPI;
+    return failed;
+}
+
 static int teardown(void **state)
 {
     (void)state;
@@ -165,7 +180,7 @@ static void volume_equals_the_plain_definition(void **state)
     (void)state;
     static double plain[VOXELS];
     static float volume[VOXELS];
-    for (int64_t n = 0; n <= 4; n += 2) {
+    for (int64_t n = 1; n <= 5; n += 2) {
         plain_deconvolution(plain, n);
         assert_ok(run(volume, views, n, test_world()));
         /* 4n updates, each with two float32 transforms of 10 levels x eps 6e-8; times four because
@@ -187,10 +202,10 @@ static void residual_falls_with_every_iteration_on_clean_views(void **state)
     (void)state;
     static float volume[VOXELS];
     double last = 0;
-    for (int64_t n = 0; n <= 6; n++) {
+    for (int64_t n = 1; n <= 6; n++) {
         assert_ok(run(volume, views, n, test_world()));
         double residual = residual_of(volume);
-        assert_true(n == 0 || residual < last);
+        assert_true(n == 1 || residual < last);
         last = residual;
     }
 }
@@ -203,7 +218,7 @@ static void a_constant_scene_is_found_at_once_and_kept(void **state)
         constant[i] = 3;
     }
     v2v_projector_forward(projector, flat, constant, NULL, VIEWS, 1.0f);
-    for (int64_t n = 0; n <= 4; n += 2) {
+    for (int64_t n = 1; n <= 5; n += 2) {
         assert_ok(run(volume, flat, n, test_world()));
         /* Each of the 4n updates carries the round-off of two transforms (10 levels x eps 6e-8);
          * at the border that is divided by a sensitivity some ten times below the mean. */
@@ -367,6 +382,7 @@ static void a_request_to_one_rank_stops_all(void **state)
 
 int main(int argc, char **argv)
 {
+#define WITH_TV(test) WITH(test), cmocka_unit_test_setup_teardown(test, setup_tv, teardown)
 #define WITH(test)                                                                                 \
     cmocka_unit_test_setup_teardown(test, setup_rld_slices, teardown),                             \
         cmocka_unit_test_setup_teardown(test, setup_rld_slabs, teardown),                          \
@@ -376,17 +392,19 @@ int main(int argc, char **argv)
         WITH(volume_equals_the_plain_definition),
         WITH(residual_falls_with_every_iteration_on_clean_views),
         WITH(a_constant_scene_is_found_at_once_and_kept),
-        WITH(any_number_of_ranks_gives_the_same_volume),
+        WITH_TV(any_number_of_ranks_gives_the_same_volume),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
                                         setup_rld_fftw3_mpi, teardown),
-        WITH(scaled_views_give_the_scaled_volume),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
+                                        setup_tv_fftw3_mpi, teardown),
+        WITH_TV(scaled_views_give_the_scaled_volume),
         WITH(negative_samples_count_as_zero),
-        WITH(dark_views_give_a_dark_volume),
-        WITH(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
+        WITH_TV(dark_views_give_a_dark_volume),
+        WITH_TV(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
         WITH(slices_that_no_view_sees_stay_empty),
-        WITH(a_nan_in_the_views_is_named),
-        WITH(a_monitor_sees_every_iteration_and_ends_them),
-        WITH(a_request_to_one_rank_stops_all),
+        WITH_TV(a_nan_in_the_views_is_named),
+        WITH_TV(a_monitor_sees_every_iteration_and_ends_them),
+        WITH_TV(a_request_to_one_rank_stops_all),
     };
     return test_mpi_main(tests, argc, argv);
 }

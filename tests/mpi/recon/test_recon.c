@@ -151,6 +151,12 @@ static int setup_frl(void **state)
     return setup("frl");
 }
 
+static int setup_tv(void **state)
+{
+    (void)state;
+    return setup("tv");
+}
+
 static int teardown(void **state)
 {
     (void)state;
@@ -388,7 +394,7 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
 int main(int argc, char **argv)
 {
 #define WITH(test, method) cmocka_unit_test_setup_teardown(test, setup_##method, teardown)
-#define WITH_ALL(test) WITH(test, learned), WITH(test, rld), WITH(test, frl)
+#define WITH_ALL(test) WITH(test, learned), WITH(test, rld), WITH(test, frl), WITH(test, tv)
     const struct CMUnitTest tests[] = {
         WITH_ALL(frames_shared_by_ranks_give_one_ranks_volumes),
         WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),

@@ -104,12 +104,11 @@ static void check(const char *method, double noise)
 static void views_held_out_stop_the_iterations_near_the_best_one(void **state)
 {
     (void)state;
-    for (int64_t i = 0; i < v2v_estimator_count(); i++) {
-        if (!v2v_estimator_at(i)->is_learned) {
-            check(v2v_estimator_at(i)->name, 0.02);
-            check(v2v_estimator_at(i)->name, 0.05);
-            check(v2v_estimator_at(i)->name, 0.3);
-        }
+    static const char *const methods[] = {"rld", "frl"};
+    for (size_t i = 0; i < sizeof methods / sizeof *methods; i++) {
+        check(methods[i], 0.02);
+        check(methods[i], 0.05);
+        check(methods[i], 0.3);
     }
 }
 

@@ -1,0 +1,309 @@
+#include "method/tv.h"
+
+#include "method/tv_planes.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
+#include "v2v3d/optics/data_step.h"
+#include "v2v3d/par/slicing.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Total variation by maximum a posteriori (REFERENCE.md 10):
+ *     min over x >= 0 of 1/2 |A x - y|^2 + lambda sigma sum |(dx, dy, depth dz) x|
+ * with sigma the noise of the views, and |.| squared below a small part of it, by a primal-dual
+ * method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011), over-relaxed as Condat, J.
+ * Optim. Theory Appl. 158, 460 (2013)). The step towards the views is taken in closed form
+ * (optics/data_step.h). Views and volume are in units of sigma here, so that lambda is one number
+ * for all scenes. */
+
+/* Over-relaxation, below 2. */
+static const float relax = 1.8f;
+
+/* Iterations from one look at the views beyond the frame to the next. */
+enum { EXTEND_EVERY = 4 };
+
+/* At most, where deconv.iterations doesn't say; ended before by the tolerance. */
+enum { MOST_ITERATIONS = 500 };
+
+/* Size of a step: of brightness / (sigma lambda), and its bounds. */
+static const double tau_factor = 0.15, least_tau = 1.0, most_tau = 4096.0;
+
+/* Differences below this part of sigma are weighted by their squares: fewer steps where the scene
+ * is smooth, and 0.03 to 0.06 dB. */
+static const double smooth_below = 0.03;
+
+/* Of a factor of two. */
+#define STEPS_OF_TAU 2.0
+
+/* Views of less noise than this part of their brightness count as this noisy. */
+static const double least_noise = 1e-4;
+
+struct tv {
+    const struct v2v_comm *comm;
+    struct v2v_data_step *step;
+    struct v2v_slicing *slicing; /* of the frame's rows that ranks hold */
+    struct v2v_tv_planes planes;
+    struct v2v_torus torus;
+    struct v2v_part rows; /* of the frame, here */
+    int64_t views, slices, height, width;
+    int64_t iterations;
+    double lambda, depth, tolerance;
+    float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
+    float *scratch; /* [v,height,width] */
+    double *of_row; /* [2 * torus height] */
+};
+
+static enum v2v_split split_of(const struct v2v_config *config)
+{
+    return config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI ? V2V_SPLIT_SLABS_FFTW3_MPI
+                                                                 : V2V_SPLIT_SLABS;
+}
+
+static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
+{
+    const struct v2v_psf_file *psf = problem->psf;
+    const int64_t height = problem->height, width = problem->width;
+    const struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
+    const int64_t images = v2v_mem_product(2 * psf->slices + 2 * psf->views, height, width);
+    const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width);
+    *work = (struct v2v_grid_work){
+        .height = height,
+        .unit = 1,
+        .most_shards = (int)torus.height,
+        .most_branches = 1,
+        .bytes =
+            v2v_mem_bytes(v2v_mem_bytes(images, floats),
+                          v2v_data_step_bytes(psf, height, width, split_of(problem->config), 1))};
+    if (problem->config->deconv.stop != V2V_STOP_FIXED) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "--stop heldout is for Richardson-Lucy (--method rld or frl): "
+                        "tv ends when its volume stands still");
+    }
+    return V2V_OK;
+}
+
+/* Rows of the frame among the torus' rows of a rank. */
+static struct v2v_part frame_rows(const struct tv *self, int rank)
+{
+    const struct v2v_part all = v2v_par_part(self->torus.height, v2v_comm_size(self->comm), rank);
+    const int64_t end = all.first + all.count < self->height ? all.first + all.count : self->height;
+    return (struct v2v_part){all.first, end > all.first ? end - all.first : 0};
+}
+
+static enum v2v_status take_memory(struct tv *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const int ranks = v2v_comm_size(self->comm);
+    struct v2v_part *rows = NULL;
+    V2V_TRY(v2v_tv_planes_init(&self->planes, self->slices, self->torus.rows.count,
+                               self->torus.width, self->comm));
+    V2V_TRY(V2V_ALLOC(rows, "tv.cut", ranks));
+    for (int r = 0; r < ranks; r++) {
+        rows[r] = frame_rows(self, r);
+    }
+    self->rows = rows[v2v_comm_rank(self->comm)];
+    V2V_TRY(v2v_slicing_create(&self->slicing, self->comm, self->slices, self->height, self->width,
+                               rows));
+    V2V_TRY(V2V_ALLOC(self->cut, "tv.cut",
+                      v2v_mem_product(self->slices, self->rows.count, self->width)));
+    V2V_TRY(V2V_ALLOC(self->scratch, "tv.noise",
+                      v2v_mem_product(self->views, self->height, self->width)));
+    V2V_TRY(V2V_ALLOC(self->of_row, "tv.change", 2 * self->torus.height));
+done:
+    v2v_mem_free(rows);
+    return rc;
+}
+
+static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    struct tv *self = NULL;
+    const struct v2v_config *config = problem->config;
+    V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "tv", 1)));
+    estimator->self = self;
+    *self = (struct tv){.comm = estimator->shard,
+                        .views = problem->psf->views,
+                        .slices = problem->psf->slices,
+                        .height = problem->height,
+                        .width = problem->width,
+                        .iterations = config->deconv.iterations,
+                        .lambda = config->deconv.lambda,
+                        .depth = config->deconv.depth,
+                        .tolerance = config->deconv.tolerance};
+    V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
+                                 split_of(config), self->comm));
+    self->torus = v2v_data_step_torus(self->step);
+    V2V_TRY(v2v_par_agree(self->comm, take_memory(self)));
+    estimator->slices = v2v_slicing_own(self->slicing);
+done:
+    return rc;
+}
+
+static void destroy(struct v2v_estimator *estimator)
+{
+    struct tv *self = estimator->self;
+    if (self != NULL) {
+        v2v_data_step_destroy(&self->step);
+        v2v_slicing_destroy(&self->slicing);
+        v2v_tv_planes_fini(&self->planes);
+        v2v_mem_free(self->cut);
+        v2v_mem_free(self->scratch);
+        v2v_mem_free(self->of_row);
+        v2v_mem_free(self);
+    }
+}
+
+/* What a frame's iterations are scaled by. */
+struct level {
+    double brightness; /* of the views */
+    double sigma;      /* of their noise */
+};
+
+/** Local. */
+static enum v2v_status measure(struct level *level, const struct tv *self, const float *views)
+{
+    const int64_t pixels = self->height * self->width, count = self->views * pixels;
+    const int64_t bad = v2v_first_not_finite(views, count);
+    if (bad >= 0) {
+        return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
+                        (long long)(bad / pixels), (long long)(bad / self->width % self->height),
+                        (long long)(bad % self->width));
+    }
+    const int64_t bright = count - 1 - count / 1000;
+    level->sigma =
+        v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
+    memcpy(self->scratch, views, (size_t)count * sizeof *views);
+    level->brightness = (double)v2v_select(self->scratch, count, bright);
+    for (int64_t i = bright + 1; i < count; i++) {
+        level->brightness = fmax(level->brightness, 1e-3 * (double)self->scratch[i]);
+    }
+    level->sigma = fmax(level->sigma, least_noise * level->brightness);
+    return V2V_OK;
+}
+
+/* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share
+ * their factors. */
+static double tau_of(const struct level *level, double lambda)
+{
+    const double wanted = tau_factor * level->brightness / (level->sigma * fmax(lambda, 1e-6));
+    const double bounded = fmin(fmax(wanted, least_tau), most_tau);
+    return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU);
+}
+
+/* The frame's rows of the volume, none below zero. */
+static void cut(const struct tv *self, double scale)
+{
+    const struct v2v_tv_planes *planes = &self->planes;
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t z = 0; z < self->slices; z++) {
+        for (int64_t y = 0; y < self->rows.count; y++) {
+            const float *from = planes->volume + (z * (planes->rows + 2) + y + 1) * planes->width;
+            float *to = self->cut + (z * self->rows.count + y) * self->width;
+            for (int64_t x = 0; x < self->width; x++) {
+                to[x] = from[x] > 0.0f ? (float)(from[x] * scale) : 0.0f;
+            }
+        }
+    }
+}
+
+static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)
+{
+    struct tv *self = estimator->self;
+    (void)volume;
+    cut(self, 1.0);
+    v2v_slicing_to_slices(self->slicing, slices, self->cut);
+}
+
+/** How far the volume moved in this iteration, of its length. Collective(comm). */
+static double change_of(struct tv *self)
+{
+    const struct v2v_tv_planes *planes = &self->planes;
+    double change = 0.0, whole = 0.0;
+    memset(self->of_row, 0, (size_t)(2 * self->torus.height) * sizeof *self->of_row);
+    memcpy(self->of_row + 2 * self->torus.rows.first, planes->of_row,
+           (size_t)(2 * planes->rows) * sizeof *planes->of_row);
+    v2v_par_sum_f64(self->comm, self->of_row, 2 * self->torus.height);
+    for (int64_t y = 0; y < self->torus.height; y++) { /* one order for any number of ranks */
+        change += self->of_row[2 * y];
+        whole += self->of_row[2 * y + 1];
+    }
+    return whole > 0.0 ? sqrt(change / whole) : 0.0;
+}
+
+/** Local: a fault point, a request to stop or numbers that left their range end all ranks. */
+static enum v2v_status look(const struct v2v_estimator *estimator, int64_t iteration, double change)
+{
+    enum v2v_status rc = V2V_FAULT_POINT("tv.iteration");
+    if (rc == V2V_OK && !isfinite(change)) {
+        rc = V2V_FAIL(V2V_E_NUMERIC, "frame %lld, tv iteration %lld: NaN or Inf",
+                      (long long)estimator->frame, (long long)iteration);
+    } else if (rc == V2V_OK && v2v_stop_requested()) {
+        rc = V2V_FAIL(V2V_STOPPED, "stopped on request in tv iteration %lld", (long long)iteration);
+    }
+    return rc;
+}
+
+static enum v2v_status iterate(struct v2v_estimator *estimator, const struct level *level,
+                               const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct tv *self = estimator->self;
+    const double tau = tau_of(level, self->lambda);
+    const double squared_norm =
+        8.0 + 4.0 * self->depth * self->depth + 1.0; /* of all differences */
+    const double sigma = 1.0 / (tau * squared_norm);
+    const struct v2v_tv_steps steps = {
+        .lambda = (float)self->lambda,
+        .depth = (float)self->depth,
+        .tau = (float)tau,
+        .sigma = (float)sigma,
+        .shrink = (float)(1.0 / (1.0 + sigma * smooth_below / fmax(self->lambda, 1e-6))),
+        .relax = relax};
+    const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
+    const int64_t most = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
+    double change = 1.0;
+    v2v_data_step_factor(self->step, tau);
+    for (int64_t i = 1, enough = 0; i <= most && !enough && change > self->tolerance; i++) {
+        v2v_watchdog_beat("an iteration of total variation");
+        v2v_data_step_run(self->step, self->planes.next);
+        if (i % EXTEND_EVERY == 0) {
+            (void)v2v_data_step_extend(self->step);
+        }
+        v2v_tv_planes_step(&self->planes, &steps);
+        change = change_of(self);
+        V2V_TRY(v2v_par_agree(self->comm, look(estimator, i, change)));
+        enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
+                           const float *views, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct tv *self = estimator->self;
+    struct level level = {0.0, 0.0};
+    V2V_TRY(v2v_par_agree(self->comm, measure(&level, self, views)));
+    v2v_tv_planes_clear(&self->planes);
+    if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
+        v2v_data_step_begin(self->step, views, 1.0 / level.sigma);
+        V2V_TRY(iterate(estimator, &level, monitor));
+    }
+    cut(self, level.sigma);
+    v2v_slicing_to_slices(self->slicing, volume[0], self->cut);
+done:
+    return rc;
+}
+
+const struct v2v_estimator_ops v2v_estimator_tv = {.name = "tv",
+                                                   .meaning =
+                                                       "total variation by maximum a posteriori",
+                                                   .describe_work = describe_work,
+                                                   .create = create,
+                                                   .destroy = destroy,
+                                                   .run = run};

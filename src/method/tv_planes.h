@@ -1,0 +1,58 @@
+/** The local half of an iteration of total variation (method/tv.c): everything but the data step.
+ *
+ *  A primal-dual method: duals u of the differences of x along x, y and z, each of magnitude lambda
+ *  at most, and w <= 0 of x >= 0. Every number of a step depends on its neighbours alone. A rank
+ *  holds rows of the torus and, of what its neighbours read, one row more at either side, computed
+ *  there as here.
+ */
+#ifndef METHOD_TV_PLANES_H
+#define METHOD_TV_PLANES_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/par/transfer.h"
+#include <stdint.h>
+
+enum { V2V_TV_BELOW, V2V_TV_ABOVE, V2V_TV_SIDES };
+
+struct v2v_tv_planes {
+    const struct v2v_comm *comm; /* borrowed */
+    int64_t slices, rows, width; /* of this rank; the torus is periodic in rows and columns */
+    float *volume;               /* [z,rows+2,x], from one row above on: x, over-relaxed */
+    float *next;                 /* [z,rows,x]: what the data step makes of v, and v in its place */
+    float *beside;               /* [V2V_TV_SIDES,z,x]: rows of `next` beyond this rank's */
+    float *edges;                /* [V2V_TV_SIDES,z,x]: rows that others have there */
+    float *dual[3];              /* [z,rows+1,x], from one row above on: of dx, dy, depth * dz */
+    float *positive;             /* [z,rows,x]: w */
+    float *scratch;              /* [thread,3,x+1] */
+    double *of_row;              /* [rows,2]: squares of the change and of x */
+    struct v2v_transfers *transfers;
+};
+
+/** Steps and weights of an iteration. */
+struct v2v_tv_steps {
+    float lambda; /**< weight of the total variation, in units of the volume */
+    float depth;  /**< of a difference along z, against one along x or y */
+    float tau;    /**< of the data step */
+    float sigma;  /**< of the dual step */
+    float shrink; /**< 0 .. 1: of the duals before they are bounded; 1: total variation, less: its
+                       square where differences are small (Huber) */
+    float relax;  /**< 1 .. 2: over-relaxation */
+};
+
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */
+enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices, int64_t rows,
+                                   int64_t width, const struct v2v_comm *comm) V2V_MUST_CHECK;
+void v2v_tv_planes_fini(struct v2v_tv_planes *planes);
+
+/** Floats of a rank with so many rows. @kind Local. */
+int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width);
+
+/** An empty volume, no duals. @kind Local. */
+void v2v_tv_planes_clear(struct v2v_tv_planes *planes);
+
+/** After the data step: the duals move along the differences of 2 * next - x, x moves towards
+ *  `next`, and `next` becomes v of the next data step. of_row holds what this rank changed.
+ *  @kind Collective(comm), no allocation */
+void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps);
+
+#endif

@@ -1,0 +1,250 @@
+/* Total variation where its minimum is known, and where nothing is easy. */
+#include "small_optics.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/method/estimator.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum { MOST = 64 * 64 };
+
+/* Noise that v2v3d sees in views without any, of their brightness. */
+#define LEAST_NOISE 1e-4
+
+static struct v2v_config config;
+
+static int setup(void **state)
+{
+    (void)state;
+    v2v_config_defaults(&config);
+    return 0;
+}
+
+static enum v2v_status estimate(float *volume, const float *views, const struct v2v_psf_file *psf,
+                                int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_estimator *estimator = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = psf, .height = height, .width = width};
+    assert_ok(v2v_estimator_find(&ops, "tv"));
+    V2V_TRY(v2v_estimator_create(&estimator, ops, &problem, NULL));
+    rc = ops->run(estimator, &volume, views, NULL);
+done:
+    v2v_estimator_destroy(&estimator);
+    return rc;
+}
+
+/* n views, each of which sees one of n slices as it is. */
+static struct v2v_psf_file sharp_psf(float *data, int64_t n)
+{
+    for (int64_t i = 0; i < n * n; i++) {
+        data[i] = i % (n + 1) == 0 ? 1.0f : 0.0f;
+    }
+    return (struct v2v_psf_file){.views = n, .slices = n, .height = 1, .width = 1, .data = data};
+}
+
+/* Two levels, h rows of each, on a torus: two edges, which pull each level towards the other by
+ * 2 lambda / h. Rows beyond the frame follow the volume: nothing changes. */
+static void check_levels(int64_t half, int64_t width)
+{
+    enum { LARGEST = 1000 };
+    static float views[MOST], volume[MOST];
+    float data[1];
+    const struct v2v_psf_file psf = sharp_psf(data, 1);
+    const float high = 8.0f, low = 5.0f;
+    for (int64_t i = 0; i < 2 * half * width; i++) {
+        views[i] = i < half * width ? high : low;
+    }
+    config.deconv.lambda = LARGEST;
+    config.deconv.tolerance = 1e-8;
+    config.deconv.iterations = 4000;
+    assert_ok(estimate(volume, views, &psf, 2 * half, width));
+    const double pull = 2.0 * LARGEST * LEAST_NOISE * (double)high / (double)half;
+    for (int64_t i = 0; i < 2 * half * width; i++) {
+        const double expected = i < half * width ? (double)high - pull : (double)low + pull;
+        if (!(fabs((double)volume[i] - expected) < 1e-3 * pull)) {
+            fail_msg("%d rows, pixel %d: %g, not %g", (int)(2 * half), (int)i, (double)volume[i],
+                     expected);
+        }
+    }
+}
+
+static void edges_are_lowered_by_the_weight(void **state)
+{
+    (void)state;
+    check_levels(8, 12);
+    check_levels(11, 12); /* a torus of 24 rows */
+}
+
+/* Two flat slices, each seen by a view: every pixel's pair is pulled together by lambda * depth. */
+static void slices_are_pulled_together_by_the_weight_of_depth(void **state)
+{
+    (void)state;
+    enum { SIDE = 8, PIXELS = SIDE * SIDE };
+    static float views[2 * PIXELS], volume[2 * PIXELS];
+    float data[4];
+    const struct v2v_psf_file psf = sharp_psf(data, 2);
+    for (int i = 0; i < 2 * PIXELS; i++) {
+        views[i] = i < PIXELS ? 4.0f : 3.0f;
+    }
+    config.deconv.lambda = 1000.0;
+    config.deconv.depth = 0.3;
+    config.deconv.tolerance = 1e-8;
+    config.deconv.iterations = 4000;
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    const double pull = 1000.0 * 0.3 * LEAST_NOISE * 4.0;
+    for (int i = 0; i < 2 * PIXELS; i++) {
+        const double expected = i < PIXELS ? 4.0 - pull : 3.0 + pull;
+        assert_true(fabs((double)volume[i] - expected) < 1e-3 * pull);
+    }
+}
+
+/* Noise of the views: 0.1, which the median of 2 x 2 differences finds to a few percent. */
+static void noise_of_the_views_is_found(void **state)
+{
+    (void)state;
+    enum { COUNT = 3, SIDE = 64 };
+    static float images[COUNT * SIDE * SIDE], scratch[COUNT * SIDE * SIDE];
+    for (int64_t i = 0; i < COUNT * SIDE * SIDE; i++) {
+        const double slope = 0.01 * (double)(i % SIDE) + 0.02 * (double)(i / SIDE);
+        images[i] = (float)(slope + 0.1 * v2v_random_normal(41, 0, (uint64_t)i));
+    }
+    const double found = v2v_noise_of_images(scratch, images, COUNT, SIDE, SIDE);
+    /* standard error of the median of 12,000 correlated samples: 2 % */
+    assert_true(found > 0.092 && found < 0.108);
+    assert_true(v2v_noise_of_images(scratch, images, COUNT, 1, SIDE) == 0.0);
+}
+
+enum { SIDE = 40, PIXELS = SIDE * SIDE };
+
+static void noisy_views(float *views, float scale)
+{
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        const int64_t y = i / SIDE % SIDE, x = i % SIDE;
+        const double light = exp(-0.02 * (double)((y - 18) * (y - 18) + (x - 22) * (x - 22)));
+        views[i] = scale * (float)(light + 0.1 * v2v_random_normal(43, 0, (uint64_t)i));
+    }
+}
+
+static void views_at_any_brightness_give_the_volume_at_that(void **state)
+{
+    (void)state;
+    static const float scales[] = {0.1f, 10.0f, 1e-12f, 1e12f};
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS], scaled[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    noisy_views(views, 1.0f);
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(v2v_sum_of_squares(volume, SLICES * PIXELS) > 0.0);
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+        assert_true(volume[i] >= 0.0f);
+    }
+    for (size_t s = 0; s < sizeof scales / sizeof *scales; s++) {
+        noisy_views(views, scales[s]);
+        assert_ok(estimate(scaled, views, &psf, SIDE, SIDE));
+        for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+            scaled[i] /= scales[s];
+        }
+        assert_true(test_relative_l2(scaled, volume, SLICES * PIXELS) < 1e-4);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
+static double largest(const float *x, int64_t count)
+{
+    double found = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        assert_true(isfinite(x[i]) && x[i] >= 0.0f);
+        found = fmax(found, (double)x[i]);
+    }
+    return found;
+}
+
+static void hard_views_give_finite_volumes(void **state)
+{
+    (void)state;
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    memset(views, 0, sizeof views);
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) == 0.0); /* dark */
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = -1.0f;
+    }
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) == 0.0); /* darker */
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = 3.0f;
+    }
+    assert_ok(
+        estimate(volume, views, &psf, SIDE, SIDE)); /* flat: a PSF sums to 1 over all slices */
+    assert_true(fabs(largest(volume, SLICES * PIXELS) / 3.0 - 1.0) < 0.05);
+    noisy_views(views, 1.0f);
+    views[PIXELS + 5 * SIDE + 7] = 1e6f; /* hot */
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) > 0.0);
+    noisy_views(views, 1.0f);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = fminf(views[i], 0.3f); /* saturated */
+    }
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) < 1.0);
+    views[2 * PIXELS + 3 * SIDE + 4] = NAN;
+    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_NUMERIC);
+    assert_non_null(strstr(v2v_status_message(), "view 2, row 3, column 4"));
+    v2v_psf_file_fini(&psf);
+}
+
+/* Frames smaller than the kernels, down to a pixel; one view; one slice; a dark slice. */
+static void small_frames_and_few_views_work(void **state)
+{
+    (void)state;
+    static const int64_t sides[][2] = {{4, 5}, {1, 9}, {9, 1}, {1, 1}};
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf(), part;
+    noisy_views(views, 1.0f);
+    for (size_t i = 0; i < sizeof sides / sizeof *sides; i++) {
+        assert_ok(estimate(volume, views, &psf, sides[i][0], sides[i][1]));
+        (void)largest(volume, SLICES * sides[i][0] * sides[i][1]);
+    }
+    part = psf;
+    part.views = 1;
+    assert_ok(estimate(volume, views, &part, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) > 0.0);
+    part = psf;
+    part.slices = 1; /* of the first view's, whose kernels then are those of four views */
+    assert_ok(estimate(volume, views, &part, SIDE, SIDE));
+    assert_true(largest(volume, PIXELS) > 0.0);
+    memset(psf.data, 0, (size_t)(KERNEL_HEIGHT * KERNEL_WIDTH) * sizeof *psf.data);
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    assert_true(largest(volume, SLICES * PIXELS) > 0.0);
+    v2v_psf_file_fini(&psf);
+}
+
+static void a_rule_of_another_method_is_refused(void **state)
+{
+    (void)state;
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    config.deconv.stop = V2V_STOP_HELDOUT;
+    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_CONFIG);
+    v2v_psf_file_fini(&psf);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(edges_are_lowered_by_the_weight, setup),
+        cmocka_unit_test_setup(slices_are_pulled_together_by_the_weight_of_depth, setup),
+        cmocka_unit_test_setup(noise_of_the_views_is_found, setup),
+        cmocka_unit_test_setup(views_at_any_brightness_give_the_volume_at_that, setup),
+        cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
+        cmocka_unit_test_setup(small_frames_and_few_views_work, setup),
+        cmocka_unit_test_setup(a_rule_of_another_method_is_refused, setup),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
