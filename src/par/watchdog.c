@@ -12,6 +12,10 @@
 /* Longer than any job: setitimer refuses what its type can't hold. */
 #define MOST_SECONDS 3.0e7
 
+/* Who waits for a rank hears of its beats later, and of some only: that rank's own watchdog is to
+ * be the first one. */
+#define WAIT_PERIODS 1.5
+
 /* The first rank to leave takes the others with it: they get this long to say what they know. */
 #define GRACE_SECONDS 1
 
@@ -104,13 +108,15 @@ void v2v_watchdog_listen(void (*listen)(void *context), void *context)
 void v2v_watchdog_wait(const char *what)
 {
     if (period > 0.0) {
-        v2v_watchdog_arm(period, what);
+        v2v_watchdog_arm(WAIT_PERIODS * period, what);
     }
 }
 
 void v2v_watchdog_beat(const char *what)
 {
-    v2v_watchdog_wait(what);
+    if (period > 0.0) {
+        v2v_watchdog_arm(period, what);
+    }
     if (listener.listen != NULL) {
         listener.listen(listener.context);
     }

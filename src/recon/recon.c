@@ -369,26 +369,26 @@ static enum v2v_status put_frame(struct v2v_recon *recon, int64_t t)
     return rc;
 }
 
-/** Collective(world) as v2v_volume_put, Collective(sample) but for that: a round of this rank, with
- *  frame t, or none (t = -1), or after a failure, of which the others do not know yet. The status
- * is that of the frame's ranks. */
-static enum v2v_status run_round(struct v2v_recon *recon, int64_t t, enum v2v_status earlier)
+/** Collective(sample): a round of this rank, with frame t, or none (t = -1), or after a failure, of
+ *  which the others do not know yet. The status is that of the frame's ranks. */
+static enum v2v_status make_round(struct v2v_recon *recon, int64_t t, enum v2v_status earlier)
 {
-    enum v2v_status rc = earlier, put = V2V_OK;
-    const struct v2v_comm *sample = recon->grid.sample;
+    enum v2v_status rc = earlier;
     if (rc == V2V_OK && t >= 0) {
         v2v_watchdog_beat("reconstructing a frame");
         rc = make_frame(recon, t);
     } else if (rc == V2V_OK && recon->grid.idle) {
         rc = heed_stop(recon);
     }
+    return rc;
+}
+
+/** Collective(world) as v2v_volume_put, Collective(sample) but for that: what was made here. */
+static enum v2v_status put_round(struct v2v_recon *recon, int64_t t, enum v2v_status made)
+{
+    enum v2v_status rc = made, put = V2V_OK;
+    const struct v2v_comm *sample = recon->grid.sample;
     int has_frame = rc == V2V_OK && t >= 0;
-    if (v2v_volume_keeps_step(recon->writer)) {
-        enum v2v_status met = v2v_agreement_meet(recon->agreement);
-        if (met != V2V_OK) {
-            return met;
-        }
-    }
     put = put_frame(recon, has_frame ? t : -1);
     if (has_frame) {
         V2V_TRY(v2v_par_agree(sample, put));
@@ -407,10 +407,15 @@ static enum v2v_status run_rounds(struct v2v_recon *recon)
     const struct v2v_grid *grid = &recon->grid;
     struct v2v_progress progress;
     v2v_progress_begin(&progress, recon->title, 0, recon->frames);
+    V2V_TRY(v2v_agreement_meet(recon->agreement)); /* all are connected: beats get through */
     for (int64_t done = 0; done < recon->frames; done += grid->data_size) {
         const int64_t i = done + grid->data_rank;
         const int64_t t = grid->idle || i >= recon->frames ? -1 : recon->todo[i];
-        mine = run_round(recon, t, mine);
+        mine = make_round(recon, t, mine);
+        if (v2v_volume_keeps_step(recon->writer)) {
+            V2V_TRY(v2v_agreement_meet(recon->agreement));
+        }
+        mine = put_round(recon, t, mine);
         V2V_TRY(v2v_agreement_tell(recon->agreement, mine));
         v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, recon->frames), NULL);
     }

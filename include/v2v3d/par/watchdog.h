@@ -19,7 +19,7 @@ void v2v_watchdog_disarm(void);
 void v2v_watchdog_set_period(double seconds);
 void v2v_watchdog_beat(const char *what);
 
-/** A beat of a rank that waits for others: not told to the listener. */
+/** A beat of a rank that waits for others: not told to the listener, and half as long again. */
 void v2v_watchdog_wait(const char *what);
 
 /** From now on listen(context) is called at every beat, on the thread that beats; NULL: nobody
