@@ -8,12 +8,13 @@ static const struct v2v_option options[] = {
                    "total variation (default); A'(y / Ax) / A'1; or A'y / A'Ax, which leaves no "
                    "pedestal of noise"),
     V2V_OPTION_SET("iterations", "deconv.iterations", "N",
-                   "at most; 0: rld and frl 10, tv as many as it takes"),
+                   "at most; 0: rld and frl 10, tv until it stands still, 500 at most"),
     V2V_OPTION_SET("stop", "deconv.stop", "fixed|heldout",
                    "rld, frl: after N iterations, or when views held out are predicted no better"),
     V2V_OPTION_SET("weight", "deconv.weight", "W", "rld, frl: of a view's correction (0.5)"),
-    V2V_OPTION_SET("lambda", "deconv.lambda", "L",
-                   "tv: weight of the variation, in units of the views' noise (0.048)"),
+    V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
+                   "tv: weight of the variation, in noise of the views (0.048); auto: by views "
+                   "left out of the first frame"),
     V2V_OPTIONS_VOLUMES,
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,

@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
@@ -98,6 +99,33 @@ done:
     return rc;
 }
 
+/* Settings that the method decides by the recording's first frame, whatever frames are asked for: a
+ * range has the bits of the whole. Collective. */
+static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *session,
+                                       const struct v2v_input_settings *input)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_problem *problem = &work->problem;
+    const int64_t samples = v2v_mem_product(work->psf.views, problem->height, problem->width);
+    float *views = NULL;
+    if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, input, session->world));
+    rc = V2V_ALLOC(views, "cli.settle", samples);
+    if (rc == V2V_OK) {
+        rc = v2v_recording_read(work->recording, views, 0);
+    }
+    if (rc == V2V_OK) {
+        v2v_scaling_apply(&work->scaling, views, samples);
+        rc = work->ops->settle(&session->config, problem, views);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+done:
+    v2v_mem_free(views);
+    return rc;
+}
+
 /* Inputs and the method, before anything is written. Collective. */
 static enum v2v_status prepare(struct work *work, struct v2v_session *session)
 {
@@ -117,6 +145,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
         V2V_TRY(settle_network(work, session));
     } else {
         input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
+        V2V_TRY(settle_by_frame(work, session, &input));
     }
     V2V_TRY(v2v_recon_create(&work->recon, work->ops, &work->problem,
                              v2v_smaller(info->frames - work->frames.first, work->frames.count),

@@ -40,6 +40,13 @@
     }
 #define AUTO(s, n, least, most, meaning) NUMBER(s, n, n, V2V_NUMBER_AUTO, least, most, meaning)
 
+/* Likewise, by default the number itself. */
+#define DEFAULT(s, n, least_, most_, fallback_, meaning_)                                          \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, fallback_}, .may_auto = 1,       \
+                  .mode = V2V_NUMBER_GIVEN, .meaning = meaning_                                    \
+    }
+
 /* The weight of a term of the loss, from its row. */
 #define TERM(NAME, name_, meaning_, ...)                                                           \
     NUMBER(loss, name_, weight[V2V_LOSS_##NAME], V2V_NUMBER_AUTO, 0.0, 1e9, meaning_),
@@ -130,10 +137,10 @@ const struct v2v_key v2v_key_table[] = {
            "light, of the brightest, below which nothing is computed"),
 
     NAME(deconv, method, "tv", "tv (total variation), rld (Richardson-Lucy) or frl (fast)"),
-    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rld and frl 10, tv as many as it takes"),
+    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rld and frl 10, tv 500"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
-    REAL(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
+    DEFAULT(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),
 

@@ -1,7 +1,9 @@
 #include "method/tv.h"
 
+#include "method/tv_lambda.h"
 #include "method/tv_planes.h"
 #include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/optics/data_step.h"
@@ -36,6 +38,9 @@ static const double tau_factor = 0.15, least_tau = 1.0, most_tau = 4096.0;
  * is smooth, and 0.03 to 0.06 dB. */
 static const double smooth_below = 0.03;
 
+/* Weights below have the steps of this one. */
+static const double least_lambda = 1e-6;
+
 /* Of a factor of two. */
 #define STEPS_OF_TAU 2.0
 
@@ -52,10 +57,28 @@ struct tv {
     int64_t views, slices, height, width;
     int64_t iterations;
     double lambda, depth, tolerance;
+    double light;   /* sum of a view's PSF, mean of all views */
     float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch; /* [v,height,width] */
     double *of_row; /* [2 * torus height] */
 };
+
+static int is_open(const struct v2v_config *config)
+{
+    return config->deconv.lambda.mode == V2V_NUMBER_AUTO;
+}
+
+static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
+                              const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_number *lambda = &config->deconv.lambda;
+    V2V_TRY(v2v_tv_choose_lambda(&lambda->value, problem, views));
+    lambda->mode = V2V_NUMBER_GIVEN;
+    v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame", lambda->value);
+done:
+    return rc;
+}
 
 static enum v2v_split split_of(const struct v2v_config *config)
 {
@@ -65,19 +88,24 @@ static enum v2v_split split_of(const struct v2v_config *config)
 
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
 {
+    enum { VOLUMES = 3, VIEWS = 3 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
-    const int64_t images = v2v_mem_product(2 * psf->slices + 2 * psf->views, height, width);
+    const int64_t volumes = v2v_mem_product(VOLUMES * psf->slices, height, width);
+    const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width);
+    const int64_t data_step = v2v_data_step_bytes(psf, height, width, split_of(problem->config), 1);
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
         .most_shards = (int)torus.height,
         .most_branches = 1,
-        .bytes =
-            v2v_mem_bytes(v2v_mem_bytes(images, floats),
-                          v2v_data_step_bytes(psf, height, width, split_of(problem->config), 1))};
+        .bytes = v2v_mem_bytes(volumes, v2v_mem_bytes(views, v2v_mem_bytes(floats, data_step))),
+        .fixed_bytes = v2v_mem_bytes(views, 0)};
+    if (is_open(problem->config)) {
+        return V2V_FAIL(V2V_E_CONFIG, "deconv.lambda: auto is to be settled by a frame first");
+    }
     if (problem->config->deconv.stop != V2V_STOP_FIXED) {
         return V2V_FAIL(V2V_E_CONFIG,
                         "--stop heldout is for Richardson-Lucy (--method rld or frl): "
@@ -118,6 +146,15 @@ done:
     return rc;
 }
 
+static double light_of(const struct v2v_psf_file *psf)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < psf->views * psf->slices * psf->height * psf->width; i++) {
+        sum += (double)psf->data[i];
+    }
+    return sum > 0.0 ? sum / (double)psf->views : 1.0;
+}
+
 static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_problem *problem)
 {
     enum v2v_status rc = V2V_OK;
@@ -131,9 +168,10 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .height = problem->height,
                         .width = problem->width,
                         .iterations = config->deconv.iterations,
-                        .lambda = config->deconv.lambda,
+                        .lambda = config->deconv.lambda.value,
                         .depth = config->deconv.depth,
-                        .tolerance = config->deconv.tolerance};
+                        .tolerance = config->deconv.tolerance,
+                        .light = light_of(problem->psf)};
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
                                  split_of(config), self->comm));
     self->torus = v2v_data_step_torus(self->step);
@@ -141,6 +179,12 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     estimator->slices = v2v_slicing_own(self->slicing);
 done:
     return rc;
+}
+
+void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda)
+{
+    struct tv *self = estimator->self;
+    self->lambda = lambda;
 }
 
 static void destroy(struct v2v_estimator *estimator)
@@ -178,8 +222,13 @@ static enum v2v_status measure(struct level *level, const struct tv *self, const
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
     memcpy(self->scratch, views, (size_t)count * sizeof *views);
     level->brightness = (double)v2v_select(self->scratch, count, bright);
-    for (int64_t i = bright + 1; i < count; i++) {
-        level->brightness = fmax(level->brightness, 1e-3 * (double)self->scratch[i]);
+    double largest = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        largest = fmax(largest, (double)views[i]);
+        level->brightness = fmax(level->brightness, 1e-3 * fabs((double)views[i]));
+    }
+    if (largest == 0.0) { /* no light */
+        *level = (struct level){0.0, 0.0};
     }
     level->sigma = fmax(level->sigma, least_noise * level->brightness);
     return V2V_OK;
@@ -189,7 +238,8 @@ static enum v2v_status measure(struct level *level, const struct tv *self, const
  * their factors. */
 static double tau_of(const struct level *level, double lambda)
 {
-    const double wanted = tau_factor * level->brightness / (level->sigma * fmax(lambda, 1e-6));
+    const double wanted =
+        tau_factor * level->brightness / (level->sigma * fmax(lambda, least_lambda));
     const double bounded = fmin(fmax(wanted, least_tau), most_tau);
     return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU);
 }
@@ -204,7 +254,7 @@ static void cut(const struct tv *self, double scale)
             const float *from = planes->volume + (z * (planes->rows + 2) + y + 1) * planes->width;
             float *to = self->cut + (z * self->rows.count + y) * self->width;
             for (int64_t x = 0; x < self->width; x++) {
-                to[x] = from[x] > 0.0f ? (float)(from[x] * scale) : 0.0f;
+                to[x] = from[x] < 0.0f ? 0.0f : (float)(from[x] * scale); /* NaN stays */
             }
         }
     }
@@ -231,7 +281,7 @@ static double change_of(struct tv *self)
         change += self->of_row[2 * y];
         whole += self->of_row[2 * y + 1];
     }
-    return whole > 0.0 ? sqrt(change / whole) : 0.0;
+    return whole == 0.0 ? 0.0 : sqrt(change / whole);
 }
 
 /** Local: a fault point, a request to stop or numbers that left their range end all ranks. */
@@ -252,31 +302,43 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct lev
 {
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
-    const double tau = tau_of(level, self->lambda);
+    /* lambda and tau are meant for PSFs that sum to 1 a view */
+    const double light = self->light, lambda = fmax(self->lambda, least_lambda) * light;
+    const double tau = tau_of(level, self->lambda) / (light * light);
     const double squared_norm =
         8.0 + 4.0 * self->depth * self->depth + 1.0; /* of all differences */
     const double sigma = 1.0 / (tau * squared_norm);
     const struct v2v_tv_steps steps = {
-        .lambda = (float)self->lambda,
+        .lambda = (float)(self->lambda * light),
         .depth = (float)self->depth,
         .tau = (float)tau,
         .sigma = (float)sigma,
-        .shrink = (float)(1.0 / (1.0 + sigma * smooth_below / fmax(self->lambda, 1e-6))),
+        .shrink = (float)(1.0 / (1.0 + sigma * smooth_below / (light * lambda))),
         .relax = relax};
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t most = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
-    double change = 1.0;
+    const double samples = (double)(self->views * self->height * self->width);
+    double change = INFINITY, missed = 0.0;
+    int64_t done = 0;
+    v2v_watchdog_beat("inverses of the data step");
     v2v_data_step_factor(self->step, tau);
     for (int64_t i = 1, enough = 0; i <= most && !enough && change > self->tolerance; i++) {
         v2v_watchdog_beat("an iteration of total variation");
         v2v_data_step_run(self->step, self->planes.next);
         if (i % EXTEND_EVERY == 0) {
-            (void)v2v_data_step_extend(self->step);
+            missed = sqrt(v2v_data_step_extend(self->step) / samples);
         }
         v2v_tv_planes_step(&self->planes, &steps);
         change = change_of(self);
         V2V_TRY(v2v_par_agree(self->comm, look(estimator, i, change)));
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
+        done = i;
+    }
+    v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
+            (long long)estimator->frame, (long long)done, missed);
+    if (self->iterations == 0 && done == most) {
+        v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
+                (long long)estimator->frame, (long long)done, change);
     }
 done:
     return rc;
@@ -303,6 +365,8 @@ done:
 const struct v2v_estimator_ops v2v_estimator_tv = {.name = "tv",
                                                    .meaning =
                                                        "total variation by maximum a posteriori",
+                                                   .is_open = is_open,
+                                                   .settle = settle,
                                                    .describe_work = describe_work,
                                                    .create = create,
                                                    .destroy = destroy,

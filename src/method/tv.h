@@ -6,4 +6,7 @@
 
 extern const struct v2v_estimator_ops v2v_estimator_tv;
 
+/** Weight of the runs from here on. @kind Local. */
+void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
+
 #endif

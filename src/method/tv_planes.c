@@ -20,7 +20,11 @@ enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices,
 {
     enum v2v_status rc = V2V_OK;
     const int64_t beside = v2v_mem_product(V2V_TV_SIDES, slices, width);
-    *planes = (struct v2v_tv_planes){.comm = comm, .slices = slices, .rows = rows, .width = width};
+    *planes = (struct v2v_tv_planes){.comm = comm,
+                                     .threads = omp_get_max_threads(),
+                                     .slices = slices,
+                                     .rows = rows,
+                                     .width = width};
     V2V_TRY(V2V_ALLOC(planes->volume, "tv.volume", v2v_mem_product(slices, rows + 2, width)));
     V2V_TRY(V2V_ALLOC(planes->next, "tv.volume", v2v_mem_product(slices, rows, width)));
     V2V_TRY(V2V_ALLOC(planes->beside, "tv.beside", beside));
@@ -29,8 +33,8 @@ enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices,
         V2V_TRY(V2V_ALLOC(planes->dual[i], "tv.dual", v2v_mem_product(slices, rows + 1, width)));
     }
     V2V_TRY(V2V_ALLOC(planes->positive, "tv.dual", v2v_mem_product(slices, rows, width)));
-    V2V_TRY(V2V_ALLOC(planes->scratch, "tv.lines",
-                      v2v_mem_product(omp_get_max_threads(), LINES, width + 1)));
+    V2V_TRY(
+        V2V_ALLOC(planes->scratch, "tv.lines", v2v_mem_product(planes->threads, LINES, width + 1)));
     V2V_TRY(V2V_ALLOC(planes->of_row, "tv.change", 2 * rows));
     V2V_TRY(v2v_transfers_create(&planes->transfers, comm, 2 * V2V_TV_SIDES));
 done:
@@ -237,7 +241,7 @@ void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps 
 {
     exchange(planes);
     memset(planes->of_row, 0, (size_t)(2 * planes->rows) * sizeof *planes->of_row);
-#pragma omp parallel
+#pragma omp parallel num_threads(planes->threads)
     for (int64_t z = 0; z < planes->slices; z++) {
 #pragma omp for schedule(static)
         for (int64_t y = -1; y < planes->rows; y++) {

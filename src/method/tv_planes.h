@@ -16,6 +16,7 @@ enum { V2V_TV_BELOW, V2V_TV_ABOVE, V2V_TV_SIDES };
 
 struct v2v_tv_planes {
     const struct v2v_comm *comm; /* borrowed */
+    int threads;
     int64_t slices, rows, width; /* of this rank; the torus is periodic in rows and columns */
     float *volume;               /* [z,rows+2,x], from one row above on: x, over-relaxed */
     float *next;                 /* [z,rows,x]: what the data step makes of v, and v in its place */

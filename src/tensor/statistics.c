@@ -220,6 +220,8 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
             }
         }
     }
-    return (double)v2v_select(scratch, count * inside, count * inside / 2) /
-           (sqrt(PIXELS) * of_normal);
+    const double median = (double)v2v_select(scratch, count * inside, count * inside / 2);
+    return median > 0.0 ? median / (sqrt(PIXELS) * of_normal)
+                        : sqrt(v2v_sum_of_squares(scratch, count * inside) /
+                               (double)(PIXELS * count * inside));
 }

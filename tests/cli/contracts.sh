@@ -61,6 +61,10 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"
 same tv.h5 tv_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_smooth.h5 --lambda 0.5
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto.h5 --lambda auto
+"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto_alone.h5 --lambda auto 2>stderr ||
+    fail "$(cat stderr)"
+same tv_auto.h5 tv_auto_alone.h5 /volume
 refuses 78 'stop heldout is for Richardson-Lucy' deconvolve --psf one/psf.h5 --input rec.h5 \
     -o out.h5 --stop heldout
 works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --method rld --stop heldout --iterations 20

@@ -122,7 +122,8 @@ struct v2v_deconv_settings {
                                              method's own */
     double weight;                      /**< of a view's correction */
     int stop;                           /**< enum v2v_stop */
-    double lambda;    /**< tv: weight of the variation, in units of the noise of the views */
+    struct v2v_number
+        lambda;       /**< tv: weight of the variation, in units of the noise of the views */
     double depth;     /**< tv: of differences along z, against those along x and y */
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };

@@ -85,6 +85,13 @@ struct v2v_estimator_ops {
                               else views scaled by s give the volume scaled by s */
     const void *variant; /**< what rows with the same functions differ in */
 
+    /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
+    int (*is_open)(const struct v2v_config *config);
+    /** Decide it, by the views [v,y,x] of a whole frame. @kind Local, the same bits on any rank.
+     *  @param config problem's own @return V2V_OK | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC */
+    enum v2v_status (*settle)(struct v2v_config *config, const struct v2v_problem *problem,
+                              const float *views);
+
     /** What a frame takes: rows, unit of its sides, cuts, memory, ranks that may share it
      *  (most_shards), outputs (most_branches), the mean of which is the result. @kind Local.
      *  @return V2V_OK | V2V_E_CONFIG (settings that the method cannot work with) */

@@ -22,7 +22,8 @@ enum v2v_status v2v_percentile(double *value, const float *x, int64_t count,
 float v2v_select(float *x, int64_t count, int64_t k);
 
 /** Standard deviation of white noise in images of at least 2 x 2 pixels (0 below): the median of
- *  |a - b - c + d| over all 2 x 2 neighbours, which smooth light leaves alone, over 2 * 0.6745.
+ *  |a - b - c + d| over all 2 x 2 neighbours, which smooth light leaves alone, over 2 * 0.6745;
+ *  where that is 0, as of few photons, half the root of their mean square.
  *  @kind Local. @param scratch [count,height-1,width-1] */
 double v2v_noise_of_images(float *scratch, const float *images, int64_t count, int64_t height,
                            int64_t width);

@@ -44,17 +44,22 @@ struct command {
 /* Against the volume of the recording x 1, scaled; u = 2^-24. Recorded values, gain and their
  * product round once each, 3 u. The network rounds sums of n <= 9 * 8 * 4 + 9 * 140 products in
  * 18 + 14 layers, each u sqrt(n / 2), for either recording; an update of RLD, one a view and
- * iteration, rounds in 2 transforms of 10 stages and 8 stages more, 2 u each, for either. All
- * roundings independent. */
+ * iteration, rounds in 2 transforms of 10 stages and 8 stages more, 2 u each, for either; an
+ * iteration of total variation in as much and some 20 steps on each of 3 differences. All roundings
+ * independent. */
 static struct command commands[] = {
     {.name = "reconstruct",
      .words = "reconstruct -c config.yaml --psf psf.h5 --weights w.h5 --input hard.h5 --force -o ",
      .output = "network.h5",
      .squares = 2.0 * 32.0 * 1548.0 / 2.0},
     {.name = "deconvolve",
-     .words = "deconvolve --psf psf.h5 --input hard.h5 --iterations 5 --force -o ",
+     .words = "deconvolve --method rld --psf psf.h5 --input hard.h5 --iterations 5 --force -o ",
      .output = "rld.h5",
      .squares = 2.0 * ITERATIONS * VIEWS * 28.0 * 4.0},
+    {.name = "total variation",
+     .words = "deconvolve --psf psf.h5 --input hard.h5 --iterations 5 --force -o ",
+     .output = "tv.h5",
+     .squares = 2.0 * ITERATIONS * (28.0 * 4.0 + 3.0 * 20.0 * 4.0)},
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };
 

@@ -1,8 +1,10 @@
 /* Total variation where its minimum is known, and where nothing is easy. */
+#include "method/tv_lambda.h"
 #include "small_optics.h"
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/method/estimator.h"
+#include "v2v3d/optics/projector.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>
@@ -59,7 +61,7 @@ static void check_levels(int64_t half, int64_t width)
     for (int64_t i = 0; i < 2 * half * width; i++) {
         views[i] = i < half * width ? high : low;
     }
-    config.deconv.lambda = LARGEST;
+    config.deconv.lambda.value = LARGEST;
     config.deconv.tolerance = 1e-8;
     config.deconv.iterations = 4000;
     assert_ok(estimate(volume, views, &psf, 2 * half, width));
@@ -91,7 +93,7 @@ static void slices_are_pulled_together_by_the_weight_of_depth(void **state)
     for (int i = 0; i < 2 * PIXELS; i++) {
         views[i] = i < PIXELS ? 4.0f : 3.0f;
     }
-    config.deconv.lambda = 1000.0;
+    config.deconv.lambda.value = 1000.0;
     config.deconv.depth = 0.3;
     config.deconv.tolerance = 1e-8;
     config.deconv.iterations = 4000;
@@ -191,7 +193,15 @@ static void hard_views_give_finite_volumes(void **state)
         views[i] = fminf(views[i], 0.3f); /* saturated */
     }
     assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
-    assert_true(largest(volume, SLICES * PIXELS) < 1.0);
+    assert_in_range((int)(1000.0 * largest(volume, SLICES * PIXELS)), 20, 1000);
+    static const float deep[] = {-1e6f, -1e30f, -3e38f};
+    for (size_t i = 0; i < sizeof deep / sizeof *deep; i++) {
+        noisy_views(views, 1.0f);
+        views[PIXELS + 5 * SIDE + 7] = deep[i];
+        const enum v2v_status rc = estimate(volume, views, &psf, SIDE, SIDE);
+        assert_true(rc == V2V_OK || rc == V2V_E_NUMERIC);
+        assert_true(rc != V2V_OK || i > 0 || largest(volume, SLICES * PIXELS) > 0.0);
+    }
     views[2 * PIXELS + 3 * SIDE + 4] = NAN;
     assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_NUMERIC);
     assert_non_null(strstr(v2v_status_message(), "view 2, row 3, column 4"));
@@ -224,6 +234,44 @@ static void small_frames_and_few_views_work(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* The weight found without the truth is that of the best volume, within a factor of two. */
+static void the_weight_is_found_by_views_left_out(void **state)
+{
+    (void)state;
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_projector *projector = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    double least = INFINITY, best = 0.0, chosen = 0.0, again = 0.0;
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) { /* boxes */
+        const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
+        truth[i] = (float)((y / 6 + 2 * (x / 7) + z / 2) % 5 == 0);
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] += (float)(0.05 * v2v_random_normal(47, 0, (uint64_t)i));
+    }
+    for (double weight = 0.01; weight < 0.3; weight *= 1.5) {
+        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight};
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        const double error = test_relative_l2(volume, truth, SLICES * PIXELS);
+        best = error < least ? weight : best;
+        least = fmin(error, least);
+    }
+    config.deconv.lambda.mode = V2V_NUMBER_AUTO;
+    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_CONFIG); /* not settled */
+    assert_ok(v2v_tv_choose_lambda(&chosen, &problem, views));
+    assert_ok(v2v_tv_choose_lambda(&again, &problem, views));
+    assert_true(chosen == again);
+    assert_true(chosen > 0.5 * best && chosen < 2.0 * best);
+    psf.views = 2;
+    assert_int_equal(v2v_tv_choose_lambda(&chosen, &problem, views), V2V_E_CONFIG);
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+}
+
 static void a_rule_of_another_method_is_refused(void **state)
 {
     (void)state;
@@ -244,6 +292,7 @@ int main(void)
         cmocka_unit_test_setup(views_at_any_brightness_give_the_volume_at_that, setup),
         cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
         cmocka_unit_test_setup(small_frames_and_few_views_work, setup),
+        cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(a_rule_of_another_method_is_refused, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

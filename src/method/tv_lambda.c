@@ -1,0 +1,256 @@
+#include "method/tv_lambda.h"
+
+#include "method/tv.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/projector.h"
+#include "v2v3d/par/watchdog.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Weights that may be tried, 0.011 to 0.24 of sigma; from the middle on downhill. */
+enum { WEIGHTS = 10, MIDDLE = 4 };
+#define LEAST_WEIGHT 0.0106
+#define WEIGHT_RATIO 1.4142135623730951
+
+enum { FOLDS = 2, LEFT_OUT = 3 };
+
+/* Pixels of the square's side. Predictions are judged where what lies beyond it gives little light.
+ */
+enum { SIDE = 144, MARGIN = 24, STEP = 16 };
+
+/* Enough to rank the weights. */
+enum { ITERATIONS = 40 };
+
+/* Some views are left out, volumes are made of the others. */
+struct fold {
+    struct v2v_psf_file psf; /* of those that are used */
+    float *views;            /* likewise */
+    struct v2v_estimator *estimator;
+};
+
+struct chooser {
+    const struct v2v_psf_file *psf;
+    int64_t height, width; /* of the square */
+    float *views;          /* [v,height,width] */
+    float *volume;         /* [z,height,width] */
+    float *predicted;      /* [height,width] */
+    struct v2v_config config;
+    struct v2v_projector *projector;
+    struct fold fold[FOLDS];
+    double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
+};
+
+/* The square of the first view that varies most. */
+static void find_square(int64_t *y, int64_t *x, const struct chooser *self,
+                        const struct v2v_problem *problem, const float *view)
+{
+    const double count = (double)(self->height * self->width);
+    double most = -1.0;
+    for (int64_t top = 0; top + self->height <= problem->height; top += STEP) {
+        for (int64_t left = 0; left + self->width <= problem->width; left += STEP) {
+            double sum = 0.0, squares = 0.0;
+            for (int64_t i = 0; i < self->height * self->width; i++) {
+                const int64_t row = top + i / self->width, column = left + i % self->width;
+                const double p = (double)view[row * problem->width + column];
+                sum += p;
+                squares += p * p;
+            }
+            if (squares - sum * sum / count > most) {
+                most = squares - sum * sum / count;
+                *y = top;
+                *x = left;
+            }
+        }
+    }
+}
+
+static void cut(struct chooser *self, const struct v2v_problem *problem, const float *views)
+{
+    int64_t top = 0, left = 0;
+    find_square(&top, &left, self, problem, views);
+    for (int64_t v = 0; v < self->psf->views; v++) {
+        for (int64_t y = 0; y < self->height; y++) {
+            memcpy(self->views + (v * self->height + y) * self->width,
+                   views + (v * problem->height + top + y) * problem->width + left,
+                   (size_t)self->width * sizeof *views);
+        }
+    }
+}
+
+/* Spread over all views: three of many, one of few; others in every fold. */
+static int is_left_out(const struct chooser *self, int64_t view, int64_t fold)
+{
+    const int64_t left_out = self->psf->views > FOLDS * LEFT_OUT ? LEFT_OUT : 1;
+    const int64_t every = self->psf->views / left_out; /* above FOLDS */
+    return view % every == every - 1 - fold && view / every < left_out;
+}
+
+/* PSFs, views and estimator of a fold. */
+static enum v2v_status make_fold(struct chooser *self, int64_t index)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = self->psf;
+    struct fold *fold = &self->fold[index];
+    const struct v2v_problem problem = {
+        .config = &self->config, .psf = &fold->psf, .height = self->height, .width = self->width};
+    const int64_t kernels = psf->slices * psf->height * psf->width;
+    const int64_t pixels = self->height * self->width;
+    fold->psf = *psf;
+    fold->psf.views = 0;
+    fold->psf.data = NULL;
+    V2V_TRY(V2V_ALLOC(fold->psf.data, "tv.lambda", v2v_mem_product(psf->views, kernels, 1)));
+    V2V_TRY(V2V_ALLOC(fold->views, "tv.lambda", v2v_mem_product(psf->views, pixels, 1)));
+    for (int64_t v = 0; v < psf->views; v++) {
+        if (!is_left_out(self, v, index)) {
+            memcpy(fold->psf.data + fold->psf.views * kernels, psf->data + v * kernels,
+                   (size_t)kernels * sizeof(float));
+            memcpy(fold->views + fold->psf.views * pixels, self->views + v * pixels,
+                   (size_t)pixels * sizeof(float));
+            fold->psf.views++;
+        }
+    }
+    V2V_TRY(v2v_estimator_create(&fold->estimator, &v2v_estimator_tv, &problem, NULL));
+done:
+    return rc;
+}
+
+/* Squares that the volume misses the views left out by. */
+static double miss(struct chooser *self, int64_t fold)
+{
+    const int64_t pixels = self->height * self->width;
+    const int64_t margin_y = v2v_smaller(MARGIN, (self->height - 1) / 4);
+    const int64_t margin_x = v2v_smaller(MARGIN, (self->width - 1) / 4);
+    double squares = 0.0;
+    for (int32_t v = 0; v < self->psf->views; v++) {
+        if (!is_left_out(self, v, fold)) {
+            continue;
+        }
+        v2v_projector_forward(self->projector, self->predicted, self->volume, &v, 1, 1.0f);
+        for (int64_t y = margin_y; y < self->height - margin_y; y++) {
+            for (int64_t x = margin_x; x < self->width - margin_x; x++) {
+                const int64_t i = y * self->width + x;
+                const double d = (double)self->predicted[i] - (double)self->views[v * pixels + i];
+                squares += d * d;
+            }
+        }
+    }
+    return squares;
+}
+
+static double weight_of(double index)
+{
+    return LEAST_WEIGHT * pow(WEIGHT_RATIO, index);
+}
+
+/* missed[index], unless it is known. */
+static enum v2v_status try_weight(struct chooser *self, int index)
+{
+    enum v2v_status rc = V2V_OK;
+    double squares = 0.0;
+    if (self->missed[index] >= 0.0) {
+        return V2V_OK;
+    }
+    for (int64_t f = 0; f < FOLDS; f++) {
+        struct v2v_estimator *estimator = self->fold[f].estimator;
+        v2v_watchdog_beat("trying a weight of the total variation");
+        v2v_tv_set_lambda(estimator, weight_of(index));
+        V2V_TRY(estimator->ops->run(estimator, &self->volume, self->fold[f].views, NULL));
+        squares += miss(self, f);
+    }
+    self->missed[index] = squares;
+done:
+    return rc;
+}
+
+/* Downhill to a weight that neither neighbour is better than. */
+static enum v2v_status descend(struct chooser *self, int *best)
+{
+    enum v2v_status rc = V2V_OK;
+    int here = MIDDLE, last = -1;
+    V2V_TRY(try_weight(self, here));
+    while (here != last) {
+        last = here;
+        for (int next = last - 1; next <= last + 1; next += 2) {
+            if (next >= 0 && next < WEIGHTS) {
+                V2V_TRY(try_weight(self, next));
+                here = self->missed[next] < self->missed[here] ? next : here;
+            }
+        }
+    }
+    *best = here;
+done:
+    return rc;
+}
+
+/* The least of a parabola through the best weight and its neighbours, on a logarithmic scale. */
+static double between(const double missed[WEIGHTS], int best)
+{
+    if (best == 0 || best == WEIGHTS - 1) {
+        return weight_of(best);
+    }
+    const double before = missed[best - 1] - missed[best];
+    const double behind = missed[best + 1] - missed[best];
+    return weight_of(best +
+                     (before + behind > 0.0 ? 0.5 * (before - behind) / (before + behind) : 0.0));
+}
+
+static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *problem,
+                               const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = self->psf = problem->psf;
+    self->height = v2v_smaller(SIDE, problem->height);
+    self->width = v2v_smaller(SIDE, problem->width);
+    self->config = *problem->config;
+    self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
+    self->config.deconv.iterations = ITERATIONS;
+    for (int i = 0; i < WEIGHTS; i++) {
+        self->missed[i] = -1.0;
+    }
+    V2V_TRY(V2V_ALLOC(self->views, "tv.lambda",
+                      v2v_mem_product(psf->views, self->height, self->width)));
+    V2V_TRY(V2V_ALLOC(self->volume, "tv.lambda",
+                      v2v_mem_product(psf->slices, self->height, self->width)));
+    V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", self->height * self->width));
+    V2V_TRY(v2v_projector_create(&self->projector, psf, self->height, self->width, V2V_SPLIT_SLICES,
+                                 NULL));
+    cut(self, problem, views);
+    for (int64_t fold = 0; fold < FOLDS; fold++) {
+        V2V_TRY(make_fold(self, fold));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_tv_choose_lambda(double *lambda, const struct v2v_problem *problem,
+                                     const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct chooser *self = NULL;
+    int best = 0;
+    if (problem->psf->views <= FOLDS) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "--lambda auto leaves views out: it needs %d or more, not %lld", FOLDS + 1,
+                        (long long)problem->psf->views);
+    }
+    V2V_TRY(V2V_ALLOC(self, "tv.lambda", 1));
+    V2V_TRY(prepare(self, problem, views));
+    V2V_TRY(descend(self, &best));
+    *lambda = between(self->missed, best);
+done:
+    if (self != NULL) {
+        for (int64_t fold = 0; fold < FOLDS; fold++) {
+            v2v_estimator_destroy(&self->fold[fold].estimator);
+            v2v_mem_free(self->fold[fold].views);
+            v2v_mem_free(self->fold[fold].psf.data);
+        }
+        v2v_projector_destroy(&self->projector);
+        v2v_mem_free(self->predicted);
+        v2v_mem_free(self->volume);
+        v2v_mem_free(self->views);
+        v2v_mem_free(self);
+    }
+    return rc;
+}
