@@ -138,6 +138,14 @@ static void random_volume(float *v)
     }
 }
 
+/* Of the transforms and products; and of the inverses, rounded to single precision: of the
+ * condition of A A^H + 1 / tau, whose largest eigenvalue, at frequency 0 where each view's light is
+ * even over the slices, is V / Z. */
+static double bound_of(double tau)
+{
+    return 2e-6 + 0x1p-24 * tau * VIEWS / SLICES;
+}
+
 static void the_step_is_the_minimum(void **state)
 {
     (void)state;
@@ -150,7 +158,7 @@ static void the_step_is_the_minimum(void **state)
             memcpy(x, v, sizeof v);
             v2v_data_step_run(step, x);
             const double gradient = gradient_of(x, v, taus[i]);
-            if (!(gradient < 2e-6)) {
+            if (!(gradient < bound_of(taus[i]))) {
                 fail_msg("tau %g, scale %g: gradient %g", taus[i], scale, gradient);
             }
             v2v_data_step_destroy(&step);
@@ -181,7 +189,7 @@ static void the_border_follows_the_volume(void **state)
     assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
     memcpy(x, v, sizeof v);
     v2v_data_step_run(step, x);
-    assert_true(gradient_of(x, v, tau) < 2e-6);
+    assert_true(gradient_of(x, v, tau) < bound_of(tau));
     v2v_data_step_destroy(&step);
 }
 

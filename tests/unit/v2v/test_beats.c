@@ -66,6 +66,7 @@ static void check_passes(enum v2v_backend backend, int training)
         }
     }
     v2v_model_destroy(&model);
+    v2v_shifts_fini(&shifts);
 }
 
 static void every_block_of_layers_beats(void **state)
