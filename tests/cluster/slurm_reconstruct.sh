@@ -6,9 +6,9 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source=tests/cluster/slurm_lib.sh
 . "$here/slurm_lib.sh"
 
-# Enough that every attack finds some still to do: two fast cores do 240 in 11 s.
-frames=480
-each=128
+# Enough that every attack finds some still to do: two fast cores do 37 in a second.
+frames=960
+each=256
 reconstruct=(--psf scene/psf.h5 --weights weights.h5 --input recording.h5)
 
 # Frames that the unfinished file says are done.
