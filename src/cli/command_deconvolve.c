@@ -34,9 +34,10 @@ done:
     return rc;
 }
 
-const struct v2v_command v2v_command_deconvolve = {.name = "deconvolve",
-                                                   .summary =
-                                                       "volumes of a recording by deconvolution",
-                                                   .options = options,
-                                                   .bytes = sizeof(struct v2v_volumes),
-                                                   .run = run};
+const struct v2v_command v2v_command_deconvolve = {
+    .name = "deconvolve",
+    .summary = "volumes of a recording by deconvolution",
+    .options = options,
+    .bytes = sizeof(struct v2v_volumes),
+    .run = run,
+};

@@ -121,6 +121,8 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
         rc = work->ops->settle(&session->config, problem, views);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
+    /* one answer for all: ranks on other processors may round another way */
+    v2v_par_broadcast(session->world, &session->config.deconv, sizeof session->config.deconv, 0);
 done:
     v2v_mem_free(views);
     return rc;

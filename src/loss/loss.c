@@ -92,7 +92,7 @@ static enum v2v_status take_memory(struct v2v_loss *loss, const struct v2v_loss_
         V2V_TRY(V2V_ALLOC(loss->seen[o].view, "loss", held_out->count));
         memcpy(loss->seen[o].view, held_out->view, (size_t)held_out->count * sizeof(int32_t));
         loss->seen[o].count = held_out->count;
-        most = held_out->count > most ? held_out->count : most;
+        most = v2v_larger(most, held_out->count);
     }
     V2V_TRY(V2V_ALLOC(loss->projection_rows, "loss", most * rows * loss->width));
     loss->projection = loss->projection_rows;
@@ -100,7 +100,7 @@ static enum v2v_status take_memory(struct v2v_loss *loss, const struct v2v_loss_
         most = v2v_par_part(most, v2v_comm_size(loss->comm), 0).count;
         V2V_TRY(V2V_ALLOC(loss->projection, "loss", most * loss->height * loss->width));
     }
-    loss->items = loss->views > loss->height ? loss->views : loss->height;
+    loss->items = v2v_larger(loss->views, loss->height);
     V2V_TRY(V2V_ALLOC(loss->value, "loss", loss->outputs * V2V_LOSS_TOTAL * loss->items));
     V2V_TRY(V2V_ALLOC(loss->parts, "loss", v2v_comm_size(loss->comm)));
     V2V_TRY(V2V_ALLOC(loss->scratch, "loss", loss->threads * 3 * aligned(ny * nx)));

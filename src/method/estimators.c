@@ -5,6 +5,7 @@
 #include "method/tv.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/pad.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -82,6 +83,19 @@ void v2v_estimator_destroy(struct v2v_estimator **estimator)
         old->ops->destroy(old);
         v2v_mem_free(old);
     }
+}
+
+enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator, const float *views,
+                                          int64_t count)
+{
+    const int64_t height = estimator->height, width = estimator->width, pixels = height * width;
+    const int64_t bad = v2v_first_not_finite(views, count * pixels);
+    if (bad < 0) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
+                    (long long)(bad / pixels), (long long)(bad / width % height),
+                    (long long)(bad % width));
 }
 
 void v2v_iterate_slices(const struct v2v_iterate *iterate, float *slices)

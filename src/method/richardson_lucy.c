@@ -168,19 +168,16 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
 static enum v2v_status mean_of_views(double *mean, const struct v2v_richardson_lucy *self,
                                      const float *views)
 {
-    int64_t pixels = self->height * self->width, count = self->views * pixels;
-    int64_t bad = v2v_first_not_finite(views, count);
-    if (bad >= 0) {
-        return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
-                        (long long)(bad / pixels), (long long)(bad / self->width % self->height),
-                        (long long)(bad % self->width));
-    }
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = self->views * self->height * self->width;
     double sum = 0;
+    V2V_TRY(v2v_estimator_check_views(self->estimator, views, self->views));
     for (int64_t i = 0; i < count; i++) {
         sum += views[i] > 0 ? views[i] : 0;
     }
     *mean = sum / (double)count;
-    return V2V_OK;
+done:
+    return rc;
 }
 
 /** Constant start whose projections have mean 1; 0 where no view sees the voxel. */

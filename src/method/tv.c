@@ -2,11 +2,13 @@
 
 #include "method/tv_lambda.h"
 #include "method/tv_planes.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/optics/data_step.h"
+#include "v2v3d/optics/psf.h"
 #include "v2v3d/par/slicing.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
@@ -38,7 +40,7 @@ static const double tau_factor = 0.15, least_tau = 1.0, most_tau = 4096.0;
  * is smooth, and 0.03 to 0.06 dB. */
 static const double smooth_below = 0.03;
 
-/* Weights below have the steps of this one. */
+/* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
 /* Of a factor of two. */
@@ -95,7 +97,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const int64_t volumes = v2v_mem_product(VOLUMES * psf->slices, height, width);
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width);
-    const int64_t data_step = v2v_data_step_bytes(psf, height, width, split_of(problem->config), 1);
+    const int64_t data_step = v2v_data_step_bytes(psf, &torus, split_of(problem->config), 1);
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
@@ -118,8 +120,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
 static struct v2v_part frame_rows(const struct tv *self, int rank)
 {
     const struct v2v_part all = v2v_par_part(self->torus.height, v2v_comm_size(self->comm), rank);
-    const int64_t end = all.first + all.count < self->height ? all.first + all.count : self->height;
-    return (struct v2v_part){all.first, end > all.first ? end - all.first : 0};
+    return (struct v2v_part){all.first, v2v_within(self->height - all.first, 0, all.count)};
 }
 
 static enum v2v_status take_memory(struct tv *self)
@@ -146,15 +147,6 @@ done:
     return rc;
 }
 
-static double light_of(const struct v2v_psf_file *psf)
-{
-    double sum = 0.0;
-    for (int64_t i = 0; i < psf->views * psf->slices * psf->height * psf->width; i++) {
-        sum += (double)psf->data[i];
-    }
-    return sum > 0.0 ? sum / (double)psf->views : 1.0;
-}
-
 static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_problem *problem)
 {
     enum v2v_status rc = V2V_OK;
@@ -171,7 +163,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .lambda = config->deconv.lambda.value,
                         .depth = config->deconv.depth,
                         .tolerance = config->deconv.tolerance,
-                        .light = light_of(problem->psf)};
+                        .light = v2v_psf_light(problem->psf)};
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
                                  split_of(config), self->comm));
     self->torus = v2v_data_step_torus(self->step);
@@ -201,45 +193,42 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
-/* What a frame's iterations are scaled by. */
+/* Of the pixels, those that are brighter than the brightness; and of the brightest one, the least
+ * brightness: few pixels may be anything. */
+static const double brighter_part = 1e-3, least_of_brightest = 1e-3;
+
+/* What a frame's iterations are scaled by; all 0 without light. */
 struct level {
     double brightness; /* of the views */
     double sigma;      /* of their noise */
 };
 
 /** Local. */
-static enum v2v_status measure(struct level *level, const struct tv *self, const float *views)
+static struct level measure(const struct tv *self, const float *views)
 {
-    const int64_t pixels = self->height * self->width, count = self->views * pixels;
-    const int64_t bad = v2v_first_not_finite(views, count);
-    if (bad >= 0) {
-        return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
-                        (long long)(bad / pixels), (long long)(bad / self->width % self->height),
-                        (long long)(bad % self->width));
+    const int64_t count = self->views * self->height * self->width;
+    const int64_t bright = count - 1 - (int64_t)((double)count * brighter_part);
+    double brightest = 0.0, largest = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        brightest = fmax(brightest, (double)views[i]);
+        largest = fmax(largest, fabs((double)views[i]));
     }
-    const int64_t bright = count - 1 - count / 1000;
-    level->sigma =
+    if (brightest == 0.0) {
+        return (struct level){0.0, 0.0};
+    }
+    const double sigma =
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
     memcpy(self->scratch, views, (size_t)count * sizeof *views);
-    level->brightness = (double)v2v_select(self->scratch, count, bright);
-    double largest = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        largest = fmax(largest, (double)views[i]);
-        level->brightness = fmax(level->brightness, 1e-3 * fabs((double)views[i]));
-    }
-    if (largest == 0.0) { /* no light */
-        *level = (struct level){0.0, 0.0};
-    }
-    level->sigma = fmax(level->sigma, least_noise * level->brightness);
-    return V2V_OK;
+    const double brightness =
+        fmax((double)v2v_select(self->scratch, count, bright), least_of_brightest * largest);
+    return (struct level){brightness, fmax(sigma, least_noise * brightness)};
 }
 
 /* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share
  * their factors. */
 static double tau_of(const struct level *level, double lambda)
 {
-    const double wanted =
-        tau_factor * level->brightness / (level->sigma * fmax(lambda, least_lambda));
+    const double wanted = tau_factor * level->brightness / (level->sigma * lambda);
     const double bounded = fmin(fmax(wanted, least_tau), most_tau);
     return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU);
 }
@@ -303,13 +292,13 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct lev
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
     /* lambda and tau are meant for PSFs that sum to 1 a view */
-    const double light = self->light, lambda = fmax(self->lambda, least_lambda) * light;
-    const double tau = tau_of(level, self->lambda) / (light * light);
+    const double light = self->light, weight = fmax(self->lambda, least_lambda);
+    const double lambda = weight * light, tau = tau_of(level, weight) / (light * light);
     const double squared_norm =
         8.0 + 4.0 * self->depth * self->depth + 1.0; /* of all differences */
     const double sigma = 1.0 / (tau * squared_norm);
     const struct v2v_tv_steps steps = {
-        .lambda = (float)(self->lambda * light),
+        .lambda = (float)lambda,
         .depth = (float)self->depth,
         .tau = (float)tau,
         .sigma = (float)sigma,
@@ -349,8 +338,8 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
 {
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
-    struct level level = {0.0, 0.0};
-    V2V_TRY(v2v_par_agree(self->comm, measure(&level, self, views)));
+    V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
+    const struct level level = measure(self, views);
     v2v_tv_planes_clear(&self->planes);
     if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
         v2v_data_step_begin(self->step, views, 1.0 / level.sigma);
@@ -362,12 +351,13 @@ done:
     return rc;
 }
 
-const struct v2v_estimator_ops v2v_estimator_tv = {.name = "tv",
-                                                   .meaning =
-                                                       "total variation by maximum a posteriori",
-                                                   .is_open = is_open,
-                                                   .settle = settle,
-                                                   .describe_work = describe_work,
-                                                   .create = create,
-                                                   .destroy = destroy,
-                                                   .run = run};
+const struct v2v_estimator_ops v2v_estimator_tv = {
+    .name = "tv",
+    .meaning = "total variation by maximum a posteriori",
+    .is_open = is_open,
+    .settle = settle,
+    .describe_work = describe_work,
+    .create = create,
+    .destroy = destroy,
+    .run = run,
+};

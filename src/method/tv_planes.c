@@ -113,7 +113,7 @@ static void exchange(struct v2v_tv_planes *planes)
     }
 }
 
-/* line[x+1] = 2 * next - volume of a row, and its first pixel again. */
+/* line[width+1] = 2 * next - volume of a row, and its first pixel again. */
 static void extrapolate(float *line, const float *next, const float *volume, int64_t width)
 {
 #pragma omp simd
@@ -123,8 +123,8 @@ static void extrapolate(float *line, const float *next, const float *volume, int
     line[width] = line[0];
 }
 
-/* Duals of a row, from the extrapolated volume here, a row below and a slice further (NULL: the
- * last slice). */
+/* Duals of a row, from the extrapolated volume here, a row below and a slice further (`here` again:
+ * in the last slice). */
 V2V_SIMD_CLONES
 static void move_duals(float *restrict ux, float *restrict uy, float *restrict uz,
                        const float *here, const float *below, const float *behind,

@@ -25,23 +25,30 @@ struct v2v_data_step {
     double *of_row;  /* [torus height]: squares of a row of all views */
 };
 
+/* Light of the pixels whose row or column is r from the kernel's centre, none farther. */
+static double light_of_ring(const float *kernel, int64_t height, int64_t width, int64_t r)
+{
+    const int64_t cy = v2v_psf_centre(height), cx = v2v_psf_centre(width);
+    double light = 0.0;
+    for (int64_t y = v2v_larger(cy - r, 0); y <= v2v_smaller(cy + r, height - 1); y++) {
+        const int is_whole = r == 0 || y == cy - r || y == cy + r; /* else its two ends */
+        for (int64_t x = cx - r; x <= cx + r; x += is_whole ? 1 : 2 * r) {
+            light += x >= 0 && x < width ? fabs((double)kernel[y * width + x]) : 0.0;
+        }
+    }
+    return light;
+}
+
 /* Pixels from the kernel's centre to the edge of a square that holds all but LOST of its light. */
 static int64_t reach_of(const float *kernel, int64_t height, int64_t width)
 {
-    const int64_t cy = v2v_psf_centre(height), cx = v2v_psf_centre(width);
-    const int64_t most =
-        v2v_larger(v2v_larger(cy, height - 1 - cy), v2v_larger(cx, width - 1 - cx));
+    const int64_t most = v2v_larger(height, width) - 1;
     double total = 0.0, inside = 0.0;
     for (int64_t i = 0; i < height * width; i++) {
         total += fabs((double)kernel[i]);
     }
     for (int64_t r = 0; r <= most; r++) {
-        for (int64_t y = v2v_larger(cy - r, 0); y <= v2v_smaller(cy + r, height - 1); y++) {
-            const int is_edge = y == cy - r || y == cy + r;
-            for (int64_t x = cx - r; x <= cx + r; x += is_edge || r == 0 ? 1 : 2 * r) {
-                inside += x >= 0 && x < width ? fabs((double)kernel[y * width + x]) : 0.0;
-            }
-        }
+        inside += light_of_ring(kernel, height, width, r);
         if (inside >= (1.0 - V2V_DATA_STEP_LOST) * total) {
             return r;
         }
@@ -79,20 +86,20 @@ static struct sizes sizes_of(int64_t views, int64_t blocks, const struct v2v_tor
         .entries = v2v_mem_product(omp_get_max_threads(), v2v_hermitian_scratch(views), 1)};
 }
 
-int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_torus *torus,
                             enum v2v_split split, int ranks)
 {
     struct v2v_projector_layout layout;
-    struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
-    if (!v2v_projector_plan(&layout, psf, torus.height, torus.width, V2V_BEYOND_PERIODIC, split,
+    struct v2v_torus own = *torus;
+    if (!v2v_projector_plan(&layout, psf, torus->height, torus->width, V2V_BEYOND_PERIODIC, split,
                             ranks, 0)) {
         return INT64_MAX;
     }
-    torus.rows = v2v_par_part(torus.height, ranks, 0);
-    const struct sizes sizes = sizes_of(psf->views, layout.blocks, &torus);
+    own.rows = v2v_par_part(torus->height, ranks, 0);
+    const struct sizes sizes = sizes_of(psf->views, layout.blocks, &own);
     return v2v_mem_bytes(sizes.factor + 2 * sizes.recorded + sizes.spectra + sizes.scratch +
                              2 * sizes.entries,
-                         v2v_projector_bytes_beyond(psf, torus.height, torus.width,
+                         v2v_projector_bytes_beyond(psf, torus->height, torus->width,
                                                     V2V_BEYOND_PERIODIC, split, ranks));
 }
 
@@ -184,12 +191,12 @@ void v2v_data_step_factor(struct v2v_data_step *step, double tau)
 }
 
 /* Beyond the frame, from its last pixel to its first in a straight line. */
-static void bridge(float *line, int64_t stride, int64_t size, int64_t whole)
+static void bridge(float *line, int64_t size, int64_t whole)
 {
-    const float last = line[(size - 1) * stride], first = line[0];
+    const float last = line[size - 1], first = line[0];
     for (int64_t i = size; i < whole; i++) {
         const float part = (float)(i - size + 1) / (float)(whole - size + 1);
-        line[i * stride] = last + part * (first - last);
+        line[i] = last + part * (first - last);
     }
 }
 
@@ -204,7 +211,7 @@ static void torus_row(const struct v2v_data_step *step, float *row, const float 
     for (int64_t x = 0; x < width; x++) {
         row[x] = (float)(scale * (last[x] + part * (first[x] - last[x])));
     }
-    bridge(row, 1, width, step->torus.width);
+    bridge(row, width, step->torus.width);
 }
 
 /* The spectra of y, in blocks. Collective(comm). */

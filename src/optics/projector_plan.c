@@ -29,7 +29,7 @@ int64_t v2v_kernel_after(int64_t kernel, int64_t size)
 static int64_t transform_size(int64_t size, int64_t kernel)
 {
     const int64_t before = v2v_kernel_before(kernel, size), after = v2v_kernel_after(kernel, size);
-    return v2v_fft_good_size(size + (before > after ? before : after));
+    return v2v_fft_good_size(size + v2v_larger(before, after));
 }
 
 /* Columns that round `round` takes of the owner's `count`. */
@@ -82,8 +82,7 @@ int v2v_projector_plan(struct v2v_projector_layout *layout, const struct v2v_psf
     *layout = (struct v2v_projector_layout){
         .shape = {height, width, is_periodic ? height : transform_size(height, psf->height),
                   is_periodic ? width : transform_size(width, psf->width),
-                  psf->views > psf->slices ? psf->views : psf->slices,
-                  split == V2V_SPLIT_SLABS_FFTW3_MPI},
+                  v2v_larger(psf->views, psf->slices), split == V2V_SPLIT_SLABS_FFTW3_MPI},
         .views = psf->views,
         .slices =
             split == V2V_SPLIT_SLICES ? v2v_par_part(psf->slices, ranks, rank).count : psf->slices};

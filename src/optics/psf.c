@@ -38,3 +38,9 @@ double v2v_psf_energy_mean(const struct v2v_psf_file *psf)
 {
     return sum_of(psf->data, psf->slices * psf->height * psf->width) / (double)psf->slices;
 }
+
+double v2v_psf_light(const struct v2v_psf_file *psf)
+{
+    const double sum = sum_of(psf->data, psf->views * psf->slices * psf->height * psf->width);
+    return sum > 0.0 ? sum / (double)psf->views : 1.0;
+}

@@ -8,6 +8,7 @@
 #include "v2v3d/fft/slabs.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/tensor/statistics.h"
 #include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -35,7 +36,7 @@ struct bench {
     struct v2v_complex *spectra;
     float *views, *factors;
     int64_t stride, factor_floats;
-    double seconds[PARTS][MOST_TURNS];
+    float seconds[PARTS][MOST_TURNS]; /* by turn */
     double factor_s;
     float sink;
 };
@@ -126,20 +127,9 @@ static void run(struct bench *bench, int part)
     }
 }
 
-static int by_size(const void *a, const void *b)
+static enum v2v_status report(struct bench *bench, int64_t side, int turns)
 {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *seconds, int turns)
-{
-    qsort(seconds, (size_t)turns, sizeof *seconds, by_size);
-    return seconds[turns / 2];
-}
-
-static void report(struct bench *bench, int64_t side, int turns)
-{
+    enum v2v_status rc = V2V_OK;
     double of[PARTS];
     printf("%d threads, frames of %lld x %lld on a torus of %lld x %lld, %lld slices, %lld views; "
            "ms, median of %d turns\n",
@@ -147,13 +137,15 @@ static void report(struct bench *bench, int64_t side, int turns)
            (long long)bench->torus.width, (long long)bench->psf.slices, (long long)bench->psf.views,
            turns);
     for (int part = 0; part < PARTS; part++) {
-        of[part] = median(bench->seconds[part], turns);
+        V2V_TRY(v2v_percentile(&of[part], bench->seconds[part], turns, 50.0));
         printf("%-24s %8.1f\n", names[part], 1e3 * of[part]);
     }
     const double iteration = of[DATA_STEP] + of[PLANES] + of[EXTEND] / EXTEND_EVERY;
     const double floor_s = of[TRANSFORMS] + of[READING];
     printf("an iteration %.1f, its floor %.1f: %.2f; inverses, once: %.1f\n", 1e3 * iteration,
            1e3 * floor_s, iteration / floor_s, 1e3 * bench->factor_s);
+done:
+    return rc;
 }
 
 static enum v2v_status bench_run(struct bench *bench, const char *path, int64_t side, int turns)
@@ -165,10 +157,10 @@ static enum v2v_status bench_run(struct bench *bench, const char *path, int64_t 
         for (int part = 0; part < PARTS; part++) {
             const double began = v2v_clock_now();
             run(bench, part);
-            bench->seconds[part][turn < 0 ? 0 : turn] = v2v_clock_now() - began;
+            bench->seconds[part][turn < 0 ? 0 : turn] = (float)(v2v_clock_now() - began);
         }
     }
-    report(bench, side, turns);
+    V2V_TRY(report(bench, side, turns));
 done:
     v2v_data_step_destroy(&bench->step);
     v2v_tv_planes_fini(&bench->planes);

@@ -65,6 +65,12 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto.h5 --lambda auto
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto_alone.h5 --lambda auto 2>stderr ||
     fail "$(cat stderr)"
 same tv_auto.h5 tv_auto_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_last.h5 --lambda auto --frames 2:1
+if command -v h5dump >/dev/null; then
+    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_auto.h5 >/dev/null
+    h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
+    cmp whole.bin last.bin || fail 'a range has another lambda than the whole recording'
+fi
 refuses 78 'stop heldout is for Richardson-Lucy' deconvolve --psf one/psf.h5 --input rec.h5 \
     -o out.h5 --stop heldout
 works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --method rld --stop heldout --iterations 20

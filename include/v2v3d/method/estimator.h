@@ -126,6 +126,11 @@ enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
                                      const struct v2v_comm *shard) V2V_MUST_CHECK;
 void v2v_estimator_destroy(struct v2v_estimator **estimator);
 
+/** For run: are the `count` views of a frame finite? @kind Local.
+ *  @return V2V_OK | V2V_E_NUMERIC (view, row, column) */
+enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator, const float *views,
+                                          int64_t count) V2V_MUST_CHECK;
+
 /** Does this rank hold output `o`? @kind Local. */
 static inline int v2v_estimator_holds(const struct v2v_estimator *estimator, int o)
 {

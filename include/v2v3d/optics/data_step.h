@@ -54,7 +54,7 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
 void v2v_data_step_destroy(struct v2v_data_step **step);
 
 /** Bytes that the fullest of `ranks` ranks holds. @kind Local. */
-int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_torus *torus,
                             enum v2v_split split, int ranks);
 
 /** @kind Local. */

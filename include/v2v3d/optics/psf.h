@@ -46,6 +46,9 @@ void v2v_psf_normalize_views(struct v2v_psf_file *psf);
 enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
                                  const struct v2v_optics_settings *settings) V2V_MUST_CHECK;
 
+/** What a view's PSF sums to, mean over the views; 1 where all is dark. @kind Local. */
+double v2v_psf_light(const struct v2v_psf_file *psf);
+
 /** E of the de-crosstalk loss: mean over z of the slice sums of view 0. @kind Local. */
 double v2v_psf_energy_mean(const struct v2v_psf_file *psf);
 

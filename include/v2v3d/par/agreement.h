@@ -12,8 +12,8 @@ extern "C" {
  *  ranks are connected, its way leads over none that is computing.
  *
  *  A frame may take longer on one rank than the watchdog grants a rank that waits: beats of a rank
- *  that computes are told to the others, at most ALIVE_PARTS times in the watchdog's period, and a
- *  rank waits on as long as one that it waits for is alive. */
+ *  that computes are told to the others, a few times in the watchdog's period, and a rank waits on
+ *  as long as one that it waits for is alive. */
 struct v2v_agreement;
 
 /** From here to its destruction it listens to this process's beats: one at a time. @kind Local.
