@@ -194,7 +194,8 @@ static void destroy(struct v2v_estimator *estimator)
 }
 
 /* Of the pixels, those that are brighter than the brightness; and of the brightest one, the least
- * brightness: few pixels may be anything. */
+ * brightness: few pixels may be anything. A deep negative one is no brightness: in steps as long as
+ * that, 500 iterations left half of it as light. It raises the noise, so that float32 holds it. */
 static const double brighter_part = 1e-3, least_of_brightest = 1e-3;
 
 /* What a frame's iterations are scaled by; all 0 without light. */
@@ -220,8 +221,9 @@ static struct level measure(const struct tv *self, const float *views)
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
     memcpy(self->scratch, views, (size_t)count * sizeof *views);
     const double brightness =
-        fmax((double)v2v_select(self->scratch, count, bright), least_of_brightest * largest);
-    return (struct level){brightness, fmax(sigma, least_noise * brightness)};
+        fmax((double)v2v_select(self->scratch, count, bright), least_of_brightest * brightest);
+    const double noisy = fmax(brightness, least_of_brightest * largest);
+    return (struct level){brightness, fmax(sigma, least_noise * noisy)};
 }
 
 /* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/recon/recon.h"
@@ -9,8 +10,10 @@
 #include "v2v3d/v2v/model.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 
 /* Frames that need padding on both sides; a number of them that 2, 3, 4 ranks don't share evenly.
  */
@@ -196,7 +199,8 @@ static enum v2v_status reconstruct(const char *folder, const char *path,
         .config = &config, .psf = &psf, .weights = weights, .height = HEIGHT, .width = WIDTH};
     const struct v2v_volume_info info = {
         .frames = FRAMES, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
-    unsigned datasets = method->is_learned ? 7u << V2V_VOLUME_MEAN : 1u << V2V_VOLUME_MEAN;
+    const int branches = method->is_learned && strstr(path, ".tif") == NULL;
+    const unsigned datasets = branches ? 7u << V2V_VOLUME_MEAN : 1u << V2V_VOLUME_MEAN;
     const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "these frames"};
     snprintf(weights, sizeof weights, "%s/weights.h5", folder);
     if (method->is_learned) {
@@ -206,7 +210,7 @@ static enum v2v_status reconstruct(const char *folder, const char *path,
     config.parallel.shards = shape.shards;
     assert_ok(v2v_recon_create(&recon, method, &problem, FRAMES, test_world()));
     assert_ok(v2v_volume_resume(&writer, path, &info, datasets, &task, 1, test_world()));
-    V2V_TRY(v2v_recon_run(recon, recording, &scaling, writer, method->is_learned, NULL));
+    V2V_TRY(v2v_recon_run(recon, recording, &scaling, writer, branches, NULL));
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     if (rc == V2V_STOPPED) {
@@ -307,13 +311,16 @@ static struct v2v_grid_shape with_an_idle_rank(void)
     return v2v_comm_size(test_world()) == 3 ? (struct v2v_grid_shape){1, 2} : paired();
 }
 
-/* The method with a NaN on the last rank. */
-static const struct v2v_estimator_ops *whole;
+static const struct v2v_estimator_ops *whole; /* the method, where one stands before it */
+static int64_t runs;                          /* frames of this rank */
+
+/* A NaN on the last rank. */
 static enum v2v_status run_broken(struct v2v_estimator *estimator, float *const *volume,
                                   const float *views, const struct v2v_monitor *monitor)
 {
     enum v2v_status rc = whole->run(estimator, volume, views, monitor);
     const int last = v2v_comm_size(test_world()) - 1;
+    runs++;
     for (int o = 0; o < 2 && v2v_comm_rank(test_world()) == last; o++) {
         if (v2v_estimator_holds(estimator, o)) {
             volume[o][0] = NAN;
@@ -322,23 +329,73 @@ static enum v2v_status run_broken(struct v2v_estimator *estimator, float *const 
     return rc;
 }
 
+static void limit_files(rlim_t bytes)
+{
+    struct rlimit limit;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    limit.rlim_cur = bytes < limit.rlim_max ? bytes : limit.rlim_max;
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+}
+
+/* What all ranks end with where `run` stands before the method: no file, nor a part of one, after
+ * `most` frames of a rank. */
+static enum v2v_status fail_with(enum v2v_status (*run)(struct v2v_estimator *, float *const *,
+                                                        const float *, const struct v2v_monitor *),
+                                 const char *name, struct v2v_grid_shape shape, int64_t most)
+{
+    char path[1024], temporary[V2V_PATH_BYTES];
+    const char *folder = test_folder(test_world());
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    whole = method;
+    struct v2v_estimator_ops own = *method;
+    own.run = run;
+    method = &own;
+    runs = 0;
+    const enum v2v_status rc = reconstruct(folder, path, shape);
+    method = whole;
+    limit_files(RLIM_INFINITY);
+    v2v_par_barrier(test_world());
+    assert_ok(v2v_file_temporary(temporary, path));
+    assert_false(v2v_file_exists(path) || v2v_file_exists(temporary));
+    assert_true(runs <= most);
+    return rc;
+}
+
+/* Ranks learn of it a round later. */
 static void a_nan_of_one_rank_ends_all_and_names_the_frame(void **state)
 {
     (void)state;
-    char path[1024];
-    const char *folder = test_folder(test_world());
-    snprintf(path, sizeof path, "%s/volume.h5", folder);
-    const struct v2v_grid_shape shape = paired();
-    whole = method;
-    struct v2v_estimator_ops broken = *method;
-    broken.run = run_broken;
-    method = &broken;
-    assert_int_equal(reconstruct(folder, path, shape), V2V_E_NUMERIC);
-    assert_non_null(strstr(v2v_status_message(), "NaN or Inf at slice"));
-    assert_non_null(strstr(v2v_status_message(), "frame "));
+    static const char *const names[] = {"volume.h5", "volume.tif"};
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(fail_with(run_broken, names[i], paired(), 2), V2V_E_NUMERIC);
+        assert_non_null(strstr(v2v_status_message(), "NaN or Inf at slice"));
+        assert_non_null(strstr(v2v_status_message(), "frame "));
+    }
 }
 
-static int64_t stop_at, runs; /* the frame that ends an attempt; frames of this rank */
+/* No file of rank 0, which writes the TIFF, grows beyond three of a frame's six pages. */
+enum { MOST_BYTES = 3 * PIXELS * (int)sizeof(float) };
+
+static enum v2v_status run_to_a_full_disk(struct v2v_estimator *estimator, float *const *volume,
+                                          const float *views, const struct v2v_monitor *monitor)
+{
+    runs++;
+    if (v2v_comm_rank(test_world()) == 0) {
+        limit_files(MOST_BYTES);
+    }
+    return whole->run(estimator, volume, views, monitor);
+}
+
+static void a_tiff_that_cannot_be_written_ends_all_in_its_round(void **state)
+{
+    (void)state;
+    (void)signal(SIGXFSZ, SIG_IGN); /* writing fails instead */
+    assert_int_equal(fail_with(run_to_a_full_disk, "volume.tif", with_an_idle_rank(), 1), V2V_E_IO);
+    assert_non_null(strstr(v2v_status_message(), "volume.tif"));
+    assert_non_null(strstr(v2v_status_message(), "page "));
+}
+
+static int64_t stop_at; /* the frame that ends an attempt */
 
 static enum v2v_status run_until(struct v2v_estimator *estimator, float *const *volume,
                                  const float *views, const struct v2v_monitor *monitor)
@@ -400,6 +457,8 @@ int main(int argc, char **argv)
         WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),
         WITH_ALL(rows_shared_by_ranks_give_one_ranks_volumes),
         WITH_ALL(a_nan_of_one_rank_ends_all_and_names_the_frame),
+        WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, learned),
+        WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, tv),
         WITH_ALL(an_interrupted_run_goes_on_with_the_frames_that_are_missing),
         WITH(a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volume, learned),
     };
