@@ -3,7 +3,7 @@
 #include "method/tv.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/optics/projector.h"
+#include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
 
 #include <math.h>
@@ -23,22 +23,14 @@ enum { SIDE = 144, MARGIN = 24, STEP = 16 };
 /* Enough to rank the weights. */
 enum { ITERATIONS = 40 };
 
-/* Some views are left out, volumes are made of the others. */
-struct fold {
-    struct v2v_psf_file psf; /* of those that are used */
-    float *views;            /* likewise */
-    struct v2v_estimator *estimator;
-};
-
 struct chooser {
     const struct v2v_psf_file *psf;
     int64_t height, width; /* of the square */
     float *views;          /* [v,height,width] */
     float *volume;         /* [z,height,width] */
-    float *predicted;      /* [height,width] */
+    float *predicted;      /* [LEFT_OUT,height,width] */
     struct v2v_config config;
-    struct v2v_projector *projector;
-    struct fold fold[FOLDS];
+    struct v2v_left_out *fold[FOLDS];
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
 
@@ -80,58 +72,46 @@ static void cut(struct chooser *self, const struct v2v_problem *problem, const f
 }
 
 /* Spread over all views: three of many, one of few; others in every fold. */
-static int is_left_out(const struct chooser *self, int64_t view, int64_t fold)
+static int is_left_out(int64_t views, int64_t view, int64_t fold)
 {
-    const int64_t left_out = self->psf->views > FOLDS * LEFT_OUT ? LEFT_OUT : 1;
-    const int64_t every = self->psf->views / left_out; /* above FOLDS */
+    const int64_t left_out = views > FOLDS * LEFT_OUT ? LEFT_OUT : 1;
+    const int64_t every = views / left_out; /* above FOLDS */
     return view % every == every - 1 - fold && view / every < left_out;
 }
 
-/* PSFs, views and estimator of a fold. */
 static enum v2v_status make_fold(struct chooser *self, int64_t index)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_psf_file *psf = self->psf;
-    struct fold *fold = &self->fold[index];
+    const int64_t views = self->psf->views;
     const struct v2v_problem problem = {
-        .config = &self->config, .psf = &fold->psf, .height = self->height, .width = self->width};
-    const int64_t kernels = psf->slices * psf->height * psf->width;
-    const int64_t pixels = self->height * self->width;
-    fold->psf = *psf;
-    fold->psf.views = 0;
-    fold->psf.data = NULL;
-    V2V_TRY(V2V_ALLOC(fold->psf.data, "tv.lambda", v2v_mem_product(psf->views, kernels, 1)));
-    V2V_TRY(V2V_ALLOC(fold->views, "tv.lambda", v2v_mem_product(psf->views, pixels, 1)));
-    for (int64_t v = 0; v < psf->views; v++) {
-        if (!is_left_out(self, v, index)) {
-            memcpy(fold->psf.data + fold->psf.views * kernels, psf->data + v * kernels,
-                   (size_t)kernels * sizeof(float));
-            memcpy(fold->views + fold->psf.views * pixels, self->views + v * pixels,
-                   (size_t)pixels * sizeof(float));
-            fold->psf.views++;
-        }
+        .config = &self->config, .psf = self->psf, .height = self->height, .width = self->width};
+    unsigned char *left_out = NULL;
+    V2V_TRY(V2V_ALLOC(left_out, "tv.lambda", views));
+    for (int64_t v = 0; v < views; v++) {
+        left_out[v] = is_left_out(views, v, index) != 0;
     }
-    V2V_TRY(v2v_estimator_create(&fold->estimator, &v2v_estimator_tv, &problem, NULL));
+    V2V_TRY(
+        v2v_left_out_create(&self->fold[index], &v2v_estimator_tv, &problem, left_out, 1, NULL));
 done:
+    v2v_mem_free(left_out);
     return rc;
 }
 
 /* Squares that the volume misses the views left out by. */
-static double miss(struct chooser *self, int64_t fold)
+static double miss(struct chooser *self, struct v2v_left_out *fold)
 {
     const int64_t pixels = self->height * self->width;
     const int64_t margin_y = v2v_smaller(MARGIN, (self->height - 1) / 4);
     const int64_t margin_x = v2v_smaller(MARGIN, (self->width - 1) / 4);
     double squares = 0.0;
-    for (int32_t v = 0; v < self->psf->views; v++) {
-        if (!is_left_out(self, v, fold)) {
-            continue;
-        }
-        v2v_projector_forward(self->projector, self->predicted, self->volume, &v, 1, 1.0f);
+    v2v_left_out_predict(fold, self->predicted, self->volume);
+    for (int64_t i = fold->used; i < fold->views; i++) {
+        const float *predicted = self->predicted + (i - fold->used) * pixels;
+        const float *recorded = self->views + fold->view[i] * pixels;
         for (int64_t y = margin_y; y < self->height - margin_y; y++) {
             for (int64_t x = margin_x; x < self->width - margin_x; x++) {
-                const int64_t i = y * self->width + x;
-                const double d = (double)self->predicted[i] - (double)self->views[v * pixels + i];
+                const int64_t p = y * self->width + x;
+                const double d = (double)predicted[p] - (double)recorded[p];
                 squares += d * d;
             }
         }
@@ -153,11 +133,11 @@ static enum v2v_status try_weight(struct chooser *self, int index)
         return V2V_OK;
     }
     for (int64_t f = 0; f < FOLDS; f++) {
-        struct v2v_estimator *estimator = self->fold[f].estimator;
+        struct v2v_left_out *fold = self->fold[f];
         v2v_watchdog_beat("trying a weight of the total variation");
-        v2v_tv_set_lambda(estimator, weight_of(index));
-        V2V_TRY(estimator->ops->run(estimator, &self->volume, self->fold[f].views, NULL));
-        squares += miss(self, f);
+        v2v_tv_set_lambda(fold->estimator, weight_of(index));
+        V2V_TRY(v2v_left_out_run(fold, self->volume, self->views));
+        squares += miss(self, fold);
     }
     self->missed[index] = squares;
 done:
@@ -213,9 +193,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
                       v2v_mem_product(psf->views, self->height, self->width)));
     V2V_TRY(V2V_ALLOC(self->volume, "tv.lambda",
                       v2v_mem_product(psf->slices, self->height, self->width)));
-    V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", self->height * self->width));
-    V2V_TRY(v2v_projector_create(&self->projector, psf, self->height, self->width, V2V_SPLIT_SLICES,
-                                 NULL));
+    V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", LEFT_OUT * self->height * self->width));
     cut(self, problem, views);
     for (int64_t fold = 0; fold < FOLDS; fold++) {
         V2V_TRY(make_fold(self, fold));
@@ -242,11 +220,8 @@ enum v2v_status v2v_tv_choose_lambda(double *lambda, const struct v2v_problem *p
 done:
     if (self != NULL) {
         for (int64_t fold = 0; fold < FOLDS; fold++) {
-            v2v_estimator_destroy(&self->fold[fold].estimator);
-            v2v_mem_free(self->fold[fold].views);
-            v2v_mem_free(self->fold[fold].psf.data);
+            v2v_left_out_destroy(&self->fold[fold]);
         }
-        v2v_projector_destroy(&self->projector);
         v2v_mem_free(self->predicted);
         v2v_mem_free(self->volume);
         v2v_mem_free(self->views);

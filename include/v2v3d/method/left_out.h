@@ -1,0 +1,53 @@
+#ifndef V2V3D_METHOD_LEFT_OUT_H
+#define V2V3D_METHOD_LEFT_OUT_H
+
+#include "v2v3d/method/estimator.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct v2v_projector;
+
+/** Some views of a frame are left out: volumes are made of the others, and predict them. The noise
+ *  of a view is its own, so that what is left out judges settings, registration and methods. */
+struct v2v_left_out {
+    int64_t views, height, width; /**< of a frame */
+    int64_t used;                 /**< how many of the views are */
+    int32_t *view;                /**< [views] those that are used, then those left out */
+    struct v2v_estimator *estimator;
+    struct v2v_projector *projector; /**< onto those left out; NULL: nothing is predicted */
+    struct v2v_psf_file psf;         /**< of those that are used */
+    float *recorded;                 /**< [used,y,x] */
+    float *volume, *rows;            /**< the projector's share of both */
+};
+
+/** @kind   Collective(problem's shard)
+ *  @param  ops a method that takes frames of any size @param problem of all views
+ *  @param  is_left_out [views] bool; one view is used at least
+ *  @param  predicts bool: v2v_left_out_predict will be called
+ *  @return as v2v_estimator_create; agreed */
+enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
+                                    const struct v2v_estimator_ops *ops,
+                                    const struct v2v_problem *problem,
+                                    const unsigned char *is_left_out, int predicts,
+                                    const struct v2v_comm *shard) V2V_MUST_CHECK;
+/** Accepts NULL; nulls the pointer. @kind Collective(shard) */
+void v2v_left_out_destroy(struct v2v_left_out **left_out);
+
+/** The volume of the views that are used. @kind Collective(shard), no allocation.
+ *  @param slices [estimator->slices,y,x] out @param views [v,y,x], all of the frame
+ *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC; agreed by the shard */
+enum v2v_status v2v_left_out_run(struct v2v_left_out *left_out, float *slices,
+                                 const float *views) V2V_MUST_CHECK;
+
+/** What a volume shows in the views left out, in their order. @kind Collective(shard), no
+ *  allocation. @param predicted [views - used,y,x] out, whole on all ranks @param slices as above
+ */
+void v2v_left_out_predict(struct v2v_left_out *left_out, float *predicted, const float *slices);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,138 @@
+#include "v2v3d/method/left_out.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/projector.h"
+
+#include <string.h>
+
+/* The views of `list` out of data [views,size], one after the other. */
+static void gather(float *to, const float *data, const int32_t *list, int64_t count, int64_t size)
+{
+    for (int64_t i = 0; i < count; i++) {
+        memcpy(to + i * size, data + list[i] * size, (size_t)size * sizeof *to);
+    }
+}
+
+/** Local: a set of the PSFs of some views. */
+static enum v2v_status choose_psf(struct v2v_psf_file *chosen, const struct v2v_psf_file *psf,
+                                  const int32_t *list, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t kernels = v2v_mem_product(psf->slices, psf->height, psf->width);
+    *chosen = *psf;
+    chosen->views = count;
+    chosen->data = NULL;
+    V2V_TRY(V2V_ALLOC(chosen->data, "left_out.psf", v2v_mem_product(count, kernels, 1)));
+    gather(chosen->data, psf->data, list, count, kernels);
+done:
+    return rc;
+}
+
+/** Local. */
+static enum v2v_status take_memory(struct v2v_left_out *self, const struct v2v_problem *problem,
+                                   const unsigned char *is_left_out)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t left_out = 0;
+    V2V_TRY(V2V_ALLOC(self->view, "left_out.views", self->views));
+    for (int32_t v = 0; v < self->views; v++) {
+        if (!is_left_out[v]) {
+            self->view[self->used++] = v;
+        }
+    }
+    for (int32_t v = 0; v < self->views; v++) {
+        if (is_left_out[v]) {
+            self->view[self->used + left_out++] = v;
+        }
+    }
+    V2V_ASSERT(self->used > 0);
+    V2V_TRY(V2V_ALLOC(self->recorded, "left_out.views",
+                      v2v_mem_product(self->used, self->height, self->width)));
+    V2V_TRY(choose_psf(&self->psf, problem->psf, self->view, self->used));
+done:
+    return rc;
+}
+
+/** Collective(shard). */
+static enum v2v_status plan_prediction(struct v2v_left_out *self, const struct v2v_psf_file *psf,
+                                       const struct v2v_comm *shard)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = self->views - self->used;
+    struct v2v_psf_file left_out = {0};
+    V2V_TRY(v2v_par_agree(shard, choose_psf(&left_out, psf, self->view + self->used, count)));
+    V2V_TRY(v2v_projector_create(&self->projector, &left_out, self->height, self->width,
+                                 V2V_SPLIT_SLABS, shard));
+    const struct v2v_projector_share share = v2v_projector_share(self->projector);
+    rc = V2V_ALLOC(self->volume, "left_out.volume",
+                   v2v_mem_product(share.slices.count, share.rows.count, self->width));
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(self->rows, "left_out.views",
+                       v2v_mem_product(count, share.view_rows.count, self->width));
+    }
+    V2V_TRY(v2v_par_agree(shard, rc));
+done:
+    v2v_psf_file_fini(&left_out);
+    return rc;
+}
+
+enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
+                                    const struct v2v_estimator_ops *ops,
+                                    const struct v2v_problem *problem,
+                                    const unsigned char *is_left_out, int predicts,
+                                    const struct v2v_comm *shard)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_left_out *self = NULL;
+    struct v2v_problem own = *problem;
+    rc = V2V_ALLOC(self, "left_out", 1);
+    if (rc == V2V_OK) {
+        *self = (struct v2v_left_out){
+            .views = problem->psf->views, .height = problem->height, .width = problem->width};
+        rc = take_memory(self, problem, is_left_out);
+    }
+    V2V_TRY(v2v_par_agree(shard, rc));
+    own.psf = &self->psf;
+    V2V_TRY(v2v_estimator_create(&self->estimator, ops, &own, shard));
+    V2V_ASSERT(self->estimator->height == self->height && self->estimator->width == self->width);
+    if (predicts && self->used < self->views) {
+        V2V_TRY(plan_prediction(self, problem->psf, shard));
+    }
+done:
+    if (rc != V2V_OK) {
+        v2v_left_out_destroy(&self);
+    }
+    *left_out = self;
+    return rc;
+}
+
+void v2v_left_out_destroy(struct v2v_left_out **left_out)
+{
+    struct v2v_left_out *self = *left_out;
+    *left_out = NULL;
+    if (self != NULL) {
+        v2v_projector_destroy(&self->projector);
+        v2v_estimator_destroy(&self->estimator);
+        v2v_psf_file_fini(&self->psf);
+        v2v_mem_free(self->rows);
+        v2v_mem_free(self->volume);
+        v2v_mem_free(self->recorded);
+        v2v_mem_free(self->view);
+        v2v_mem_free(self);
+    }
+}
+
+enum v2v_status v2v_left_out_run(struct v2v_left_out *self, float *slices, const float *views)
+{
+    gather(self->recorded, views, self->view, self->used, self->height * self->width);
+    return self->estimator->ops->run(self->estimator, &slices, self->recorded, NULL);
+}
+
+void v2v_left_out_predict(struct v2v_left_out *self, float *predicted, const float *slices)
+{
+    const int64_t count = self->views - self->used;
+    V2V_ASSERT(self->projector != NULL);
+    v2v_projector_from_slices(self->projector, self->volume, slices);
+    v2v_projector_forward(self->projector, self->rows, self->volume, NULL, count, 1.0f);
+    v2v_projector_gather_views(self->projector, predicted, self->rows, count);
+}
