@@ -1,14 +1,11 @@
 #include "cli/evaluation.h"
 #include "cli/steps.h"
 
-#include "v2v3d/base/text.h"
-#include "v2v3d/io/json.h"
-#include <inttypes.h>
-
 struct arguments {
     struct v2v_common common;
     const char *truth, *volume, *psf, *input;
-    int64_t slices;
+    const char *uncertainty;
+    int64_t slices, frames;
     int fit_scale, json;
 };
 
@@ -18,7 +15,21 @@ static const struct v2v_option options[] = {
                     "true volume; integers are read as fractions of their type's maximum"),
     V2V_OPTION_PSF(struct arguments, psf, 0),
     V2V_OPTION_FILE(struct arguments, input, "input", 0,
-                    "recording: with --psf, the residual of its views"),
+                    "recording: with --psf, how the volume meets its views, and how well some of "
+                    "them predict the others"),
+    {.name = "frames",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, frames),
+     .value = "N",
+     .initial = "1",
+     .help = "of which views are left out (1), spread over the recording: two at a time, predicted "
+             "from a volume of the others by total variation, and every other view, for two "
+             "volumes; not of the volume to judge. 0: none",
+     .least = 0,
+     .most = 1e9},
+    V2V_OPTION_FILE(struct arguments, uncertainty, "uncertainty", 0,
+                    "write the standard error of these frames, HDF5 /uncertainty, and /volume, the "
+                    "mean of their two volumes"),
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
                       "allow the volume one least-squares scale"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of a table"),
@@ -34,63 +45,6 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     {0}};
 
-static void print_table(const struct v2v_evaluation *evaluation, int fit_scale)
-{
-    printf("frame");
-    for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-        if (evaluation->value[f] != NULL) {
-            printf("  %17s", v2v_figure_names[f]);
-        }
-    }
-    printf("\n");
-    for (int64_t t = 0; t <= evaluation->frames; t++) {
-        int is_mean = t == evaluation->frames;
-        if (is_mean) {
-            printf(" mean");
-        } else {
-            printf("%5" PRId64, t);
-        }
-        for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-            if (evaluation->value[f] != NULL) {
-                printf("  %17.6g", is_mean ? evaluation->mean[f] : evaluation->value[f][t]);
-            }
-        }
-        printf("\n");
-    }
-    if (evaluation->value[V2V_FIGURE_PSNR] != NULL) {
-        printf("%s\n", fit_scale ? "each frame was scaled by its least-squares scale"
-                                 : "no scale was fitted");
-    }
-}
-
-static enum v2v_status print_json(const struct v2v_evaluation *evaluation, int fit_scale)
-{
-    enum v2v_status rc = V2V_OK;
-    enum { NAME = 32 };
-    struct v2v_json_item items[2 * V2V_FIGURE_COUNT + 2];
-    char names[V2V_FIGURE_COUNT][NAME];
-    int64_t count = 0;
-    for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-        if (evaluation->value[f] != NULL) {
-            items[count++] = (struct v2v_json_item){
-                .name = v2v_figure_names[f], .number = evaluation->mean[f], .count = -1};
-        }
-    }
-    items[count++] =
-        (struct v2v_json_item){.name = "frames", .number = (double)evaluation->frames, .count = -1};
-    items[count++] = (struct v2v_json_item){.name = "fit_scale", .number = fit_scale, .count = -1};
-    for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-        if (evaluation->value[f] != NULL) {
-            V2V_TRY(v2v_text_format(names[f], NAME, "%s_frames", v2v_figure_names[f]));
-            items[count++] = (struct v2v_json_item){
-                .name = names[f], .values = evaluation->value[f], .count = evaluation->frames};
-        }
-    }
-    V2V_TRY(v2v_json_print(stdout, items, count));
-done:
-    return rc;
-}
-
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -101,6 +55,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                      .psf = given->psf,
                                      .input = given->input,
                                      .slices = given->slices,
+                                     .heldout_frames = given->frames,
+                                     .uncertainty = given->uncertainty,
                                      .fit_scale = given->fit_scale};
     if ((given->psf == NULL) != (given->input == NULL)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--psf and --input go together"));
@@ -108,12 +64,20 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (given->truth == NULL && given->psf == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--truth FILE, or --psf FILE and --input FILE, is missing"));
     }
+    if (given->uncertainty != NULL && (given->psf == NULL || given->frames == 0)) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_USAGE, "--uncertainty needs --psf and --input, and --frames above 0"));
+    }
+    if (given->uncertainty != NULL && !v2v_step_is_hdf5_name(given->uncertainty)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
+                         given->uncertainty));
+    }
     V2V_TRY(v2v_evaluation_run(&evaluation, &job, session));
     if (v2v_step_on_root(session)) {
         if (given->json) {
-            rc = print_json(&evaluation, given->fit_scale);
+            rc = v2v_evaluation_json(&evaluation, given->fit_scale);
         } else {
-            print_table(&evaluation, given->fit_scale);
+            v2v_evaluation_print(&evaluation, given->fit_scale);
         }
     }
 done:
@@ -123,7 +87,7 @@ done:
 
 const struct v2v_command v2v_command_evaluate = {
     .name = "evaluate",
-    .summary = "PSNR and SSIM against a truth, residual of the views",
+    .summary = "PSNR and SSIM against a truth; without one, by the views",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

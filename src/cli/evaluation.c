@@ -1,14 +1,14 @@
 #include "cli/evaluation.h"
 
-#include "cli/projection.h"
 #include "cli/steps.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
+#include <math.h>
 
 const char *const v2v_figure_names[V2V_FIGURE_COUNT] = {
-    "psnr", "ssim", "background_truth", "background_volume", "scale", "residual"};
+    "psnr", "ssim", "background_truth", "background_volume", "scale", "residual", "flux"};
 
 static enum v2v_status allocate(struct v2v_evaluation *evaluation, int first, int last)
 {
@@ -90,71 +90,24 @@ done:
     return rc;
 }
 
-/* The views again from the volume, compared with those of the recording less its offset. */
-static enum v2v_status residual(struct v2v_evaluation *evaluation,
-                                const struct v2v_evaluation_job *job, struct v2v_volume *volume,
-                                const struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_psf_file psf = {0};
-    struct v2v_recording *recording = NULL;
-    struct v2v_projection p = {0};
-    struct v2v_scaling scaling;
-    float *views = NULL;
-    const struct v2v_volume_info *info = v2v_volume_info(volume);
-    V2V_TRY(v2v_step_psf(session, &psf, job->psf));
-    V2V_TRY(v2v_step_recording(session, &recording, job->input, &psf));
-    const struct v2v_recording_info *shown = v2v_recording_info(recording);
-    if (info->slices != psf.slices || info->height != shown->height ||
-        info->width != shown->width || info->frames != shown->frames) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "%s: %" PRId64 " frames, %" PRId64 " slices of %" PRId64 " x %" PRId64
-                         " do not go with %s and its PSFs: %" PRId64 " frames, %" PRId64
-                         " slices of %" PRId64 " x %" PRId64,
-                         job->volume, info->frames, info->slices, info->height, info->width,
-                         job->input, shown->frames, psf.slices, shown->height, shown->width));
-    }
-    V2V_TRY(v2v_step_offset(session, &scaling, recording));
-    V2V_TRY(v2v_projection_init(&p, session, &psf, info->height, info->width));
-    rc = allocate(evaluation, V2V_FIGURE_RESIDUAL, V2V_FIGURE_RESIDUAL);
-    if (rc == V2V_OK) {
-        rc = V2V_ALLOC(views, "evaluate.views", psf.views * p.pixels);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    for (int64_t t = 0; t < info->frames; t++) {
-        v2v_watchdog_beat("evaluate: a frame's residual");
-        rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
-        if (rc == V2V_OK) {
-            rc = v2v_recording_read(recording, views, t);
-        }
-        V2V_TRY(v2v_par_agree(session->world, rc));
-        v2v_scaling_apply(&scaling, views, psf.views * p.pixels);
-        v2v_projection_forward(&p, psf.views);
-        evaluation->value[V2V_FIGURE_RESIDUAL][t] =
-            v2v_residual(views, p.views, psf.views * p.pixels, NULL);
-    }
-done:
-    v2v_mem_free(views);
-    v2v_projection_fini(&p);
-    v2v_recording_close(&recording);
-    v2v_psf_file_fini(&psf);
-    return rc;
-}
-
 enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
                                    const struct v2v_evaluation_job *job,
                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *volume = NULL;
-    *evaluation = (struct v2v_evaluation){0};
+    *evaluation = (struct v2v_evaluation){.heldout = NAN,
+                                          .heldout_sigmas = NAN,
+                                          .disagreement = NAN,
+                                          .resolution = NAN,
+                                          .resolution_um = NAN};
     V2V_TRY(v2v_volume_open(&volume, job->volume, job->slices, session->world));
     evaluation->frames = v2v_volume_info(volume)->frames;
     if (job->truth != NULL) {
         V2V_TRY(score(evaluation, job, volume, session));
     }
     if (job->psf != NULL) {
-        V2V_TRY(residual(evaluation, job, volume, session));
+        V2V_TRY(v2v_evaluation_of_views(evaluation, job, volume, session));
     }
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         for (int64_t t = 0; evaluation->value[f] != NULL && t < evaluation->frames; t++) {
@@ -171,5 +124,10 @@ void v2v_evaluation_fini(struct v2v_evaluation *evaluation)
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         v2v_mem_free(evaluation->value[f]);
     }
+    for (int f = 0; f < V2V_VIEW_FIGURE_COUNT; f++) {
+        v2v_mem_free(evaluation->of_view[f]);
+    }
+    v2v_mem_free(evaluation->disagreement_slices);
+    v2v_consistency_fini(&evaluation->consistency);
     *evaluation = (struct v2v_evaluation){0};
 }

@@ -5,6 +5,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/eval/quality.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
@@ -190,6 +191,62 @@ static void report_skipped(const struct work *work)
     }
 }
 
+/* How the finished volumes' first frame meets its views. Collective. */
+static enum v2v_status match_first(struct v2v_match *match, const struct work *work,
+                                   const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = &work->psf;
+    const int64_t height = work->problem.height, width = work->problem.width;
+    const int64_t samples = v2v_mem_product(psf->views, height, width);
+    const int by_mean = work->ops->is_learned && session->config.psf.reduce == V2V_REDUCE_MEAN;
+    const struct v2v_part mine =
+        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    const struct v2v_scaling offset = {.offset = work->scaling.offset, .gain = 1.0};
+    struct v2v_volume *volume = NULL;
+    float *views = NULL, *slices = NULL;
+    V2V_TRY(v2v_volume_open(&volume, work->given->output, psf->slices, session->world));
+    rc = V2V_ALLOC(views, "cli.quality", samples);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_recording_read(work->recording, views, 0);
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_volume_read(volume, slices, 0, mine.first, mine.count);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_scaling_apply(&offset, views, samples);
+    V2V_TRY(v2v_match_frame(match, psf, slices, views, height, width,
+                            by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
+done:
+    v2v_mem_free(slices);
+    v2v_mem_free(views);
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+/* One line, once everything else is done and its memory given back; a volume is none the worse
+ * without it. Collective. */
+static void report_quality(struct work *work, const struct v2v_session *session)
+{
+    struct v2v_match match;
+    if (work->given->common.quiet) {
+        return;
+    }
+    v2v_recon_destroy(&work->recon);
+    if (match_first(&match, work, session) != V2V_OK) {
+        v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
+        return;
+    }
+    const double scale = v2v_match_scale(&match);
+    v2v_log(V2V_LOG_INFO,
+            "frame %lld: residual of the views %.3g, %.3g of their noise; flux %.4g of theirs",
+            (long long)work->frames.first, v2v_match_residual(&match, scale),
+            v2v_match_sigmas(&match, scale), v2v_match_flux(&match));
+}
+
 static void close_all(struct work *work, enum v2v_status rc)
 {
     if (rc == V2V_STOPPED || rc == V2V_E_IO) {
@@ -223,6 +280,7 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     v2v_step_communication(session, &began);
     report_skipped(&work);
     V2V_TRY(v2v_volume_finish(&work.writer));
+    report_quality(&work, session);
 done:
     close_all(&work, rc);
     return rc;

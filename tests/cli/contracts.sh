@@ -58,6 +58,7 @@ works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --i
 same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
+grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"
 same tv.h5 tv_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_smooth.h5 --lambda 0.5
@@ -93,11 +94,25 @@ for key in psnr ssim background_truth background_volume; do
     says "\"$key\": -?[0-9]"
 done
 says '"fit_scale": 0'
+for key in heldout_residual flux disagreement resolution_um; do
+    says "\"$key\": null"
+done
 [ "$(wc -l <stdout)" -eq 1 ] || fail "more than one line of JSON: $(cat stdout)"
 works evaluate --truth one/truth.h5 --volume rld.h5 --psf one/psf.h5 --input rec.h5 --fit-scale
 says 'residual'
 says 'least-squares scale'
 works evaluate --volume rld.h5 --psf one/psf.h5 --input rec.h5
+says 'held-out residual 0.[0-9]'
+works evaluate --volume rld.h5 --psf one/psf.h5 --input rec.h5 --json --frames 2 --uncertainty error.h5
+for key in residual heldout_residual flux disagreement; do
+    says "\"$key\": [0-9]"
+done
+says '"resolution_um": ([0-9]|null)'
+says '"heldout_frames": 2'
+works info error.h5
+works evaluate --volume rld.h5 --psf one/psf.h5 --input rec.h5 --json --frames 0
+says '"heldout_residual": null'
+says '"flux": [0-9]'
 works evaluate --truth one/truth.h5 --volume one/truth.h5
 says '^ mean +inf +1 '
 

@@ -73,6 +73,8 @@ refuses 2 '--branches needs an HDF5 output' \
     reconstruct --psf p --weights w --input r -o out.tif --branches
 refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
 refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
+refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5
+refuses 2 '--uncertainty needs an HDF5' evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.tif
 refuses 2 'end in .h5 or .tif' convert --input a.tif -o out.xyz
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
 refuses 78 "unknown section 'nonsense'" init --set nonsense.key=1

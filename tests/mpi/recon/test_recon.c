@@ -1,4 +1,5 @@
 #include "small_optics.h"
+#include "small_recording.h"
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
@@ -169,21 +170,9 @@ static int teardown(void **state)
 
 static struct v2v_recording *recording_file(const char *folder)
 {
-    char path[1024];
-    struct v2v_recording_writer *writer = NULL;
-    struct v2v_recording *recording = NULL;
     const struct v2v_recording_info info = {
         .frames = FRAMES, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
-    const struct v2v_input_settings settings = {.views = VIEWS};
-    snprintf(path, sizeof path, "%s/recording.h5", folder);
-    assert_ok(v2v_recording_create(&writer, path, &info, test_world()));
-    for (int64_t t = 0; t < FRAMES; t++) {
-        int64_t count = v2v_comm_rank(test_world()) == 0 ? VIEWS : 0;
-        assert_ok(v2v_recording_write(writer, frames[t], t, 0, count));
-    }
-    assert_ok(v2v_recording_finish(&writer));
-    assert_ok(v2v_recording_open(&recording, path, &settings, test_world()));
-    return recording;
+    return small_recording(folder, &frames[0][0], &info);
 }
 
 /** Reconstruct into `path`. */

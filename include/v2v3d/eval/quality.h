@@ -1,0 +1,60 @@
+#ifndef V2V3D_EVAL_QUALITY_H
+#define V2V3D_EVAL_QUALITY_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/io/psf_file.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** How a view y is met by the projection p of a volume, without a truth. */
+struct v2v_match {
+    double yy, yp, pp; /**< sums over the pixels of y*y, y*p, p*p .. */
+    double y, p;       /**< .. and of each */
+    double noise;      /**< sum of sigma^2 */
+};
+
+/** One view. Add the members for several. @kind Local. @param recorded, projected [y,x]
+ *  @param scratch [y,x] */
+struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float *projected,
+                              int64_t height, int64_t width);
+void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match);
+
+/** The factor s with the least |y - s p|; 1 for a dark projection. @kind Local. */
+double v2v_match_scale(const struct v2v_match *match);
+/** |y - scale p| / |y|, to 1e-8; and in units of the noise, the root mean square: 1 where nothing
+ *  but noise is missed, NaN where the views have none. @kind Local. */
+double v2v_match_residual(const struct v2v_match *match, double scale);
+double v2v_match_sigmas(const struct v2v_match *match, double scale);
+/** sum p / sum y: light of the volume, as the PSFs bring it into the frame, over that recorded.
+ *  Light that the volume sends beyond the border counts on neither side; light that comes from
+ *  beyond it is recorded and in no volume. NaN where sum y <= 0. @kind Local. */
+double v2v_match_flux(const struct v2v_match *match);
+
+/** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
+ *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
+ *  @kind Local. */
+int64_t v2v_saturated_pixels(const float *views, int64_t count);
+
+/** Mean of x[0], x[stride] .. that are not NaN; NaN when none is. @kind Local. */
+double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
+
+/** The match of one frame, all views, by one view's OTFs at a time: little memory, nothing kept.
+ *  @kind   Collective(comm)
+ *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
+ *  @param  scale of the projection: 1, or 1/Z for the mean over z
+ *  @return V2V_OK | V2V_E_MEMORY; agreed
+ *  @cost   V * Z + V * Z forward and V inverse transforms over all ranks */
+enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
+                                const float *slices, const float *views, int64_t height,
+                                int64_t width, float scale,
+                                const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,249 @@
+#include "cli/evaluation.h"
+
+#include "cli/projection.h"
+#include "cli/steps.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/eval/metrics.h"
+#include "v2v3d/eval/quality.h"
+#include "v2v3d/par/watchdog.h"
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Pixels between a view and its prediction that are worth a warning: views in register were up to
+ * 0.54 off where their volume is uncertain in depth (tests/bench/README.md). */
+static const double out_of_register = 0.7;
+
+/* What goes with one evaluation. */
+struct work {
+    struct v2v_evaluation *evaluation;
+    const struct v2v_evaluation_job *job;
+    const struct v2v_session *session;
+    struct v2v_psf_file psf;
+    struct v2v_recording *recording;
+    struct v2v_scaling scaling;
+    struct v2v_projection projection;
+    float *views, *scratch; /* [v,y,x], [y,x] */
+    int64_t height, width, saturated;
+};
+
+static enum v2v_status check_shapes(const struct work *work, const struct v2v_volume_info *info)
+{
+    const struct v2v_recording_info *shown = v2v_recording_info(work->recording);
+    if (info->slices == work->psf.slices && info->height == shown->height &&
+        info->width == shown->width && info->frames == shown->frames) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_INPUT,
+                    "%s: %" PRId64 " frames, %" PRId64 " slices of %" PRId64 " x %" PRId64
+                    " do not go with %s and its PSFs: %" PRId64 " frames, %" PRId64
+                    " slices of %" PRId64 " x %" PRId64,
+                    work->job->volume, info->frames, info->slices, info->height, info->width,
+                    work->job->input, shown->frames, work->psf.slices, shown->height, shown->width);
+}
+
+static enum v2v_status take_memory(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_evaluation *evaluation = work->evaluation;
+    const int64_t pixels = work->height * work->width;
+    for (int f = V2V_FIGURE_RESIDUAL; f <= V2V_FIGURE_FLUX; f++) {
+        V2V_TRY(V2V_ALLOC(evaluation->value[f], "evaluate.figures", evaluation->frames));
+    }
+    for (int f = 0; f < V2V_VIEW_FIGURE_COUNT; f++) {
+        V2V_TRY(V2V_ALLOC(evaluation->of_view[f], "evaluate.figures", work->psf.views));
+    }
+    V2V_TRY(V2V_ALLOC(evaluation->disagreement_slices, "evaluate.figures", work->psf.slices));
+    V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
+done:
+    return rc;
+}
+
+/* Local: how the projections of frame t meet its views. */
+static void match(struct work *work, int64_t t)
+{
+    struct v2v_evaluation *evaluation = work->evaluation;
+    const int64_t views = work->psf.views, pixels = work->height * work->width;
+    const float *projected = work->projection.views;
+    struct v2v_match all = {0};
+    double scale = 1.0;
+    evaluation->value[V2V_FIGURE_RESIDUAL][t] =
+        v2v_residual(work->views, projected, views * pixels, &scale);
+    for (int64_t v = 0; v < views; v++) {
+        const struct v2v_match one =
+            v2v_match_of(work->scratch, work->views + v * pixels, projected + v * pixels,
+                         work->height, work->width);
+        const double part = 1.0 / (double)evaluation->frames;
+        evaluation->of_view[V2V_VIEW_RESIDUAL][v] += part * v2v_match_residual(&one, scale);
+        evaluation->of_view[V2V_VIEW_RESIDUAL_SIGMAS][v] += part * v2v_match_sigmas(&one, scale);
+        evaluation->of_view[V2V_VIEW_FLUX][v] += part * v2v_match_flux(&one);
+        v2v_match_add(&all, &one);
+    }
+    evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
+}
+
+/* The views again from the volume, compared with those of the recording less its offset.
+ * Collective. */
+static enum v2v_status project(struct work *work, struct v2v_volume *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_projection *p = &work->projection;
+    const int64_t samples = work->psf.views * work->height * work->width;
+    V2V_TRY(v2v_projection_init(p, work->session, &work->psf, work->height, work->width));
+    for (int64_t t = 0; t < work->evaluation->frames; t++) {
+        v2v_watchdog_beat("evaluate: a frame's residual");
+        rc = v2v_volume_read(volume, p->slices, t, p->mine.first, p->mine.count);
+        if (rc == V2V_OK) {
+            rc = v2v_recording_read(work->recording, work->views, t);
+        }
+        V2V_TRY(v2v_par_agree(work->session->world, rc));
+        work->saturated += v2v_saturated_pixels(work->views, samples);
+        v2v_scaling_apply(&work->scaling, work->views, samples);
+        v2v_projection_forward(p, work->psf.views);
+        match(work, t);
+    }
+done:
+    v2v_projection_fini(p);
+    return rc;
+}
+
+/* The file of uncertainties. Collective. */
+static enum v2v_status open_output(struct work *work, struct v2v_volume_writer **writer)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_evaluation_job *job = work->job;
+    struct v2v_provenance provenance = {0};
+    const struct v2v_volume_info info =
+        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+    V2V_TRY(v2v_step_output(work->session, job->uncertainty,
+                            (const char *const[]){job->volume, job->truth, job->psf, job->input},
+                            4));
+    V2V_TRY(v2v_provenance_init(&provenance, work->session, &work->psf, NULL, &work->scaling));
+    V2V_TRY(v2v_volume_create(writer, job->uncertainty, &info,
+                              1u << V2V_VOLUME_MEAN | 1u << V2V_VOLUME_UNCERTAINTY, provenance.item,
+                              provenance.count, work->session->world));
+done:
+    v2v_provenance_fini(&provenance);
+    return rc;
+}
+
+/* Means over the frames of which views were left out. */
+static void summarize(struct work *work)
+{
+    struct v2v_evaluation *evaluation = work->evaluation;
+    const struct v2v_consistency *found = &evaluation->consistency;
+    const int64_t frames = found->frames, views = work->psf.views, slices = work->psf.slices;
+    const struct v2v_volume_info info =
+        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+    evaluation->heldout = v2v_mean_of_known(found->heldout, frames, 1);
+    evaluation->heldout_sigmas = v2v_mean_of_known(found->heldout_sigmas, frames, 1);
+    evaluation->disagreement = v2v_mean_of_known(found->disagreement, frames, 1);
+    evaluation->resolution = v2v_mean_of_known(found->resolution, frames, 1);
+    evaluation->resolution_um =
+        info.pixel_size_um > 0.0 ? evaluation->resolution * info.pixel_size_um : NAN;
+    for (int64_t v = 0; v < views; v++) {
+        const struct {
+            int figure;
+            const double *of;
+        } means[] = {{V2V_VIEW_HELDOUT, found->heldout_views + v},
+                     {V2V_VIEW_HELDOUT_SIGMAS, found->heldout_views_sigmas + v}};
+        for (size_t i = 0; i < sizeof means / sizeof *means; i++) {
+            evaluation->of_view[means[i].figure][v] = v2v_mean_of_known(means[i].of, frames, views);
+        }
+        evaluation->of_view[V2V_VIEW_SHIFT_Y][v] =
+            v2v_mean_of_known(found->shift + 2 * v, frames, 2 * views);
+        evaluation->of_view[V2V_VIEW_SHIFT_X][v] =
+            v2v_mean_of_known(found->shift + 2 * v + 1, frames, 2 * views);
+    }
+    for (int64_t z = 0; z < slices; z++) {
+        evaluation->disagreement_slices[z] =
+            v2v_mean_of_known(found->disagreement_slices + z, frames, slices);
+    }
+}
+
+/* Views left out. Collective. */
+static enum v2v_status leave_out(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_session *session = work->session;
+    struct v2v_volume_writer *writer = NULL;
+    struct v2v_consistency_job job = {.config = &session->config,
+                                      .psf = &work->psf,
+                                      .recording = work->recording,
+                                      .scaling = &work->scaling,
+                                      .frames = work->job->heldout_frames};
+    if (work->job->uncertainty != NULL) {
+        V2V_TRY(open_output(work, &writer));
+        job.writer = writer;
+    }
+    V2V_TRY(v2v_consistency_of(&work->evaluation->consistency, &job, session->world));
+    summarize(work);
+    if (writer != NULL) {
+        V2V_TRY(v2v_volume_finish(&writer));
+    }
+done:
+    v2v_volume_abandon(&writer);
+    return rc;
+}
+
+static void warn(struct v2v_evaluation *evaluation, const char *text)
+{
+    const size_t used = strlen(evaluation->warnings);
+    v2v_log(V2V_LOG_WARNING, "%s", text);
+    snprintf(evaluation->warnings + used, sizeof evaluation->warnings - used, "%s%s",
+             used > 0 ? "; " : "", text);
+}
+
+/* What is wrong with the recording, as far as it tells. */
+static void find_faults(struct work *work)
+{
+    struct v2v_evaluation *evaluation = work->evaluation;
+    char text[128];
+    if (work->saturated > 0) {
+        snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",
+                 work->saturated);
+        warn(evaluation, text);
+    }
+    for (int64_t v = 0; v < evaluation->consistency.views; v++) {
+        const double y = evaluation->of_view[V2V_VIEW_SHIFT_Y][v];
+        const double x = evaluation->of_view[V2V_VIEW_SHIFT_X][v];
+        if (sqrt(y * y + x * x) > out_of_register) {
+            snprintf(text, sizeof text,
+                     "view %" PRId64 " is out of register: %+.1f, %+.1f pixels in y, x", v, y, x);
+            warn(evaluation, text);
+        }
+    }
+}
+
+enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
+                                        const struct v2v_evaluation_job *job,
+                                        struct v2v_volume *volume,
+                                        const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct work work = {.evaluation = evaluation, .job = job, .session = session};
+    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    V2V_TRY(v2v_step_psf(session, &work.psf, job->psf));
+    V2V_TRY(v2v_step_recording(session, &work.recording, job->input, &work.psf));
+    V2V_TRY(check_shapes(&work, info));
+    V2V_TRY(v2v_step_offset(session, &work.scaling, work.recording));
+    work.height = info->height;
+    work.width = info->width;
+    evaluation->views = work.psf.views;
+    evaluation->slices = work.psf.slices;
+    V2V_TRY(v2v_par_agree(session->world, take_memory(&work)));
+    V2V_TRY(project(&work, volume));
+    if (job->heldout_frames > 0) {
+        V2V_TRY(leave_out(&work));
+    }
+    find_faults(&work);
+done:
+    v2v_mem_free(work.scratch);
+    v2v_mem_free(work.views);
+    v2v_recording_close(&work.recording);
+    v2v_psf_file_fini(&work.psf);
+    return rc;
+}

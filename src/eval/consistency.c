@@ -1,0 +1,383 @@
+#include "v2v3d/eval/consistency.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/eval/fourier.h"
+#include "v2v3d/eval/quality.h"
+#include "v2v3d/eval/uncertainty.h"
+#include "v2v3d/method/left_out.h"
+#include "v2v3d/par/agreement.h"
+#include "v2v3d/par/watchdog.h"
+
+#include <math.h>
+#include <string.h>
+
+/* So many views are left out at a time; of few views, one. */
+enum { LEFT_OUT = 2, FEW_VIEWS = 6 };
+
+enum { HALVES = 2 };
+
+/* Everything of a run. */
+struct judge {
+    struct v2v_consistency *out;
+    const struct v2v_consistency_job *job;
+    const struct v2v_estimator_ops *ops;
+    struct v2v_config config;
+    struct v2v_problem problem;
+    struct v2v_grid grid;
+    struct v2v_agreement *agreement;
+    int64_t folds;
+    struct v2v_left_out *part[HALVES]; /* a fold, or both halves */
+    struct v2v_fourier *fourier;
+    struct v2v_match *match; /* [frames] of this rank's shard, folds so far */
+    float *views;            /* [v,y,x] */
+    float *predicted;        /* [most of a fold,y,x] */
+    float *scratch;          /* [y,x] */
+    float *volume[HALVES];   /* [slices of this rank,y,x] */
+    struct v2v_ring *rings;
+};
+
+int64_t v2v_consistency_frame(int64_t i, int64_t n, int64_t frames)
+{
+    return (2 * i + 1) * frames / (2 * n);
+}
+
+static enum v2v_status allocate(struct v2v_consistency *out, int64_t frames, int64_t views,
+                                int64_t slices)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t each = v2v_mem_product(frames, views, 1),
+                  depth = v2v_mem_product(frames, slices, 1);
+    double **const of_frame[] = {&out->heldout, &out->heldout_sigmas, &out->disagreement,
+                                 &out->resolution};
+    double **const of_view[] = {&out->heldout_views, &out->heldout_views_sigmas};
+    enum {
+        OF_FRAME = sizeof of_frame / sizeof *of_frame,
+        OF_VIEW = sizeof of_view / sizeof *of_view
+    };
+    out->frames = frames;
+    out->views = views;
+    out->slices = slices;
+    V2V_TRY(V2V_ALLOC(out->frame, "eval.figures", frames));
+    V2V_TRY(
+        V2V_ALLOC(out->memory, "eval.figures", OF_FRAME * frames + (OF_VIEW + 2) * each + depth));
+    double *next = out->memory;
+    for (int i = 0; i < OF_FRAME; i++, next += frames) {
+        *of_frame[i] = next;
+    }
+    for (int i = 0; i < OF_VIEW; i++, next += each) {
+        *of_view[i] = next;
+    }
+    out->shift = next;
+    out->disagreement_slices = next + 2 * each;
+done:
+    return rc;
+}
+
+void v2v_consistency_fini(struct v2v_consistency *out)
+{
+    v2v_mem_free(out->frame);
+    v2v_mem_free(out->memory);
+    *out = (struct v2v_consistency){0};
+}
+
+/** Local: the views of frame i of those judged. */
+static enum v2v_status load(struct judge *self, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t samples = self->out->views * self->problem.height * self->problem.width;
+    V2V_TRY(v2v_recording_read(self->job->recording, self->views, self->out->frame[i]));
+    v2v_scaling_apply(self->job->scaling, self->views, samples);
+done:
+    return rc;
+}
+
+/** Local: how the views left out of frame i were predicted. */
+static void judge_views(struct judge *self, int64_t i)
+{
+    struct v2v_consistency *out = self->out;
+    const struct v2v_left_out *fold = self->part[0];
+    const int64_t height = self->problem.height, width = self->problem.width;
+    for (int64_t k = fold->used; k < fold->views; k++) {
+        const int64_t v = fold->view[k], at = i * out->views + v;
+        const float *recorded = self->views + v * height * width;
+        const float *predicted = self->predicted + (k - fold->used) * height * width;
+        const struct v2v_match match =
+            v2v_match_of(self->scratch, recorded, predicted, height, width);
+        out->heldout_views[at] = v2v_match_residual(&match, 1.0);
+        out->heldout_views_sigmas[at] = v2v_match_sigmas(&match, 1.0);
+        v2v_fourier_shift(self->fourier, out->shift + 2 * at, recorded, predicted);
+        v2v_match_add(&self->match[i], &match);
+    }
+}
+
+/** Collective(shard): frame i by the fold under way. */
+static enum v2v_status try_fold(struct judge *self, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_left_out_run(self->part[0], self->volume[0], self->views));
+    v2v_left_out_predict(self->part[0], self->predicted, self->volume[0]);
+    judge_views(self, i);
+    self->out->heldout[i] = v2v_match_residual(&self->match[i], 1.0);
+    self->out->heldout_sigmas[i] = v2v_match_sigmas(&self->match[i], 1.0);
+done:
+    return rc;
+}
+
+/** Collective(shard): how far the halves of frame i agree. */
+static void compare(struct judge *self, int64_t i)
+{
+    struct v2v_consistency *out = self->out;
+    const struct v2v_comm *shard = self->grid.shard;
+    const struct v2v_part own = self->part[0]->estimator->slices;
+    const int64_t pixels = self->problem.height * self->problem.width;
+    const int64_t rings = v2v_fourier_rings(self->fourier);
+    double *of_slice = out->disagreement_slices + i * out->slices, all[2] = {0.0, 0.0};
+    memset(self->rings, 0, (size_t)rings * sizeof *self->rings);
+    for (int64_t z = 0; z < own.count; z++) {
+        const float *a = self->volume[0] + z * pixels, *b = self->volume[1] + z * pixels;
+        double differences = 0.0, sums = 0.0;
+        for (int64_t p = 0; p < pixels; p++) {
+            const double difference = (double)a[p] - (double)b[p],
+                         sum = (double)a[p] + (double)b[p];
+            differences += difference * difference;
+            sums += sum * sum;
+        }
+        of_slice[own.first + z] = sqrt(differences / sums);
+        all[0] += differences;
+        all[1] += sums;
+        v2v_fourier_correlate(self->fourier, self->rings, a, b);
+    }
+    v2v_par_sum_f64(shard, all, 2);
+    v2v_par_sum_f64(shard, of_slice, out->slices);
+    v2v_par_sum_f64(shard, &self->rings->product,
+                    rings * (int64_t)(sizeof *self->rings / sizeof(double)));
+    out->disagreement[i] = sqrt(all[0] / all[1]);
+    out->resolution[i] = v2v_fourier_resolution(self->rings, rings);
+}
+
+/** Collective(shard): the halves' mean and what it is uncertain by, for the file. The status is
+ *  this rank's. */
+static enum v2v_status put(struct judge *self, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume_writer *writer = self->job->writer;
+    const struct v2v_part own = self->part[0]->estimator->slices;
+    const int64_t t = self->out->frame[i];
+    v2v_uncertainty_of(self->volume[0], self->volume[1], self->scratch, own.count,
+                       self->problem.height, self->problem.width);
+    rc = v2v_volume_put(writer, V2V_VOLUME_MEAN, self->volume[0], t, own.first, own.count);
+    if (rc == V2V_OK) {
+        rc = v2v_volume_put(writer, V2V_VOLUME_UNCERTAINTY, self->volume[1], t, own.first,
+                            own.count);
+    }
+    V2V_TRY(v2v_par_agree(self->grid.shard, rc));
+    V2V_TRY(v2v_volume_mark_done(writer, t, self->grid.shard));
+done:
+    return rc;
+}
+
+/** Collective(shard): frame i by both halves. */
+static enum v2v_status try_halves(struct judge *self, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    for (int h = 0; h < HALVES; h++) {
+        V2V_TRY(v2v_left_out_run(self->part[h], self->volume[h], self->views));
+    }
+    compare(self, i);
+    if (self->job->writer != NULL) {
+        V2V_TRY(put(self, i));
+    }
+done:
+    return rc;
+}
+
+/** Collective(shard): estimators of a fold, or after the folds of both halves. */
+static enum v2v_status begin(struct judge *self, int64_t step)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_comm *shard = self->grid.shard;
+    const int is_fold = step < self->folds;
+    const int64_t views = self->out->views;
+    unsigned char *left_out = NULL;
+    V2V_TRY(v2v_par_agree(shard, V2V_ALLOC(left_out, "eval.views", views)));
+    for (int h = 0; h < (is_fold ? 1 : HALVES); h++) {
+        for (int64_t v = 0; v < views; v++) {
+            left_out[v] = is_fold ? v % self->folds == step : v % HALVES != h;
+        }
+        v2v_watchdog_beat("estimators of some views");
+        V2V_TRY(v2v_left_out_create(&self->part[h], self->ops, &self->problem, left_out, is_fold,
+                                    shard));
+    }
+done:
+    v2v_mem_free(left_out);
+    return rc;
+}
+
+static void end(struct judge *self)
+{
+    for (int h = 0; h < HALVES; h++) {
+        v2v_left_out_destroy(&self->part[h]);
+    }
+}
+
+/** Collective(shard): frame i, by what begin made. */
+static enum v2v_status judge_frame(struct judge *self, int64_t step, int64_t i)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(self->grid.shard, load(self, i)));
+    V2V_TRY(step < self->folds ? try_fold(self, i) : try_halves(self, i));
+done:
+    return rc;
+}
+
+/** Collective(world): every frame by every fold and by the halves, each rank as fast as it can. */
+static enum v2v_status judge_all(struct judge *self)
+{
+    enum v2v_status rc = V2V_OK, mine = V2V_OK;
+    const struct v2v_grid *grid = &self->grid;
+    const int64_t frames = self->out->frames;
+    struct v2v_progress progress;
+    v2v_progress_begin(&progress, "views left out", 0, self->folds + 1);
+    V2V_TRY(v2v_agreement_meet(self->agreement));
+    for (int64_t step = 0; step <= self->folds; step++) {
+        if (mine == V2V_OK && !grid->idle) {
+            mine = begin(self, step);
+        }
+        for (int64_t i = grid->data_rank; mine == V2V_OK && !grid->idle && i < frames;
+             i += grid->data_size) {
+            mine = judge_frame(self, step, i);
+        }
+        end(self);
+        V2V_TRY(v2v_agreement_tell(self->agreement, mine));
+        v2v_progress_step(&progress, step + 1, NULL);
+    }
+    V2V_TRY(v2v_agreement_end(self->agreement));
+    v2v_progress_end(&progress);
+done:
+    end(self);
+    return rc;
+}
+
+/** Collective(world): ranks take frames; where there are too few of them, parts of a frame. */
+static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grid_work work;
+    const struct v2v_config *config = &self->config;
+    const struct v2v_grid_shape wanted = {1, (int)config->parallel.shards};
+    V2V_TRY(v2v_par_agree(world, self->ops->describe_work(&work, &self->problem)));
+    work.items = self->out->frames;
+    work.most_bytes = (int64_t)(config->parallel.max_mem_gb * 1e9);
+    work.most_shards = config->parallel.reproducible
+                           ? 1
+                           : (int)v2v_smaller(work.most_shards, v2v_comm_size(world));
+    V2V_TRY(v2v_grid_lay_out(&self->grid, world, &wanted, &work));
+    V2V_TRY(v2v_par_agree(world, v2v_agreement_create(&self->agreement, world)));
+done:
+    return rc;
+}
+
+/** Local: what frames need beside the estimators. */
+static enum v2v_status take_memory(struct judge *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_problem *problem = &self->problem;
+    const int64_t height = problem->height, width = problem->width;
+    const struct v2v_part own =
+        v2v_par_part(problem->psf->slices, self->grid.shard_size, self->grid.shard_rank);
+    V2V_TRY(V2V_ALLOC(self->match, "eval.figures", self->out->frames));
+    V2V_TRY(V2V_ALLOC(self->predicted, "eval.views",
+                      v2v_mem_product(v2v_parts(problem->psf->views, self->folds), height, width)));
+    V2V_TRY(V2V_ALLOC(self->scratch, "eval.views", v2v_mem_product(height, width, 1)));
+    for (int h = 0; h < HALVES; h++) {
+        V2V_TRY(
+            V2V_ALLOC(self->volume[h], "eval.volumes", v2v_mem_product(own.count, height, width)));
+    }
+    V2V_TRY(v2v_fourier_create(&self->fourier, height, width));
+    V2V_TRY(V2V_ALLOC(self->rings, "eval.figures", v2v_fourier_rings(self->fourier)));
+done:
+    return rc;
+}
+
+/** Local: the frames to judge; and what tv leaves to a frame, by the first of them, the same
+ *  everywhere. */
+static enum v2v_status settle(struct judge *self)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_consistency *out = self->out;
+    const struct v2v_recording_info *info = v2v_recording_info(self->job->recording);
+    const int64_t views = self->problem.psf->views;
+    const int64_t frames = v2v_smaller(self->job->frames, info->frames);
+    V2V_TRY(allocate(out, frames, views, self->problem.psf->slices));
+    for (int64_t i = 0; i < frames; i++) {
+        out->frame[i] = v2v_consistency_frame(i, frames, info->frames);
+    }
+    V2V_TRY(
+        V2V_ALLOC(self->views, "eval.views", v2v_mem_product(views, info->height, info->width)));
+    if (self->ops->is_open(&self->config)) {
+        V2V_TRY(load(self, 0));
+        V2V_TRY(self->ops->settle(&self->config, &self->problem, self->views));
+    }
+done:
+    return rc;
+}
+
+/** Collective(world): what each rank found, known to all. One rank of a shard speaks for it. */
+static void share(struct judge *self, const struct v2v_comm *world)
+{
+    struct v2v_consistency *out = self->out;
+    const int64_t doubles = out->frames * (4 + 4 * out->views + out->slices);
+    if (self->grid.idle || self->grid.shard_rank > 0) {
+        memset(out->memory, 0, (size_t)doubles * sizeof *out->memory);
+    }
+    v2v_par_sum_f64(world, out->memory, doubles);
+}
+
+static void fini(struct judge *self)
+{
+    v2v_fourier_destroy(&self->fourier);
+    v2v_agreement_destroy(&self->agreement);
+    for (int h = 0; h < HALVES; h++) {
+        v2v_mem_free(self->volume[h]);
+    }
+    v2v_mem_free(self->rings);
+    v2v_mem_free(self->match);
+    v2v_mem_free(self->scratch);
+    v2v_mem_free(self->predicted);
+    v2v_mem_free(self->views);
+    v2v_grid_destroy(&self->grid);
+}
+
+enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
+                                   const struct v2v_consistency_job *job, struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(job->recording);
+    struct judge self = {.out = out, .job = job, .config = *job->config};
+    *out = (struct v2v_consistency){0};
+    if (job->psf->views < 2 || job->frames < 1) {
+        return V2V_OK;
+    }
+    self.config.deconv.iterations = 0;
+    self.config.deconv.stop = V2V_STOP_FIXED;
+    self.problem = (struct v2v_problem){.config = &self.config,
+                                        .psf = job->psf,
+                                        .height = info->height,
+                                        .width = info->width,
+                                        .precision = V2V_PRECISION_F32};
+    self.folds = v2v_parts(job->psf->views, job->psf->views > FEW_VIEWS ? LEFT_OUT : 1);
+    rc = v2v_estimator_find(&self.ops, "tv");
+    if (rc == V2V_OK) {
+        rc = settle(&self);
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
+    V2V_TRY(lay_out(&self, world));
+    V2V_TRY(v2v_par_agree(world, self.grid.idle ? V2V_OK : take_memory(&self)));
+    V2V_TRY(judge_all(&self));
+    share(&self, world);
+done:
+    fini(&self);
+    return rc;
+}

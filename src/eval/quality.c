@@ -1,0 +1,145 @@
+#include "v2v3d/eval/quality.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/projector.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <math.h>
+
+/* Of pixels at the highest value: so many, and so many times those at the next one. */
+enum { LEAST_SATURATED = 10, TIMES_NEXT = 2 };
+
+struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float *projected,
+                              int64_t height, int64_t width)
+{
+    struct v2v_match match = {0};
+    const double sigma = v2v_noise_of_images(scratch, recorded, 1, height, width);
+    for (int64_t i = 0; i < height * width; i++) {
+        const double y = (double)recorded[i], p = (double)projected[i];
+        match.yy += y * y;
+        match.yp += y * p;
+        match.pp += p * p;
+        match.y += y;
+        match.p += p;
+    }
+    match.noise = sigma * sigma * (double)(height * width);
+    return match;
+}
+
+void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match)
+{
+    sum->yy += match->yy;
+    sum->yp += match->yp;
+    sum->pp += match->pp;
+    sum->y += match->y;
+    sum->p += match->p;
+    sum->noise += match->noise;
+}
+
+double v2v_match_scale(const struct v2v_match *match)
+{
+    return match->pp > 0.0 ? match->yp / match->pp : 1.0;
+}
+
+static double squares_missed(const struct v2v_match *match, double scale)
+{
+    return fmax(0.0, match->yy - scale * (2.0 * match->yp - scale * match->pp));
+}
+
+double v2v_match_residual(const struct v2v_match *match, double scale)
+{
+    return match->yy > 0.0 ? sqrt(squares_missed(match, scale) / match->yy) : 0.0;
+}
+
+double v2v_match_sigmas(const struct v2v_match *match, double scale)
+{
+    return match->noise > 0.0 ? sqrt(squares_missed(match, scale) / match->noise) : NAN;
+}
+
+double v2v_match_flux(const struct v2v_match *match)
+{
+    return match->y > 0.0 ? match->p / match->y : NAN;
+}
+
+int64_t v2v_saturated_pixels(const float *views, int64_t count)
+{
+    float highest = -INFINITY, next = -INFINITY;
+    int64_t at_highest = 0, at_next = 0;
+    for (int64_t i = 0; i < count; i++) {
+        if (views[i] > highest) {
+            next = highest;
+            at_next = at_highest;
+            highest = views[i];
+            at_highest = 1;
+        } else if (views[i] == highest) {
+            at_highest++;
+        } else if (views[i] > next) {
+            next = views[i];
+            at_next = 1;
+        } else if (views[i] == next) {
+            at_next++;
+        }
+    }
+    return at_next > 0 && at_highest >= LEAST_SATURATED && at_highest / TIMES_NEXT >= at_next
+               ? at_highest
+               : 0;
+}
+
+double v2v_mean_of_known(const double *x, int64_t count, int64_t stride)
+{
+    double sum = 0.0;
+    int64_t known = 0;
+    for (int64_t i = 0; i < count; i++) {
+        if (!isnan(x[i * stride])) {
+            sum += x[i * stride];
+            known++;
+        }
+    }
+    return known > 0 ? sum / (double)known : NAN;
+}
+
+/** Collective(comm). @param projected, scratch [y,x] */
+static enum v2v_status match_view(struct v2v_match *match, const struct v2v_psf_file *psf,
+                                  const float *slices, const float *recorded, float *projected,
+                                  float *scratch, int64_t height, int64_t width, float scale,
+                                  const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_projector *projector = NULL;
+    float *rows = NULL;
+    v2v_watchdog_beat("a view of the quality of a volume");
+    V2V_TRY(v2v_projector_create(&projector, psf, height, width, V2V_SPLIT_SLICES, comm));
+    const struct v2v_projector_share share = v2v_projector_share(projector);
+    rc = V2V_ALLOC(rows, "eval.views", v2v_mem_product(share.view_rows.count, width, 1));
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_projector_forward(projector, rows, slices, NULL, 1, scale);
+    v2v_projector_gather_views(projector, projected, rows, 1);
+    const struct v2v_match one = v2v_match_of(scratch, recorded, projected, height, width);
+    v2v_match_add(match, &one);
+done:
+    v2v_mem_free(rows);
+    v2v_projector_destroy(&projector);
+    return rc;
+}
+
+enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
+                                const float *slices, const float *views, int64_t height,
+                                int64_t width, float scale, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = height * width, kernels = psf->slices * psf->height * psf->width;
+    float *images = NULL;
+    struct v2v_psf_file one = *psf;
+    *match = (struct v2v_match){0};
+    one.views = 1;
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(images, "eval.views", v2v_mem_product(2, pixels, 1))));
+    for (int64_t v = 0; v < psf->views; v++) {
+        one.data = psf->data + v * kernels;
+        V2V_TRY(match_view(match, &one, slices, views + v * pixels, images, images + pixels, height,
+                           width, scale, comm));
+    }
+done:
+    v2v_mem_free(images);
+    return rc;
+}

@@ -1,0 +1,37 @@
+#include "v2v3d/eval/uncertainty.h"
+
+#include "v2v3d/base/bounds.h"
+
+#include <math.h>
+
+enum { RADIUS = 2 };
+
+/* Mean of in[first] .. over what of the window lies within n elements, `stride` apart. */
+static float window_mean(const float *in, int64_t at, int64_t n, int64_t stride)
+{
+    const int64_t first = v2v_larger(0, at - RADIUS), end = v2v_smaller(n, at + RADIUS + 1);
+    double sum = 0.0;
+    for (int64_t i = first; i < end; i++) {
+        sum += (double)in[i * stride];
+    }
+    return (float)(sum / (double)(end - first));
+}
+
+void v2v_uncertainty_of(float *a, float *b, float *scratch, int64_t slices, int64_t height,
+                        int64_t width)
+{
+    for (int64_t z = 0; z < slices; z++) {
+        float *mean = a + z * height * width, *map = b + z * height * width;
+        for (int64_t i = 0; i < height * width; i++) {
+            const float first = 0.5f * mean[i], second = 0.5f * map[i];
+            mean[i] = first + second;
+            map[i] = (first - second) * (first - second);
+        }
+        for (int64_t i = 0; i < height * width; i++) {
+            scratch[i] = window_mean(map + i / width * width, i % width, width, 1);
+        }
+        for (int64_t i = 0; i < height * width; i++) {
+            map[i] = sqrtf(window_mean(scratch + i % width, i / width, height, width));
+        }
+    }
+}

@@ -1,0 +1,181 @@
+/* How views are met by a volume, where that is known. */
+#include "small_optics.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/eval/quality.h"
+#include "v2v3d/eval/uncertainty.h"
+#include "v2v3d/optics/projector.h"
+
+#include <stdlib.h>
+
+enum { HEIGHT = 48, WIDTH = 40, PIXELS = HEIGHT * WIDTH };
+enum { SAMPLES = VIEWS * PIXELS, VOXELS = SLICES * PIXELS };
+#define EPS 6e-8
+
+/* An object that keeps a kernel's size from the border. */
+static void fill_inside(float *volume)
+{
+    for (int i = 0; i < VOXELS; i++) {
+        const int y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const int inside = y >= KERNEL_HEIGHT && y < HEIGHT - KERNEL_HEIGHT && x >= KERNEL_WIDTH &&
+                           x < WIDTH - KERNEL_WIDTH;
+        volume[i] = inside ? (float)v2v_random_uniform(3, 0, (uint64_t)i) : 0.0f;
+    }
+}
+
+static void project(float *views, const float *volume, const struct v2v_psf_file *psf)
+{
+    struct v2v_projector *projector = NULL;
+    assert_ok(v2v_projector_create(&projector, psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+}
+
+static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
+{
+    (void)state;
+    static float volume[VOXELS], views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_match match;
+    double light = 0.0, recorded = 0.0;
+    fill_inside(volume);
+    project(views, volume, &psf);
+    assert_ok(v2v_match_frame(&match, &psf, volume, views, HEIGHT, WIDTH, 1.0f, NULL));
+    /* one view's transforms or all: at most float32's rounding of a few additions; the square of
+     * what is missed is a difference of sums in double precision */
+    assert_true(v2v_match_residual(&match, 1.0) < 10 * EPS);
+    assert_true(fabs(v2v_match_flux(&match) - 1.0) < 10 * EPS);
+    for (int i = 0; i < SAMPLES; i++) {
+        recorded += (double)views[i];
+    }
+    for (int i = 0; i < VOXELS; i++) { /* a slice's light of a view: all kernels' sum */
+        const float *kernels = psf.data + i / PIXELS * KERNEL_HEIGHT * KERNEL_WIDTH;
+        for (int k = 0; k < KERNEL_HEIGHT * KERNEL_WIDTH && volume[i] > 0.0f; k++) {
+            for (int v = 0; v < VIEWS; v++) {
+                light += (double)volume[i] *
+                         (double)kernels[v * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH + k];
+            }
+        }
+    }
+    assert_true(fabs(recorded / light - 1.0) < test_rounding(KERNEL_HEIGHT * KERNEL_WIDTH));
+    assert_ok(v2v_match_frame(&match, &psf, volume, views, HEIGHT, WIDTH, 0.5f, NULL));
+    assert_true(fabs(v2v_match_flux(&match) - 0.5) < 10 * EPS);
+    assert_true(fabs(v2v_match_scale(&match) - 2.0) < 20 * EPS);
+    v2v_psf_file_fini(&psf);
+}
+
+static void noise_alone_is_one_sigma(void **state)
+{
+    (void)state;
+    static float volume[VOXELS], clean[SAMPLES], views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_match match;
+    const double sigma = 0.1;
+    double sum = 0.0;
+    fill_inside(volume);
+    project(clean, volume, &psf);
+    for (int i = 0; i < SAMPLES; i++) {
+        views[i] = clean[i] + (float)(sigma * v2v_random_normal(5, 0, (uint64_t)i));
+        sum += (double)clean[i];
+    }
+    assert_ok(v2v_match_frame(&match, &psf, volume, views, HEIGHT, WIDTH, 1.0f, NULL));
+    /* sigma of each view by 1833 differences of four pixels, which overlap: 3 % of a view, 1.5 % of
+     * all, and a bit more light than noise; the residual itself 1 / sqrt(2 * 7680) = 0.8 % */
+    assert_true(fabs(v2v_match_sigmas(&match, 1.0) - 1.0) < 0.06);
+    /* five standard errors of the sum of the noise */
+    assert_true(fabs(v2v_match_flux(&match) - 1.0) < 5 * sigma * sqrt(SAMPLES) / sum);
+    v2v_psf_file_fini(&psf);
+}
+
+static void dark_views_have_no_flux(void **state)
+{
+    (void)state;
+    static float scratch[PIXELS], dark[PIXELS], bright[PIXELS];
+    bright[7] = 1.0f;
+    struct v2v_match match = v2v_match_of(scratch, dark, bright, HEIGHT, WIDTH);
+    assert_true(isnan(v2v_match_flux(&match)) && isnan(v2v_match_sigmas(&match, 1.0)));
+    assert_true(v2v_match_residual(&match, 1.0) == 0.0 && v2v_match_scale(&match) == 0.0);
+    match = v2v_match_of(scratch, bright, dark, HEIGHT, WIDTH);
+    assert_true(v2v_match_flux(&match) == 0.0 && v2v_match_residual(&match, 1.0) == 1.0);
+    assert_true(v2v_match_scale(&match) == 1.0);
+}
+
+static void views_cut_off_are_saturated(void **state)
+{
+    (void)state;
+    static float views[SAMPLES];
+    int64_t above = 0;
+    for (int i = 0; i < SAMPLES; i++) { /* counts of light: few at the end */
+        views[i] = (float)v2v_random_poisson(9, 0, (uint64_t)i, 40.0);
+        above += views[i] >= 50.0f;
+    }
+    assert_true(v2v_saturated_pixels(views, SAMPLES) == 0);
+    for (int i = 0; i < SAMPLES; i++) {
+        views[i] = fminf(views[i], 50.0f);
+    }
+    assert_true(above >= 10);
+    assert_true(v2v_saturated_pixels(views, SAMPLES) == above);
+    for (int i = 0; i < SAMPLES; i++) {
+        views[i] = 3.0f;
+    }
+    assert_true(v2v_saturated_pixels(views, SAMPLES) == 0); /* flat */
+}
+
+static void unknown_figures_are_left_out_of_the_mean(void **state)
+{
+    (void)state;
+    const double x[6] = {1.0, NAN, NAN, NAN, 5.0, NAN};
+    assert_true(v2v_mean_of_known(x, 3, 2) == 3.0);
+    assert_true(isnan(v2v_mean_of_known(x + 1, 3, 2)));
+    assert_true(isnan(v2v_mean_of_known(x, 0, 1)));
+}
+
+/* Two volumes of independent noise: half of their difference is as uncertain as their mean. */
+static void uncertainty_is_the_standard_error_of_the_mean(void **state)
+{
+    (void)state;
+    static float a[VOXELS], b[VOXELS], scratch[PIXELS];
+    double mean = 0.0, predicted = 0.0;
+    for (int i = 0; i < VOXELS; i++) {
+        a[i] = (float)(2.0 + 0.3 * v2v_random_normal(11, 0, (uint64_t)i));
+        b[i] = (float)(2.0 + 0.3 * v2v_random_normal(11, 1, (uint64_t)i));
+    }
+    v2v_uncertainty_of(a, b, scratch, SLICES, HEIGHT, WIDTH);
+    for (int i = 0; i < VOXELS; i++) {
+        mean += ((double)a[i] - 2.0) * ((double)a[i] - 2.0) / VOXELS;
+        predicted += (double)b[i] * (double)b[i] / VOXELS;
+        assert_true(b[i] > 0.0f);
+    }
+    /* standard error of a variance of n normal samples: sqrt(2 / n) of it, 1.3 % for 11520; those
+     * at the edges of a slice count more in the windows */
+    assert_true(fabs(mean / (0.3 * 0.3 / 2) - 1.0) < 0.065);
+    assert_true(fabs(predicted / (0.3 * 0.3 / 2) - 1.0) < 0.065);
+}
+
+static void a_step_of_difference_is_spread_over_five_pixels(void **state)
+{
+    (void)state;
+    static float a[PIXELS], b[PIXELS], scratch[PIXELS];
+    enum { Y = 20, X = 11 };
+    a[Y * WIDTH + X] = 10.0f;
+    v2v_uncertainty_of(a, b, scratch, 1, HEIGHT, WIDTH);
+    for (int i = 0; i < PIXELS; i++) {
+        const int near = abs(i / WIDTH - Y) <= 2 && abs(i % WIDTH - X) <= 2;
+        assert_true(fabs((double)b[i] - (near ? 1.0 : 0.0)) < 4 * EPS); /* sqrt(25 / 25) */
+    }
+    assert_true(a[Y * WIDTH + X] == 5.0f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(an_exact_volume_has_no_residual_and_all_the_light),
+        cmocka_unit_test(noise_alone_is_one_sigma),
+        cmocka_unit_test(dark_views_have_no_flux),
+        cmocka_unit_test(views_cut_off_are_saturated),
+        cmocka_unit_test(unknown_figures_are_left_out_of_the_mean),
+        cmocka_unit_test(uncertainty_is_the_standard_error_of_the_mean),
+        cmocka_unit_test(a_step_of_difference_is_spread_over_five_pixels),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
