@@ -15,21 +15,22 @@ static const struct v2v_option options[] = {
                     "true volume; integers are read as fractions of their type's maximum"),
     V2V_OPTION_PSF(struct arguments, psf, 0),
     V2V_OPTION_FILE(struct arguments, input, "input", 0,
-                    "recording: with --psf, how the volume meets its views, and how well some of "
-                    "them predict the others"),
+                    "recording: with --psf, how the volume meets its views"),
     {.name = "frames",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, frames),
      .value = "N",
      .initial = "1",
-     .help = "of which views are left out (1), spread over the recording: two at a time, predicted "
-             "from a volume of the others by total variation, and every other view, for two "
-             "volumes; not of the volume to judge. 0: none",
+     .help = "leave views out of N frames: how well the others, by total variation, predict them; "
+             "0: none",
      .least = 0,
      .most = 1e9},
-    V2V_OPTION_FILE(struct arguments, uncertainty, "uncertainty", 0,
-                    "write the standard error of these frames, HDF5 /uncertainty, and /volume, the "
-                    "mean of their two volumes"),
+    V2V_OPTION_FILE(
+        struct arguments, uncertainty, "uncertainty", 0,
+        "write HDF5: /volume, of all views by total variation, and /uncertainty, what it "
+        "may be wrong by"),
+    V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
+                   "weight of the variation there, in noise of the views (0.048)"),
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
                       "allow the volume one least-squares scale"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of a table"),

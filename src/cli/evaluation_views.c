@@ -16,6 +16,9 @@
  * 0.54 off where their volume is uncertain in depth (tests/bench/README.md). */
 static const double out_of_register = 0.7;
 
+/* Light of a volume over that of its views, or the other way round, that is. */
+static const double out_of_flux = 1.25;
+
 /* What goes with one evaluation. */
 struct work {
     struct v2v_evaluation *evaluation;
@@ -197,11 +200,33 @@ static void warn(struct v2v_evaluation *evaluation, const char *text)
              used > 0 ? "; " : "", text);
 }
 
-/* What is wrong with the recording, as far as it tells. */
+/* The frame whose light is most out of proportion: what is trained at another brightness, too few
+ * iterations, a pedestal of noise, a wrong offset. */
+static void judge_flux(struct v2v_evaluation *evaluation)
+{
+    const double *flux = evaluation->value[V2V_FIGURE_FLUX];
+    double most = out_of_flux;
+    char text[128];
+    for (int64_t t = 0; t < evaluation->frames; t++) {
+        const double off = flux[t] < 1.0 ? 1.0 / flux[t] : flux[t];
+        if (off > most) {
+            most = off;
+            snprintf(text, sizeof text,
+                     "the volume has %.3g times the light of its views in frame %" PRId64, flux[t],
+                     t);
+        }
+    }
+    if (most > out_of_flux) {
+        warn(evaluation, text);
+    }
+}
+
+/* What is wrong with the volume and with the recording, as far as they tell. */
 static void find_faults(struct work *work)
 {
     struct v2v_evaluation *evaluation = work->evaluation;
     char text[128];
+    judge_flux(evaluation);
     if (work->saturated > 0) {
         snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",
                  work->saturated);

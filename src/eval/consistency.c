@@ -16,7 +16,8 @@
 /* So many views are left out at a time; of few views, one. */
 enum { LEFT_OUT = 2, FEW_VIEWS = 6 };
 
-enum { HALVES = 2 };
+/* Volumes of a frame: of the halves, and for the uncertainty of all views. */
+enum { HALVES = 2, ALL = HALVES, VOLUMES };
 
 /* Everything of a run. */
 struct judge {
@@ -28,13 +29,13 @@ struct judge {
     struct v2v_grid grid;
     struct v2v_agreement *agreement;
     int64_t folds;
-    struct v2v_left_out *part[HALVES]; /* a fold, or both halves */
+    struct v2v_left_out *part[VOLUMES]; /* a fold first, then both halves and all */
     struct v2v_fourier *fourier;
     struct v2v_match *match; /* [frames] of this rank's shard, folds so far */
     float *views;            /* [v,y,x] */
     float *predicted;        /* [most of a fold,y,x] */
     float *scratch;          /* [y,x] */
-    float *volume[HALVES];   /* [slices of this rank,y,x] */
+    float *volume[VOLUMES];  /* [slices of this rank,y,x] */
     struct v2v_ring *rings;
 };
 
@@ -157,20 +158,21 @@ static void compare(struct judge *self, int64_t i)
     out->resolution[i] = v2v_fourier_resolution(self->rings, rings);
 }
 
-/** Collective(shard): the halves' mean and what it is uncertain by, for the file. The status is
- *  this rank's. */
+/** Collective(shard): the volume of all views and its uncertainty, for the file. The status is this
+ *  rank's. */
 static enum v2v_status put(struct judge *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_writer *writer = self->job->writer;
-    const struct v2v_part own = self->part[0]->estimator->slices;
+    const struct v2v_part own = self->part[ALL]->estimator->slices;
     const int64_t t = self->out->frame[i];
-    v2v_uncertainty_of(self->volume[0], self->volume[1], self->scratch, own.count,
+    float *map = self->volume[0];
+    V2V_TRY(v2v_left_out_run(self->part[ALL], self->volume[ALL], self->views));
+    v2v_uncertainty_of(map, self->volume[1], self->volume[ALL], self->scratch, own.count,
                        self->problem.height, self->problem.width);
-    rc = v2v_volume_put(writer, V2V_VOLUME_MEAN, self->volume[0], t, own.first, own.count);
+    rc = v2v_volume_put(writer, V2V_VOLUME_MEAN, self->volume[ALL], t, own.first, own.count);
     if (rc == V2V_OK) {
-        rc = v2v_volume_put(writer, V2V_VOLUME_UNCERTAINTY, self->volume[1], t, own.first,
-                            own.count);
+        rc = v2v_volume_put(writer, V2V_VOLUME_UNCERTAINTY, map, t, own.first, own.count);
     }
     V2V_TRY(v2v_par_agree(self->grid.shard, rc));
     V2V_TRY(v2v_volume_mark_done(writer, t, self->grid.shard));
@@ -193,22 +195,33 @@ done:
     return rc;
 }
 
+/** Volumes that a step computes. */
+static int volumes_of(const struct judge *self, int64_t step)
+{
+    return step < self->folds ? 1 : self->job->writer != NULL ? VOLUMES : HALVES;
+}
+
+/** Does volume k of a step not see view v? */
+static int is_left_out(const struct judge *self, int64_t step, int k, int64_t v)
+{
+    return step < self->folds ? v % self->folds == step : k < HALVES && v % HALVES != k;
+}
+
 /** Collective(shard): estimators of a fold, or after the folds of both halves. */
 static enum v2v_status begin(struct judge *self, int64_t step)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_comm *shard = self->grid.shard;
-    const int is_fold = step < self->folds;
     const int64_t views = self->out->views;
     unsigned char *left_out = NULL;
     V2V_TRY(v2v_par_agree(shard, V2V_ALLOC(left_out, "eval.views", views)));
-    for (int h = 0; h < (is_fold ? 1 : HALVES); h++) {
+    for (int k = 0; k < volumes_of(self, step); k++) {
         for (int64_t v = 0; v < views; v++) {
-            left_out[v] = is_fold ? v % self->folds == step : v % HALVES != h;
+            left_out[v] = is_left_out(self, step, k, v) != 0;
         }
         v2v_watchdog_beat("estimators of some views");
-        V2V_TRY(v2v_left_out_create(&self->part[h], self->ops, &self->problem, left_out, is_fold,
-                                    shard));
+        V2V_TRY(v2v_left_out_create(&self->part[k], self->ops, &self->problem, left_out,
+                                    step < self->folds, shard));
     }
 done:
     v2v_mem_free(left_out);
@@ -217,8 +230,8 @@ done:
 
 static void end(struct judge *self)
 {
-    for (int h = 0; h < HALVES; h++) {
-        v2v_left_out_destroy(&self->part[h]);
+    for (int k = 0; k < VOLUMES; k++) {
+        v2v_left_out_destroy(&self->part[k]);
     }
 }
 
@@ -269,6 +282,7 @@ static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
     const struct v2v_grid_shape wanted = {1, (int)config->parallel.shards};
     V2V_TRY(v2v_par_agree(world, self->ops->describe_work(&work, &self->problem)));
     work.items = self->out->frames;
+    work.bytes *= self->job->writer != NULL ? 2 : 1; /* the halves' and that of all views */
     work.most_bytes = (int64_t)(config->parallel.max_mem_gb * 1e9);
     work.most_shards = config->parallel.reproducible
                            ? 1
@@ -291,9 +305,9 @@ static enum v2v_status take_memory(struct judge *self)
     V2V_TRY(V2V_ALLOC(self->predicted, "eval.views",
                       v2v_mem_product(v2v_parts(problem->psf->views, self->folds), height, width)));
     V2V_TRY(V2V_ALLOC(self->scratch, "eval.views", v2v_mem_product(height, width, 1)));
-    for (int h = 0; h < HALVES; h++) {
+    for (int k = 0; k < volumes_of(self, self->folds); k++) {
         V2V_TRY(
-            V2V_ALLOC(self->volume[h], "eval.volumes", v2v_mem_product(own.count, height, width)));
+            V2V_ALLOC(self->volume[k], "eval.volumes", v2v_mem_product(own.count, height, width)));
     }
     V2V_TRY(v2v_fourier_create(&self->fourier, height, width));
     V2V_TRY(V2V_ALLOC(self->rings, "eval.figures", v2v_fourier_rings(self->fourier)));
@@ -339,8 +353,8 @@ static void fini(struct judge *self)
 {
     v2v_fourier_destroy(&self->fourier);
     v2v_agreement_destroy(&self->agreement);
-    for (int h = 0; h < HALVES; h++) {
-        v2v_mem_free(self->volume[h]);
+    for (int k = 0; k < VOLUMES; k++) {
+        v2v_mem_free(self->volume[k]);
     }
     v2v_mem_free(self->rings);
     v2v_mem_free(self->match);

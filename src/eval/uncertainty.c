@@ -17,15 +17,16 @@ static float window_mean(const float *in, int64_t at, int64_t n, int64_t stride)
     return (float)(sum / (double)(end - first));
 }
 
-void v2v_uncertainty_of(float *a, float *b, float *scratch, int64_t slices, int64_t height,
-                        int64_t width)
+void v2v_uncertainty_of(float *a, const float *b, const float *c, float *scratch, int64_t slices,
+                        int64_t height, int64_t width)
 {
     for (int64_t z = 0; z < slices; z++) {
-        float *mean = a + z * height * width, *map = b + z * height * width;
+        const int64_t first = z * height * width;
+        float *map = a + first;
         for (int64_t i = 0; i < height * width; i++) {
-            const float first = 0.5f * mean[i], second = 0.5f * map[i];
-            mean[i] = first + second;
-            map[i] = (first - second) * (first - second);
+            const float one = 0.5f * map[i], other = 0.5f * b[first + i];
+            const float error = one - other, bias = c[first + i] - (one + other);
+            map[i] = error * error + bias * bias;
         }
         for (int64_t i = 0; i < height * width; i++) {
             scratch[i] = window_mean(map + i / width * width, i % width, width, 1);

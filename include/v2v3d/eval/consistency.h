@@ -51,14 +51,16 @@ struct v2v_consistency_job {
     const struct v2v_scaling *scaling;
     int64_t frames; /**< at most */
     /** MEAN and UNCERTAINTY of the frames judged, which are marked done; NULL: not written. The
-     *  mean is (a + b) / 2, the uncertainty v2v_uncertainty's. HDF5, of all frames. */
+     *  mean is the volume of all views, the uncertainty v2v_uncertainty_of's. HDF5, of all frames.
+     */
     struct v2v_volume_writer *writer;
 };
 
 /** @kind   Collective(world); v2v_consistency_fini after both
  *  @return V2V_OK | V2V_E_INPUT | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC | V2V_E_IO |
  *          V2V_STOPPED; agreed. A recording of one view has no figures.
- *  @cost   about views / 2 + 1 estimates of a frame from all its views */
+ *  @cost   about views / 2 + 1 estimates of a frame from all its views, with a file one more and
+ *          twice the memory */
 enum v2v_status v2v_consistency_of(struct v2v_consistency *consistency,
                                    const struct v2v_consistency_job *job,
                                    struct v2v_comm *world) V2V_MUST_CHECK;

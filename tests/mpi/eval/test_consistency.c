@@ -223,10 +223,11 @@ static void uncertainties_are_written(void **state)
             of_difference += map[i] * map[i];
             of_mean += mean[i] * mean[i];
         }
-        /* windows keep the sum of squares, but for what is spread over a slice's edge, where it
-         * counts up to 25 / 9 times: these volumes are nearly dark there */
+        /* variance and squared bias: at least the first, which is the halves' disagreement, but
+         * for c instead of (a + b) / 2 below, and for windows; those keep sums of squares but for
+         * light at a slice's edge, and these volumes are nearly dark there */
         const double ratio = sqrt(of_difference / of_mean);
-        assert_true(fabs(ratio / found.disagreement[0] - 1.0) < 0.1);
+        assert_true(ratio > 0.8 * found.disagreement[0] && ratio < 1.0);
         test_release(map);
         test_release(mean);
     }
