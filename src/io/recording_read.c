@@ -8,7 +8,6 @@ struct v2v_recording {
     struct v2v_stack stack;
     int64_t first_page; /* the first frame's first view */
     int64_t stride;     /* pages from frame to frame */
-    int64_t cut;        /* frames of the file before the first */
 };
 
 /* Views that the file itself states: HDF5's axis; in TIFF an ImageJ time series, else one frame. */
@@ -117,8 +116,10 @@ enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first
         return V2V_FAIL(V2V_E_INPUT, "%s: there is no frame %lld: it has %lld, from 0",
                         recording->stack.path, (long long)first, (long long)info->frames);
     }
-    recording->cut += first;
-    info->frames = count < info->frames - first ? count : info->frames - first;
+    const int64_t rest = info->frames - first;
+    info->frames = count < rest ? count : rest;
+    info->before += first;
+    info->after += rest - info->frames;
     return V2V_OK;
 }
 
@@ -153,8 +154,8 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
-    V2V_ASSERT(t >= 0 && t < info->frames);
-    t += recording->cut;
+    V2V_ASSERT(t >= -info->before && t < info->frames + info->after);
+    t += info->before;
     /* The window's first page shows this view; the views before it come at the window's end. */
     const int64_t page = recording->first_page + t * recording->stride;
     const int64_t view = t * recording->stride % info->views;

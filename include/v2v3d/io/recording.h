@@ -12,6 +12,7 @@ extern "C" {
 
 struct v2v_recording_info {
     int64_t frames, views, height, width;
+    int64_t before, after;                  /**< frames that a cut left out on either side */
     double pixel_size_um, frame_interval_s; /**< 0: not stated */
     double offset;                          /**< counts at no light; 0: none, or not stated */
 };
@@ -33,6 +34,7 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
 const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording);
 
 /** From now on the recording is its frames first .. first+count-1, or fewer where it ends before.
+ *  Those left out can still be read, as frames -before .. -1 and frames .. frames+after-1.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (no frame `first`) */
 enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first,
                                   int64_t count) V2V_MUST_CHECK;
