@@ -16,6 +16,7 @@ static const struct v2v_option options[] = {
                    "tv: weight of the variation, in noise of the views (0.048); auto: by views "
                    "left out of the first frame"),
     V2V_OPTIONS_VOLUMES,
+    V2V_OPTION_NEIGHBOURS,
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,

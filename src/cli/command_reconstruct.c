@@ -8,6 +8,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SWITCH(struct v2v_volumes, branches, "branches",
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTIONS_VOLUMES,
+    V2V_OPTION_NEIGHBOURS,
     V2V_OPTION_SET("precision", "recon.precision", "f32|bf16|bf16-always",
                    "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET(

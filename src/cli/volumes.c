@@ -9,6 +9,7 @@
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
+#include "v2v3d/recon/fusion.h"
 #include "v2v3d/recon/recon.h"
 #include <string.h>
 
@@ -108,6 +109,7 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     enum v2v_status rc = V2V_OK;
     const struct v2v_problem *problem = &work->problem;
     const int64_t samples = v2v_mem_product(work->psf.views, problem->height, problem->width);
+    struct v2v_fusion *fusion = NULL;
     float *views = NULL;
     if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
         return V2V_OK;
@@ -115,10 +117,14 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, input, session->world));
     rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
-        rc = v2v_recording_read(work->recording, views, 0);
+        rc = v2v_fusion_create(&fusion, session->config.recon.neighbours, work->psf.views,
+                               problem->height, problem->width);
     }
     if (rc == V2V_OK) {
-        v2v_scaling_apply(&work->scaling, views, samples);
+        rc = v2v_fusion_read(fusion, views, work->recording, &work->scaling, 0);
+    }
+    v2v_fusion_destroy(&fusion);
+    if (rc == V2V_OK) {
         rc = work->ops->settle(&session->config, problem, views);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));

@@ -23,6 +23,11 @@ struct v2v_volumes {
         .value = "FIRST:COUNT", .help = "these of the recording, from 0; fewer where it ends"      \
     }
 
+#define V2V_OPTION_NEIGHBOURS                                                                      \
+    V2V_OPTION_SET(                                                                                \
+        "neighbours", "recon.neighbours", "N",                                                     \
+        "views averaged with those of N frames on either side where nothing changed (0)")
+
 /** Read, settle, reconstruct, write. @param monitor of a method that iterates; may be NULL.
  *  @kind Collective(world). @return agreed or not */
 enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,

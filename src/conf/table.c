@@ -135,6 +135,8 @@ const struct v2v_key v2v_key_table[] = {
     WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
            "light, of the brightest, below which nothing is computed"),
+    WHOLE(recon, neighbours, 0, 1000, 0,
+          "frames on either side whose views are averaged in where nothing changed"),
 
     NAME(deconv, method, "tv", "tv (total variation), rld (Richardson-Lucy) or frl (fast)"),
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rld and frl 10, tv 500"),

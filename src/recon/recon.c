@@ -8,6 +8,7 @@
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/slicing.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/recon/fusion.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -23,7 +24,8 @@ struct v2v_recon {
     struct v2v_part own;             /* slices that this rank writes */
     int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
     int64_t own_rows;                /* .. and what of them is not padding */
-    float *recorded;                 /* [v,y,x] as recorded */
+    struct v2v_fusion *fusion;       /* with neighbouring frames */
+    float *recorded;                 /* [v,y,x] as recorded, or fused */
     float *padded;                   /* [v,y,x] what the method takes */
     float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
     float *cut[MOST];                /* [z,own rows,x] in units of the recording; NULL likewise */
@@ -113,7 +115,9 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     int64_t ranks = recon->grid.shard_size;
     int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
     problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
-    problem->floats = recon->views * (pixels + padded) + slices * pixels;
+    problem->floats = recon->views * (pixels + padded) + slices * pixels +
+                      v2v_fusion_floats(problem->config->recon.neighbours, recon->views,
+                                        recon->height, recon->width);
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
@@ -140,7 +144,7 @@ done:
 }
 
 /** Local: what frames need beside the method. */
-static enum v2v_status take_memory(struct v2v_recon *recon)
+static enum v2v_status take_memory(struct v2v_recon *recon, int64_t neighbours)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_estimator *estimator = recon->estimator;
@@ -149,6 +153,8 @@ static enum v2v_status take_memory(struct v2v_recon *recon)
     recon->first_row = rows_of(recon, rank).first;
     recon->rows = rows_of(recon, rank).count;
     recon->own_rows = own_rows(recon, rank).count;
+    V2V_TRY(
+        v2v_fusion_create(&recon->fusion, neighbours, recon->views, recon->height, recon->width));
     V2V_TRY(V2V_ALLOC(recon->recorded, "recon.views",
                       v2v_mem_product(recon->views, recon->height, recon->width)));
     V2V_TRY(V2V_ALLOC(recon->padded, "recon.views",
@@ -196,7 +202,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
         give_share(&own, made, work.unit);
         rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
         if (rc == V2V_OK) {
-            rc = take_memory(made);
+            rc = take_memory(made, problem->config->recon.neighbours);
         }
     }
     V2V_TRY(v2v_par_agree(world, rc));
@@ -224,6 +230,7 @@ void v2v_recon_destroy(struct v2v_recon **recon)
     v2v_mem_free(old->mean);
     v2v_mem_free(old->padded);
     v2v_mem_free(old->recorded);
+    v2v_fusion_destroy(&old->fusion);
     v2v_mem_free(old->todo);
     v2v_estimator_destroy(&old->estimator);
     v2v_grid_destroy(&old->grid);
@@ -273,8 +280,7 @@ static enum v2v_status load(struct v2v_recon *recon, int64_t t)
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
     V2V_TRY(heed_stop(recon));
-    V2V_TRY(v2v_recording_read(recon->recording, recon->recorded, t));
-    v2v_scaling_apply(recon->scaling, recon->recorded, recon->views * recon->height * recon->width);
+    V2V_TRY(v2v_fusion_read(recon->fusion, recon->recorded, recon->recording, recon->scaling, t));
     v2v_pad_reflect(recon->padded, recon->recorded, recon->views, recon->height, recon->width,
                     recon->estimator->height, recon->estimator->width);
 done:

@@ -72,6 +72,23 @@ if command -v h5dump >/dev/null; then
     h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
     cmp whole.bin last.bin || fail 'a range has another lambda than the whole recording'
 fi
+
+# Neighbouring frames beyond a range count, also for the weight that the first frame decides.
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_off.h5 --neighbours 0
+same tv_off.h5 tv.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_fused.h5 --lambda auto --neighbours 1
+"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_fused_alone.h5 --lambda auto --neighbours 1 \
+    2>stderr || fail "$(cat stderr)"
+same tv_fused.h5 tv_fused_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_fused_last.h5 --lambda auto --neighbours 1 \
+    --frames 2:1
+if command -v h5dump >/dev/null; then
+    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_fused.h5 >/dev/null
+    h5dump -b LE -o last.bin -d /volume tv_fused_last.h5 >/dev/null
+    cmp whole.bin last.bin || fail 'a range of fused frames is not what the whole recording gives'
+    h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
+    cmp -s whole.bin last.bin && fail '--neighbours 1 changes nothing'
+fi
 refuses 78 'stop heldout is for Richardson-Lucy' deconvolve --psf one/psf.h5 --input rec.h5 \
     -o out.h5 --stop heldout
 works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --method rld --stop heldout --iterations 20

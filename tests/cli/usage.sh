@@ -48,6 +48,7 @@ refuses 2 '--threads: -1 is outside' init --threads=-1
 deconvolve=(deconvolve --psf p --input r -o out.h5)
 refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations -1
 refuses 2 '--lambda: ' "${deconvolve[@]}" --lambda 1e9
+refuses 2 '--neighbours: ' "${deconvolve[@]}" --neighbours -1
 refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 1e3
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight 0,5
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight nan

@@ -6,6 +6,7 @@
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/rule.h"
+#include "v2v3d/recon/fusion.h"
 #include "v2v3d/recon/recon.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/v2v/model.h"
@@ -13,6 +14,7 @@
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 
@@ -93,25 +95,45 @@ static void expect_of_network(void)
     v2v_model_destroy(&model);
 }
 
+/** Frame t with its neighbours. */
+static void fuse(float *views, float (*from)[SAMPLES], int64_t t)
+{
+    const int64_t neighbours = config.recon.neighbours;
+    struct v2v_fusion *fusion = NULL;
+    memcpy(views, from[t], sizeof from[t]);
+    if (neighbours > 0) {
+        assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH));
+        v2v_fusion_begin(fusion, from[t]);
+        for (int64_t u = 0; u < FRAMES; u++) {
+            if (u != t && llabs(u - t) <= neighbours) {
+                v2v_fusion_add(fusion, from[t], from[u]);
+            }
+        }
+        v2v_fusion_end(fusion, views);
+        v2v_fusion_destroy(&fusion);
+    }
+}
+
 /** What one rank makes of every frame, without a gain: powers of two round nowhere. */
 static void expect_of_deconvolution(void)
 {
-    static float views[SAMPLES];
+    static float scaled[FRAMES][SAMPLES], views[SAMPLES];
     struct v2v_estimator *estimator = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
     assert_ok(v2v_estimator_create(&estimator, method, &problem, NULL));
+    for (int i = 0; i < FRAMES * SAMPLES; i++) {
+        scaled[i / SAMPLES][i % SAMPLES] = frames[i / SAMPLES][i % SAMPLES] - 100;
+    }
     for (int t = 0; t < FRAMES; t++) {
         float *volume = expected[0][t];
-        for (int i = 0; i < SAMPLES; i++) {
-            views[i] = frames[t][i] - 100;
-        }
+        fuse(views, scaled, t);
         assert_ok(method->run(estimator, &volume, views, NULL));
     }
     v2v_estimator_destroy(&estimator);
 }
 
-static int setup(const char *name)
+static int setup(const char *name, int64_t neighbours)
 {
     assert_ok(v2v_estimator_find(&method, name));
     psf = small_psf();
@@ -120,6 +142,7 @@ static int setup(const char *name)
     config.model.volume_scale = 2;
     config.model.winograd = 0;
     config.deconv.iterations = 2;
+    config.recon.neighbours = neighbours;
     config.parallel.split = V2V_SPLIT_SLABS; /* the same bits at any number of ranks */
     config.parallel.transform = V2V_TRANSFORM_OWN;
     for (int64_t i = 0; i < FRAMES * SAMPLES; i++) { /* whole counts: exact in float32 */
@@ -140,25 +163,31 @@ static int setup(const char *name)
 static int setup_learned(void **state)
 {
     (void)state;
-    return setup("learned");
+    return setup("learned", 0);
 }
 
 static int setup_rld(void **state)
 {
     (void)state;
-    return setup("rld");
+    return setup("rld", 0);
 }
 
 static int setup_frl(void **state)
 {
     (void)state;
-    return setup("frl");
+    return setup("frl", 0);
 }
 
 static int setup_tv(void **state)
 {
     (void)state;
-    return setup("tv");
+    return setup("tv", 0);
+}
+
+static int setup_fused(void **state)
+{
+    (void)state;
+    return setup("rld", 2);
 }
 
 static int teardown(void **state)
@@ -440,7 +469,8 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
 int main(int argc, char **argv)
 {
 #define WITH(test, method) cmocka_unit_test_setup_teardown(test, setup_##method, teardown)
-#define WITH_ALL(test) WITH(test, learned), WITH(test, rld), WITH(test, frl), WITH(test, tv)
+#define WITH_ALL(test)                                                                             \
+    WITH(test, learned), WITH(test, rld), WITH(test, frl), WITH(test, tv), WITH(test, fused)
     const struct CMUnitTest tests[] = {
         WITH_ALL(frames_shared_by_ranks_give_one_ranks_volumes),
         WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),

@@ -1,0 +1,54 @@
+#ifndef V2V3D_RECON_FUSION_H
+#define V2V3D_RECON_FUSION_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/io/recording.h"
+#include "v2v3d/io/scaling.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Views of a frame, averaged with those of its neighbours where nothing but noise changed. */
+struct v2v_fusion;
+
+/** Floats that v2v_fusion_create takes. @kind Local. */
+int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width);
+
+/** @kind  Local
+ *  @param neighbours frames on either side; 0: frames stay as they are
+ *  @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours, int64_t views,
+                                  int64_t height, int64_t width) V2V_MUST_CHECK;
+/** Accepts NULL; nulls the pointer. @kind Local. */
+void v2v_fusion_destroy(struct v2v_fusion **fusion);
+
+/** Start with frame t: y_t, of weight 1. @kind Local, no allocation. @param views [v,y,x] of t */
+void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views);
+
+/** Add a neighbour u: y[v,y,x] += w y_u, w = 1 / (1 + 2 max(0, E - 1.5)), where E is the mean
+ *  square of the smoothed difference of the two frames about a pixel, in units of what noise makes.
+ *  Nothing is added where E is not finite, nor anywhere where frame t is not, or has no noise.
+ *  @kind   Local, no allocation; the same bits with any number of threads
+ *  @param  views [v,y,x] of t, as at begin @param neighbour [v,y,x], in the same units
+ *  @cost   four passes of 17 or 25 taps over the views
+ *  @source REFERENCE.md 12 */
+void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour);
+
+/** The weighted mean. @kind Local, no allocation. @param views [v,y,x] out */
+void v2v_fusion_end(struct v2v_fusion *fusion, float *views);
+
+/** Frame t of a recording, scaled, and fused with up to `neighbours` frames on either side, also
+ *  those beyond a cut. The watchdog is re-armed for every neighbour.
+ *  @kind   Local, no allocation @param views [v,y,x] out
+ *  @return V2V_OK | V2V_E_INPUT (as v2v_recording_read, of any of these frames) */
+enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
+                                struct v2v_recording *recording, const struct v2v_scaling *scaling,
+                                int64_t t) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,388 @@
+/* Views fused with those of neighbouring frames, against plain loops in double precision and
+ * against what statistics say. */
+#include "small_recording.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/recon/fusion.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { VIEWS = 2, HEIGHT = 60, WIDTH = 71, PIXELS = HEIGHT * WIDTH, SAMPLES = VIEWS * PIXELS };
+enum { FRAMES = 5 };
+static const double noise = 3.0;
+
+static float frames[FRAMES][SAMPLES], fused[SAMPLES], other[SAMPLES];
+
+/* A spot of this brightness and of two pixels' standard deviation, nearly outside of which nothing
+ * is. */
+static double spot(double brightness, int64_t i, double at_y, double at_x)
+{
+    const double y = (double)(i / WIDTH % HEIGHT) - at_y, x = (double)(i % WIDTH) - at_x;
+    return brightness * exp(-(y * y + x * x) / 8.0);
+}
+
+/* Noise about a level; a spot that stands in one place in the first frame, then in another. */
+static void make_frames(double brightness)
+{
+    for (int t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            frames[t][i] = (float)(100.0 + noise * v2v_random_normal(7, (uint64_t)t, (uint64_t)i) +
+                                   spot(brightness, i, 30, t == 0 ? 20 : 50));
+        }
+    }
+}
+
+/* Frame 0 fused with `count` others, in place of `to`. */
+static void fuse(float *to, float (*of)[SAMPLES], int count)
+{
+    struct v2v_fusion *fusion = NULL;
+    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH));
+    v2v_fusion_begin(fusion, of[0]);
+    for (int u = 1; u <= count; u++) {
+        v2v_fusion_add(fusion, of[0], of[u]);
+    }
+    v2v_fusion_end(fusion, to);
+    v2v_fusion_destroy(&fusion);
+}
+
+static double sigma_of(const float *views)
+{
+    static float scratch[SAMPLES];
+    return v2v_noise_of_images(scratch, views, VIEWS, HEIGHT, WIDTH);
+}
+
+/* Sum of squares of the finer Gaussian's taps. */
+static double of_fine(void)
+{
+    double sum = 0.0, squares = 0.0;
+    for (int k = -8; k <= 8; k++) {
+        sum += exp(-k * k / 8.0);
+        squares += exp(-k * k / 4.0);
+    }
+    return pow(squares / (sum * sum), 2.0);
+}
+
+/* ---- the twin ---- */
+
+/* Pixel (y,x) of a smoothed image with its edges repeated. */
+static double smoothed(const double *image, int y, int x, double sigma)
+{
+    const int reach = (int)(4 * sigma);
+    double sum = 0.0, taps = 0.0;
+    for (int k = -reach; k <= reach; k++) {
+        for (int l = -reach; l <= reach; l++) {
+            const int row = y + k < 0 ? 0 : y + k >= HEIGHT ? HEIGHT - 1 : y + k;
+            const int column = x + l < 0 ? 0 : x + l >= WIDTH ? WIDTH - 1 : x + l;
+            const double tap = exp(-0.5 * (k * k + l * l) / (sigma * sigma));
+            sum += tap * image[row * WIDTH + column];
+            taps += tap;
+        }
+    }
+    return sum / taps;
+}
+
+/* Weights of frame u beside frame t, as REFERENCE.md 12 has them. */
+static void weights_of(double *weight, const float *t, const float *u)
+{
+    static double change[PIXELS], square[PIXELS];
+    const double sigma = sigma_of(t);
+    for (int v = 0; v < VIEWS; v++) {
+        for (int i = 0; i < PIXELS; i++) {
+            change[i] = (double)t[v * PIXELS + i] - (double)u[v * PIXELS + i];
+        }
+        for (int i = 0; i < PIXELS; i++) {
+            const double d = smoothed(change, i / WIDTH, i % WIDTH, 2.0);
+            square[i] = d * d / (2.0 * sigma * sigma * of_fine());
+        }
+        for (int i = 0; i < PIXELS; i++) {
+            const double e = smoothed(square, i / WIDTH, i % WIDTH, 3.0);
+            weight[v * PIXELS + i] = 1.0 / (1.0 + 2.0 * fmax(0.0, e - 1.5));
+        }
+    }
+}
+
+/* What rounding moves a fused sample by, of frames that differ by `most` at most. A weight changes
+ * with E by 2 w^2 and E with the root of it, s, by 2 s: by 4 w^2 s <= 5 together (1.5 < E; w = 1 at
+ * 1.5 and falls as 1 / E). s is a sum of 2 x 17 taps of differences over sigma * sqrt(2 of_fine);
+ * E, of 2 x 25 more, which are positive: w^2 E <= 1.5, twice. */
+static double rounding(double most, int count)
+{
+    const double of_root = test_rounding(34) * most / (sigma_of(frames[0]) * sqrt(2.0 * of_fine()));
+    const double of_weight = 5.0 * of_root + 3.0 * test_rounding(50);
+    return count * of_weight * most + count * 0x1p-23 * (100.0 + most);
+}
+
+static double greatest_difference(void)
+{
+    double most = 0.0;
+    for (int t = 1; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            most = fmax(most, fabs((double)frames[0][i] - (double)frames[t][i]));
+        }
+    }
+    return most;
+}
+
+static void fused_views_match_plain_loops(void **state)
+{
+    (void)state;
+    enum { COUNT = 2 };
+    static double weight[COUNT][SAMPLES];
+    make_frames(8.0 * noise);
+    for (int u = 0; u < COUNT; u++) {
+        weights_of(weight[u], frames[0], frames[u + 1]);
+    }
+    fuse(fused, frames, COUNT);
+    const double bound = rounding(greatest_difference(), COUNT);
+    assert_true(bound < 0.02 * noise); /* another tap or constant would be seen */
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        double sum = (double)frames[0][i], of = 1.0;
+        for (int u = 0; u < COUNT; u++) {
+            sum += weight[u][i] * (double)frames[u + 1][i];
+            of += weight[u][i];
+        }
+        assert_true(fabs((double)fused[i] - sum / of) <= bound);
+    }
+}
+
+/* ---- statistics ---- */
+
+/* The variance of n normal samples is known to sqrt(2 / n) of itself, of which this allows five. A
+ * weight depends on 13 x 13 pixels and more, hardly on its own. */
+static void noise_of_a_still_scene_falls_as_the_weights_say(void **state)
+{
+    (void)state;
+    static double weight[SAMPLES], sum[SAMPLES], squares[SAMPLES];
+    double variance = 0.0, expected = 0.0;
+    make_frames(0.0);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        sum[i] = squares[i] = 1.0;
+    }
+    for (int u = 1; u < FRAMES; u++) {
+        weights_of(weight, frames[0], frames[u]);
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            sum[i] += weight[i];
+            squares[i] += weight[i] * weight[i];
+        }
+    }
+    fuse(fused, frames, FRAMES - 1);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        variance += pow((double)fused[i] - 100.0, 2.0) / SAMPLES;
+        expected += noise * noise * squares[i] / (sum[i] * sum[i]) / SAMPLES;
+    }
+    assert_true(fabs(variance / expected - 1.0) <= 5.0 * sqrt(2.0 / SAMPLES));
+    assert_true(expected < 1.1 * noise * noise / FRAMES); /* nearly all of them count */
+}
+
+/* Of a change by c everywhere E is exactly c^2 / (2 sigma^2 of_fine), at the edges too. */
+static void a_uniform_change_weighs_as_the_formula_says(void **state)
+{
+    (void)state;
+    make_frames(0.0);
+    const double sigma = sigma_of(frames[0]);
+    for (double e = 0.25; e < 1e4; e *= 2.0) {
+        const double c = sqrt(e * 2.0 * of_fine()) * sigma;
+        const double w = 1.0 / (1.0 + 2.0 * fmax(0.0, e - 1.5));
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            frames[1][i] = (float)((double)frames[0][i] + c);
+        }
+        fuse(fused, frames, 1);
+        /* c is rounded with its sample, below 256, by d = 2^-17: it counts as d, and by 2 d / c of
+         * E */
+        const double bound = rounding(c, 1) + (1.0 + 6.0) * 0x1p-17;
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const double gained = (double)fused[i] - (double)frames[0][i];
+            assert_true(fabs(gained - c * w / (1.0 + w)) <= bound);
+        }
+    }
+}
+
+/* The spot, smoothed to half of its brightness b, leaves E = 0.3 (b / 2)^2 / (2 sigma^2 of_fine) at
+ * its centre: 1.9 (b / sigma)^2. Noise may take half of that, so that a weight is at most 1 / 1.9
+ * (sigma / b)^2, by which the difference of two frames counts. */
+static void what_moved_is_that_of_the_frame_itself(void **state)
+{
+    (void)state;
+    const double brightness = 20.0 * noise;
+    make_frames(brightness);
+    fuse(fused, frames, FRAMES - 1);
+    const double bound = (FRAMES - 1) * greatest_difference() / (1.9 * 20.0 * 20.0);
+    assert_true(bound < 0.2 * noise);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        if (spot(1.0, i, 30, 20) > 0.6 || spot(1.0, i, 30, 50) > 0.6) {
+            assert_true(fabs((double)fused[i] - (double)frames[0][i]) <= bound);
+        }
+    }
+}
+
+static void weights_do_not_depend_on_the_unit(void **state)
+{
+    (void)state;
+    static float scaled[FRAMES][SAMPLES];
+    static const double scales[] = {0.1, 10.0, 1e-20, 1e15};
+    make_frames(8.0 * noise);
+    fuse(fused, frames, FRAMES - 1);
+    const double bound = 2.0 * rounding(greatest_difference(), FRAMES - 1);
+    for (size_t s = 0; s < sizeof scales / sizeof scales[0]; s++) {
+        for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
+            scaled[i / SAMPLES][i % SAMPLES] =
+                (float)((double)frames[i / SAMPLES][i % SAMPLES] * scales[s]);
+        }
+        fuse(other, scaled, FRAMES - 1);
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            assert_true(fabs((double)other[i] / scales[s] - (double)fused[i]) <= bound);
+        }
+    }
+}
+
+/* ---- hard input ---- */
+
+static void without_noise_or_finite_samples_a_frame_stays_as_it_is(void **state)
+{
+    (void)state;
+    static float flat[FRAMES][SAMPLES];
+    for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
+        flat[i / SAMPLES][i % SAMPLES] = (float)(i / SAMPLES);
+    }
+    fuse(fused, flat, FRAMES - 1);
+    assert_memory_equal(fused, flat[0], sizeof fused);
+    make_frames(0.0);
+    frames[0][SAMPLES / 2] = INFINITY;
+    frames[0][SAMPLES / 3] = NAN;
+    fuse(fused, frames, FRAMES - 1);
+    assert_memory_equal(fused, frames[0], sizeof fused);
+}
+
+static void what_is_not_finite_in_a_neighbour_is_left_out(void **state)
+{
+    (void)state;
+    make_frames(0.0);
+    frames[1][HEIGHT / 2 * WIDTH + WIDTH / 2] = INFINITY;
+    frames[2][HEIGHT / 3 * WIDTH + WIDTH / 3] = NAN;
+    fuse(fused, frames, 2);
+    assert_int_equal(v2v_first_not_finite(fused, SAMPLES), -1);
+    fuse(other, frames, 1);
+    assert_true(fused[PIXELS + WIDTH] != other[PIXELS + WIDTH]); /* in another view it counts */
+}
+
+static void frames_too_small_for_noise_stay_as_they_are(void **state)
+{
+    (void)state;
+    const float t[3] = {1.0f, 2.0f, 4.0f}, u[3] = {5.0f, 6.0f, 7.0f};
+    float to[3];
+    struct v2v_fusion *fusion = NULL;
+    assert_ok(v2v_fusion_create(&fusion, 2, 1, 1, 3));
+    v2v_fusion_begin(fusion, t);
+    v2v_fusion_add(fusion, t, u);
+    v2v_fusion_end(fusion, to);
+    assert_memory_equal(to, t, sizeof to);
+    v2v_fusion_destroy(&fusion);
+}
+
+/* ---- recordings ---- */
+
+static const struct v2v_scaling scaling = {.offset = 100, .gain = 0.25};
+
+static void read_frame(float *to, struct v2v_recording *recording, int64_t neighbours, int64_t t)
+{
+    struct v2v_fusion *fusion = NULL;
+    const size_t held = v2v_mem_held();
+    assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH));
+    const int64_t taken = (int64_t)(v2v_mem_held() - held);
+    const int64_t planned = 4 * v2v_fusion_floats(neighbours, VIEWS, HEIGHT, WIDTH);
+    assert_true(taken >= planned && taken < planned + 4096); /* and the object itself */
+    assert_ok(v2v_fusion_read(fusion, to, recording, &scaling, t));
+    assert_int_equal(v2v_mem_held() - held, taken);
+    v2v_fusion_destroy(&fusion);
+}
+
+static struct v2v_recording *record(int64_t count)
+{
+    const struct v2v_recording_info info = {
+        .frames = count, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
+    return small_recording(test_folder(NULL), &frames[0][0], &info);
+}
+
+/* The scaled frames t - neighbours .. t + neighbours, as far as there are any. */
+static void expect(float *to, int64_t neighbours, int64_t t)
+{
+    static float scaled[FRAMES][SAMPLES];
+    int count = 0;
+    for (int64_t u = t - neighbours; u <= t + neighbours; u++) {
+        if (u >= 0 && u < FRAMES) {
+            float *place = u == t ? scaled[0] : scaled[++count];
+            memcpy(place, frames[u], sizeof scaled[0]);
+            v2v_scaling_apply(&scaling, place, SAMPLES);
+        }
+    }
+    fuse(to, scaled, count);
+}
+
+static void a_window_of_frames_is_read_and_ends_with_the_recording(void **state)
+{
+    (void)state;
+    make_frames(8.0 * noise);
+    struct v2v_recording *recording = record(FRAMES);
+    for (int64_t neighbours = 1; neighbours <= FRAMES; neighbours++) {
+        for (int64_t t = 0; t < FRAMES; t++) {
+            read_frame(fused, recording, neighbours, t);
+            expect(other, neighbours, t);
+            assert_memory_equal(fused, other, sizeof fused);
+        }
+    }
+    v2v_recording_close(&recording);
+}
+
+static void a_range_has_the_bits_of_the_whole_recording(void **state)
+{
+    (void)state;
+    make_frames(8.0 * noise);
+    struct v2v_recording *recording = record(FRAMES);
+    assert_ok(v2v_recording_cut(recording, 1, 3));
+    for (int64_t first = 1; first < 3; first++) { /* and a range of the range */
+        for (int64_t t = 0; t < v2v_recording_info(recording)->frames; t++) {
+            read_frame(fused, recording, 2, t);
+            expect(other, 2, first + t);
+            assert_memory_equal(fused, other, sizeof fused);
+        }
+        assert_ok(v2v_recording_cut(recording, first == 1, 1));
+        assert_int_equal(v2v_recording_info(recording)->before, 2);
+        assert_int_equal(v2v_recording_info(recording)->after, 2);
+    }
+    v2v_recording_close(&recording);
+}
+
+static void alone_or_without_neighbours_a_frame_stays_as_it_is(void **state)
+{
+    (void)state;
+    make_frames(8.0 * noise);
+    for (int64_t neighbours = 0; neighbours < 2; neighbours++) {
+        struct v2v_recording *recording = record(neighbours == 0 ? FRAMES : 1);
+        read_frame(fused, recording, neighbours, 0);
+        memcpy(other, frames[0], sizeof other);
+        v2v_scaling_apply(&scaling, other, SAMPLES);
+        assert_memory_equal(fused, other, sizeof fused);
+        v2v_recording_close(&recording);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(fused_views_match_plain_loops),
+        cmocka_unit_test(noise_of_a_still_scene_falls_as_the_weights_say),
+        cmocka_unit_test(a_uniform_change_weighs_as_the_formula_says),
+        cmocka_unit_test(what_moved_is_that_of_the_frame_itself),
+        cmocka_unit_test(weights_do_not_depend_on_the_unit),
+        cmocka_unit_test(without_noise_or_finite_samples_a_frame_stays_as_it_is),
+        cmocka_unit_test(what_is_not_finite_in_a_neighbour_is_left_out),
+        cmocka_unit_test(frames_too_small_for_noise_stay_as_they_are),
+        cmocka_unit_test(a_window_of_frames_is_read_and_ends_with_the_recording),
+        cmocka_unit_test(a_range_has_the_bits_of_the_whole_recording),
+        cmocka_unit_test(alone_or_without_neighbours_a_frame_stays_as_it_is),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
