@@ -10,6 +10,7 @@
 #define V2V_CLI_COMMAND_H
 
 #include "cli/options.h"
+#include "v2v3d/conf/calibration.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/par/comm.h"
 
@@ -18,8 +19,9 @@ struct v2v_session {
     struct v2v_comm *world;
     struct v2v_config config; /**< resolved: defaults, preset, file, command line */
     int force, quiet;
-    int threads;              /**< of this rank */
-    const char *command_line; /**< for provenance */
+    int threads;                        /**< of this rank */
+    const char *command_line;           /**< for provenance */
+    struct v2v_calibration calibration; /**< v2v_step_calibration; no views: none */
 };
 
 struct v2v_command {
@@ -40,6 +42,7 @@ enum v2v_status v2v_cli_run(int argc, char *const *argv, struct v2v_comm *world)
 int v2v_cli_main(int argc, char **argv);
 
 extern const struct v2v_command v2v_command_bench;
+extern const struct v2v_command v2v_command_calibrate;
 extern const struct v2v_command v2v_command_check;
 extern const struct v2v_command v2v_command_convert;
 extern const struct v2v_command v2v_command_deconvolve;
@@ -84,6 +87,8 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTION_NORMALIZE                                                                       \
     V2V_OPTION_SET("normalize", "psf.normalize", "view|none",                                      \
                    "PSFs: each view sums to 1, or as they are")
+#define V2V_OPTION_CALIBRATION(type, field)                                                        \
+    V2V_OPTION_FILE(type, field, "calibration", 0, "of the views: v2v3d calibrate")
 #define V2V_OPTIONS_PAGES                                                                          \
     V2V_OPTION_SET("views", "input.views", "V", "TIFF input: views of a frame; 0: as the PSFs"),   \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \

@@ -3,7 +3,7 @@
 
 struct arguments {
     struct v2v_common common;
-    const char *truth, *volume, *psf, *input;
+    const char *truth, *volume, *psf, *calibration, *input;
     const char *uncertainty;
     int64_t slices, frames;
     int fit_scale, json;
@@ -14,6 +14,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, truth, "truth", 0,
                     "true volume; integers are read as fractions of their type's maximum"),
     V2V_OPTION_PSF(struct arguments, psf, 0),
+    V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_FILE(struct arguments, input, "input", 0,
                     "recording: with --psf, how the volume meets its views"),
     {.name = "frames",
@@ -73,6 +74,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
                          given->uncertainty));
     }
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_evaluation_run(&evaluation, &job, session));
     if (v2v_step_on_root(session)) {
         if (given->json) {

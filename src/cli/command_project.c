@@ -2,11 +2,13 @@
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
 
 struct arguments {
     struct v2v_common common;
-    const char *psf, *volume, *input, *output;
+    const char *psf, *calibration, *volume, *input, *output;
     int adjoint;
 };
 
@@ -17,6 +19,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_OUTPUT(struct arguments, output, "recording (with --adjoint: volume) to write"),
     V2V_OPTION_SWITCH(struct arguments, adjoint, "adjoint", "back-project a recording instead"),
     V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
+    V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
     {0}};
@@ -29,8 +32,16 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     struct v2v_projection p = {0};
     struct v2v_recording_writer *writer = NULL;
     struct v2v_progress progress;
+    float *scratch = NULL;
+    const struct v2v_calibration *calibration = &session->calibration;
     V2V_TRY(v2v_step_volume(session, &volume, given->volume, psf));
     struct v2v_recording_info info = v2v_step_recording_of(v2v_volume_info(volume), psf);
+    if (calibration->views > 0) {
+        V2V_TRY(
+            v2v_calibration_check(calibration, info.views, info.height, info.width, given->volume));
+        V2V_TRY(v2v_par_agree(session->world,
+                              V2V_ALLOC(scratch, "cli.distorted", info.height * info.width)));
+    }
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
     struct v2v_part out =
         v2v_par_part(info.views, v2v_comm_size(session->world), v2v_comm_rank(session->world));
@@ -41,6 +52,9 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_projection_forward(&p, info.views);
+        if (scratch != NULL) {
+            v2v_calibration_distort(p.views, scratch, calibration);
+        }
         V2V_TRY(
             v2v_recording_write(writer, p.views + out.first * p.pixels, t, out.first, out.count));
         v2v_progress_step(&progress, t + 1, NULL);
@@ -48,6 +62,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     v2v_progress_end(&progress);
     V2V_TRY(v2v_recording_finish(&writer));
 done:
+    v2v_mem_free(scratch);
     v2v_recording_abandon(&writer);
     v2v_projection_fini(&p);
     v2v_volume_close(&volume);
@@ -101,8 +116,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (!given->adjoint && given->input != NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input goes with --adjoint"));
     }
-    V2V_TRY(v2v_step_output(session, given->output,
-                            (const char *const[]){given->psf, given->volume, given->input}, 3));
+    V2V_TRY(v2v_step_output(
+        session, given->output,
+        (const char *const[]){given->psf, given->calibration, given->volume, given->input}, 4));
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(given->adjoint ? adjoint(recording, given, session, &psf)
                            : forward(given, session, &psf));

@@ -6,7 +6,7 @@
 
 struct arguments {
     struct v2v_common common;
-    const char *psf, *volume, *output, *noise;
+    const char *psf, *calibration, *volume, *output, *noise;
     int64_t seed, frames;
 };
 
@@ -37,6 +37,7 @@ static const struct v2v_option options[] = {
      .help = "frames to make, the volume's over and over; default: the volume's",
      .least = 1,
      .most = 1e6},
+    V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
     {0}};
 
@@ -49,12 +50,15 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_noise noise;
     V2V_TRY(v2v_noise_parse(&noise, given->noise));
     V2V_TRY(v2v_step_output(session, given->output,
-                            (const char *const[]){given->psf, given->volume}, 2));
+                            (const char *const[]){given->psf, given->volume, given->calibration},
+                            3));
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_step_volume(session, &volume, given->volume, &psf));
     int64_t frames = given->frames > 0 ? given->frames : v2v_volume_info(volume)->frames;
-    V2V_TRY(v2v_simulate_recording(given->output, volume, &psf, &noise, (uint64_t)given->seed,
-                                   frames, session->world));
+    V2V_TRY(v2v_simulate_recording(
+        given->output, volume, &psf, &noise, (uint64_t)given->seed, frames,
+        session->calibration.views > 0 ? &session->calibration : NULL, session->world));
     v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " frames of %" PRId64 " views, noise %s, level %g",
             given->output, frames, psf.views, given->noise, noise.level);
 done:

@@ -12,7 +12,7 @@
 
 struct arguments {
     struct v2v_common common;
-    const char *psf, *weights, *folder;
+    const char *psf, *calibration, *weights, *folder;
     struct v2v_words inputs;
     int resume;
     double max_time_s;
@@ -35,6 +35,7 @@ static const struct v2v_option options[] = {
      .required = 1},
     V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
                     "start from these; they decide on the network"),
+    V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_SWITCH(struct arguments, resume, "resume", "go on where the run in FOLDER stopped"),
     {.name = "max-time",
      .kind = V2V_OPTION_DURATION,
@@ -104,6 +105,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_train_report report = {0};
     struct v2v_weights_info info;
     int is_new_folder = v2v_step_on_root(session) && !v2v_file_exists(given->folder);
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     if (given->weights != NULL) {
         V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));

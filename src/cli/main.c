@@ -17,9 +17,10 @@ static const struct v2v_command *const commands[] = {
     &v2v_command_demo,         &v2v_command_psf_simulate, &v2v_command_psf_info,
     &v2v_command_simulate,     &v2v_command_project,      &v2v_command_weights_init,
     &v2v_command_weights_info, &v2v_command_train,        &v2v_command_reconstruct,
-    &v2v_command_deconvolve,   &v2v_command_evaluate,     &v2v_command_bench,
-    &v2v_command_convert,      &v2v_command_preview,      &v2v_command_info,
-    &v2v_command_check,        &v2v_command_init,         &v2v_command_slurm};
+    &v2v_command_calibrate,    &v2v_command_deconvolve,   &v2v_command_evaluate,
+    &v2v_command_bench,        &v2v_command_convert,      &v2v_command_preview,
+    &v2v_command_info,         &v2v_command_check,        &v2v_command_init,
+    &v2v_command_slurm};
 enum { COMMANDS = sizeof commands / sizeof commands[0], LONGEST_NAME = 32 };
 
 /* For MPI to start and the configuration to be read, which then decides: its own default. */
@@ -172,6 +173,7 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         v2v_watchdog_disarm(); /* the start is over, and the period may be off */
         v2v_watchdog_beat(command->name);
         rc = command->run(arguments, session);
+        v2v_calibration_fini(&session->calibration);
         /* agreement and MPI's end wait for the others, too */
         v2v_watchdog_beat("the end of a command");
         V2V_TRY(rc);

@@ -6,6 +6,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/method/networks.h"
+#include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
 #include <errno.h>
 #include <inttypes.h>
@@ -54,10 +55,41 @@ int v2v_step_is_tiff_name(const char *path)
     return ends_in(path, ".tif") || ends_in(path, ".tiff");
 }
 
+enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_calibration *calibration = &session->calibration;
+    struct v2v_calibration header = {0};
+    if (path == NULL) {
+        return V2V_OK;
+    }
+    if (v2v_step_on_root(session)) {
+        rc = v2v_calibration_read(calibration, path);
+        header = *calibration;
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_broadcast(session->world, &header, (int64_t)sizeof header, 0);
+    if (!v2v_step_on_root(session)) {
+        rc = v2v_calibration_init(calibration, header.views, header.height, header.width);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_broadcast(session->world, calibration->view,
+                      calibration->views * (int64_t)sizeof *calibration->view, 0);
+done:
+    return rc;
+}
+
 enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
                              const char *path)
 {
-    return v2v_psf_read(psf, path, session->config.psf.normalize, session->world);
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_psf_read(psf, path, session->config.psf.normalize, session->world));
+    if (session->calibration.views > 0) {
+        V2V_TRY(v2v_par_agree(session->world,
+                              v2v_calibration_apply_to_psf(psf, &session->calibration)));
+    }
+done:
+    return rc;
 }
 
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
@@ -74,6 +106,10 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
     if (views != psf->views) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
+    }
+    if (session->calibration.views > 0) {
+        V2V_TRY(v2v_par_agree(session->world,
+                              v2v_recording_calibrate(*recording, &session->calibration)));
     }
 done:
     return rc;

@@ -24,12 +24,16 @@ enum v2v_status v2v_step_output(const struct v2v_session *session, const char *p
 int v2v_step_is_hdf5_name(const char *path);
 int v2v_step_is_tiff_name(const char *path);
 
-/** PSFs as the configuration normalises them. @kind Collective(world), agreed */
+/** How the views differ from what the PSFs say, for v2v_step_psf and v2v_step_recording; NULL:
+ *  they don't. Rank 0 reads. @kind Collective(world), agreed; the session owns it */
+enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path) V2V_MUST_CHECK;
+
+/** PSFs as the configuration normalises them, calibrated. @kind Collective(world), agreed */
 enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
                              const char *path) V2V_MUST_CHECK;
 
-/** A recording whose view count is that of the PSFs (which TIFF input takes unless told
- *  otherwise). @kind Collective(world), agreed */
+/** A recording, calibrated, whose view count is that of the PSFs (which TIFF input takes unless
+ *  told otherwise). @kind Collective(world), agreed */
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf) V2V_MUST_CHECK;

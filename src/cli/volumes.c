@@ -141,6 +141,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     struct v2v_input_settings input = session->config.input;
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &work->psf, given->psf));
     V2V_TRY(v2v_step_recording(session, &work->recording, given->input, &work->psf));
     const struct v2v_recording_info *info = v2v_recording_info(work->recording);
@@ -275,8 +276,9 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     if (is_done(given, session)) {
         goto done;
     }
-    V2V_TRY(v2v_step_output(session, given->output,
-                            (const char *const[]){given->psf, given->weights, given->input}, 3));
+    V2V_TRY(v2v_step_output(
+        session, given->output,
+        (const char *const[]){given->psf, given->weights, given->calibration, given->input}, 4));
     V2V_TRY(prepare(&work, session));
     V2V_TRY(open_output(&work, session));
     v2v_step_announce(session);

@@ -9,15 +9,16 @@
 /** Arguments of a command that makes volumes. */
 struct v2v_volumes {
     struct v2v_common common;
-    const char *psf, *weights, *input, *output;
+    const char *psf, *weights, *calibration, *input, *output;
     const char *frames; /* FIRST:COUNT; NULL: all */
     int branches, resume;
 };
 
 /** Rows of its options. */
 #define V2V_OPTIONS_VOLUMES                                                                        \
-    V2V_OPTION_SWITCH(struct v2v_volumes, resume, "resume",                                        \
-                      "go on with what an interrupted run left; a complete output stays"),         \
+    V2V_OPTION_CALIBRATION(struct v2v_volumes, calibration),                                       \
+        V2V_OPTION_SWITCH(struct v2v_volumes, resume, "resume",                                    \
+                          "go on with what an interrupted run left; a complete output stays"),     \
     {                                                                                              \
         .name = "frames", .kind = V2V_OPTION_TEXT, .at = offsetof(struct v2v_volumes, frames),     \
         .value = "FIRST:COUNT", .help = "these of the recording, from 0; fewer where it ends"      \

@@ -1,16 +1,13 @@
 #include "conf/table.h"
+#include "conf/text_file.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include <yaml.h>
 
-enum { MOST_BYTES = 1 << 20, WHERE_BYTES = 320 };
+enum { WHERE_BYTES = 320 };
 
 struct reader {
     yaml_parser_t parser;
@@ -27,15 +24,6 @@ struct reader {
 static void set_where(struct reader *reader, int64_t line)
 {
     snprintf(reader->where, sizeof reader->where, "%.256s:%lld", reader->path, (long long)line);
-}
-
-static int64_t line_of(const struct reader *reader, int64_t offset)
-{
-    int64_t line = 1;
-    for (int64_t i = 0; i < offset && i < reader->bytes; i++) {
-        line += reader->text[i] == '\n';
-    }
-    return line;
 }
 
 /** Does this line (from 1) have a tab before its first word? */
@@ -58,7 +46,7 @@ static enum v2v_status syntax_error(struct reader *reader)
         return V2V_FAIL(V2V_E_MEMORY, "%s: out of memory", reader->path);
     }
     int64_t line = parser->error == YAML_READER_ERROR
-                       ? line_of(reader, (int64_t)parser->problem_offset)
+                       ? v2v_text_line(reader->text, (int64_t)parser->problem_offset)
                        : (int64_t)parser->problem_mark.line + 1;
     set_where(reader, line);
     return V2V_FAIL(V2V_E_CONFIG, "%s: %s%s%s%s", reader->where,
@@ -212,36 +200,6 @@ static enum v2v_status check_rules(struct reader *reader)
     return V2V_FAIL(V2V_E_CONFIG, "%s: %s", reader->path, why);
 }
 
-/** The whole file; the buffer has room for one byte more than is allowed. */
-static enum v2v_status read_file(char *text, int64_t *bytes, const char *path)
-{
-    enum v2v_status rc = V2V_OK;
-    struct stat status;
-    /* O_NONBLOCK: a FIFO must not make us wait for its writer. */
-    int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    if (file < 0 || fstat(file, &status) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: can't open it: %s", path, strerror(errno)));
-    }
-    if (!S_ISREG(status.st_mode)) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: not a regular file", path));
-    }
-    *bytes = 0;
-    for (ssize_t got = 1; got > 0 && *bytes <= MOST_BYTES; *bytes += got) {
-        got = read(file, text + *bytes, (size_t)(MOST_BYTES + 1 - *bytes));
-        if (got < 0) {
-            V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: can't read it: %s", path, strerror(errno)));
-        }
-    }
-    if (*bytes > MOST_BYTES) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: larger than 1 MiB: not a configuration", path));
-    }
-done:
-    if (file >= 0) {
-        close(file);
-    }
-    return rc;
-}
-
 enum v2v_status v2v_config_load(struct v2v_config *config, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -249,14 +207,8 @@ enum v2v_status v2v_config_load(struct v2v_config *config, const char *path)
     struct reader reader = {.path = path, .config = &changed};
     char *text = NULL;
     int started = 0;
-    V2V_TRY(V2V_ALLOC(text, "conf.file", MOST_BYTES + 1));
-    V2V_TRY(read_file(text, &reader.bytes, path));
+    V2V_TRY(v2v_text_file_read(&text, &reader.bytes, path));
     reader.text = text;
-    const char *nul = memchr(text, '\0', (size_t)reader.bytes);
-    if (nul != NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: holds a NUL byte: not a text file", path,
-                         (long long)line_of(&reader, nul - text)));
-    }
     started = yaml_parser_initialize(&reader.parser);
     if (!started) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "%s: out of memory", path));

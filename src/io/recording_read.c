@@ -2,12 +2,17 @@
 #include "io/stack.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
+#include "v2v3d/tensor/warp.h"
+
+#include <string.h>
 
 struct v2v_recording {
     struct v2v_recording_info info;
     struct v2v_stack stack;
-    int64_t first_page; /* the first frame's first view */
-    int64_t stride;     /* pages from frame to frame */
+    int64_t first_page;                        /* the first frame's first view */
+    int64_t stride;                            /* pages from frame to frame */
+    const struct v2v_calibration *calibration; /* NULL: none */
+    float *as_recorded;                        /* a view, where it has distortion */
 };
 
 /* Views that the file itself states: HDF5's axis; in TIFF an ImageJ time series, else one frame. */
@@ -150,6 +155,40 @@ static enum v2v_status read_views(struct v2v_recording *recording, float *views,
     return v2v_stack_read(&recording->stack, views + first * pixels, page, count);
 }
 
+enum v2v_status v2v_recording_calibrate(struct v2v_recording *recording,
+                                        const struct v2v_calibration *calibration)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = &recording->info;
+    V2V_ASSERT(recording->calibration == NULL);
+    V2V_TRY(v2v_calibration_check(calibration, info->views, info->height, info->width,
+                                  recording->stack.path));
+    if (v2v_calibration_has_distortion(calibration)) {
+        V2V_TRY(V2V_ALLOC(recording->as_recorded, "io.calibration",
+                          v2v_mem_product(info->height, info->width, 1)));
+    }
+    recording->calibration = calibration;
+done:
+    return rc;
+}
+
+const struct v2v_calibration *v2v_recording_calibration(const struct v2v_recording *recording)
+{
+    return recording->calibration;
+}
+
+static void undo_distortion(const struct v2v_recording *recording, float *views)
+{
+    const struct v2v_recording_info *info = &recording->info;
+    const int64_t pixels = info->height * info->width;
+    for (int64_t v = 0; v < info->views; v++) {
+        const struct v2v_view_calibration *view = &recording->calibration->view[v];
+        memcpy(recording->as_recorded, views + v * pixels, (size_t)pixels * sizeof *views);
+        v2v_warp_image(views + v * pixels, recording->as_recorded, info->height, info->width,
+                       view->distortion_y, view->distortion_x, 1.0);
+    }
+}
+
 enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
@@ -162,6 +201,9 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     const int64_t late = info->views - view;
     V2V_TRY(read_views(recording, views, page, view, late, t));
     V2V_TRY(read_views(recording, views, page + late, 0, view, t));
+    if (recording->as_recorded != NULL) {
+        undo_distortion(recording, views);
+    }
 done:
     return rc;
 }
@@ -170,6 +212,7 @@ void v2v_recording_close(struct v2v_recording **recording)
 {
     if (*recording != NULL) {
         v2v_stack_fini(&(*recording)->stack);
+        v2v_mem_free((*recording)->as_recorded);
         v2v_mem_free(*recording);
         *recording = NULL;
     }

@@ -1,5 +1,6 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/warp.h"
 
 #include <float.h>
 
@@ -59,6 +60,7 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
 {
     enum v2v_status rc = V2V_OK;
     struct statistics statistics = {0};
+    *scaling = (struct v2v_scaling){.calibration = v2v_recording_calibration(recording)};
     scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
     scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
     if (settings->offset.mode == V2V_NUMBER_AUTO) {
@@ -88,7 +90,15 @@ done:
 void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count)
 {
     const float offset = (float)scaling->offset, gain = (float)scaling->gain;
+    const struct v2v_calibration *calibration = scaling->calibration;
     for (int64_t i = 0; i < count; i++) {
         x[i] = (x[i] - offset) * gain;
+    }
+    for (int64_t v = 0; calibration != NULL && v < calibration->views; v++) {
+        const struct v2v_view_calibration *view = &calibration->view[v];
+        if (!v2v_field_is_zero(view->shading)) {
+            v2v_shade_image(x + v * (count / calibration->views), calibration->height,
+                            calibration->width, view->shading, -1.0);
+        }
     }
 }

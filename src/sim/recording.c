@@ -1,20 +1,23 @@
 #include "v2v3d/sim/recording.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
 
 struct job {
     struct v2v_projector *projector;
     struct v2v_recording_writer *writer;
-    struct v2v_part slices; /* of this rank, to project */
-    int64_t row_pixels;     /* of a view, of this rank */
-    struct v2v_part mine;   /* views of this rank, to write */
-    int64_t views, pixels;  /* pixels of one view */
-    float *slab;            /* [slices of this rank,y,x] */
-    float *rows;            /* [v, rows of this rank, x] */
-    float *clean;           /* [v,y,x] */
-    float *noisy;           /* [views of this rank,y,x] */
+    struct v2v_part slices;                    /* of this rank, to project */
+    int64_t row_pixels;                        /* of a view, of this rank */
+    struct v2v_part mine;                      /* views of this rank, to write */
+    int64_t views, pixels;                     /* pixels of one view */
+    float *slab;                               /* [slices of this rank,y,x] */
+    float *rows;                               /* [v, rows of this rank, x] */
+    float *clean;                              /* [v,y,x] */
+    float *noisy;                              /* [views of this rank,y,x] */
+    float *scratch;                            /* [y,x] */
+    const struct v2v_calibration *calibration; /* NULL: none */
 };
 
 static enum v2v_status check(const struct v2v_volume_info *info, const struct v2v_psf_file *psf,
@@ -37,6 +40,7 @@ static enum v2v_status job_take(struct job *job)
     V2V_TRY(V2V_ALLOC(job->slab, "sim.slices", job->slices.count * job->pixels));
     V2V_TRY(V2V_ALLOC(job->rows, "sim.views", job->views * job->row_pixels));
     V2V_TRY(V2V_ALLOC(job->clean, "sim.views", job->views * job->pixels));
+    V2V_TRY(V2V_ALLOC(job->scratch, "sim.distorted", job->pixels));
     V2V_TRY(V2V_ALLOC(job->noisy, "sim.noisy", job->mine.count * job->pixels));
 done:
     return rc;
@@ -52,6 +56,9 @@ static enum v2v_status project_frame(struct job *job, struct v2v_volume *volume,
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_projector_forward(job->projector, job->rows, job->slab, NULL, job->views, 1.0f);
     v2v_projector_gather_views(job->projector, job->clean, job->rows, job->views);
+    if (job->calibration != NULL) {
+        v2v_calibration_distort(job->clean, job->scratch, job->calibration);
+    }
 done:
     return rc;
 }
@@ -69,12 +76,18 @@ static enum v2v_status write_frame(struct job *job, const struct v2v_noise *nois
 
 enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *volume,
                                        const struct v2v_psf_file *psf, struct v2v_noise *noise,
-                                       uint64_t seed, int64_t frames, const struct v2v_comm *comm)
+                                       uint64_t seed, int64_t frames,
+                                       const struct v2v_calibration *calibration,
+                                       const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    struct job job = {0};
+    struct job job = {.calibration = calibration};
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     V2V_TRY(check(info, psf, frames)); /* the same arguments, so the same verdict, on all ranks */
+    if (calibration != NULL) {
+        V2V_TRY(v2v_calibration_check(calibration, psf->views, info->height, info->width,
+                                      "the volume's projection"));
+    }
     V2V_TRY(v2v_projector_create(&job.projector, psf, info->height, info->width, V2V_SPLIT_SLICES,
                                  comm));
     job.views = psf->views;
@@ -106,6 +119,7 @@ enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *vo
 done:
     v2v_recording_abandon(&job.writer);
     v2v_mem_free(job.noisy);
+    v2v_mem_free(job.scratch);
     v2v_mem_free(job.clean);
     v2v_mem_free(job.rows);
     v2v_mem_free(job.slab);

@@ -2,6 +2,7 @@
 #define V2V3D_IO_RECORDING_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/conf/calibration.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
@@ -38,6 +39,16 @@ const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (no frame `first`) */
 enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first,
                                   int64_t count) V2V_MUST_CHECK;
+
+/** From now on frames are read without the distortion that `calibration` says they have, and
+ *  v2v_scaling_decide takes its shading over. Gains, shifts and slopes are the PSFs'
+ *  (optics/calibration.h). @kind Local. @param calibration borrowed
+ *  @return V2V_OK | V2V_E_INPUT (of another number of views; of frames of another size, where it
+ *  has distortion or shading) | V2V_E_MEMORY */
+enum v2v_status v2v_recording_calibrate(struct v2v_recording *recording,
+                                        const struct v2v_calibration *calibration) V2V_MUST_CHECK;
+/** That one; NULL: none. @kind Local. */
+const struct v2v_calibration *v2v_recording_calibration(const struct v2v_recording *recording);
 
 /** Frame t as float32 in the file's own units, views in order.
  *  @kind Local (ranks read different frames at their own pace). @param views [v,y,x]

@@ -13,6 +13,7 @@ extern "C" {
 /** What the network sees is (counts - offset) * gain: one pair for a whole recording. */
 struct v2v_scaling {
     double offset, gain;
+    const struct v2v_calibration *calibration; /**< its shading is divided out; NULL: none */
 };
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
@@ -25,7 +26,8 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** x <- (x - offset) * gain, in place. @kind Local. */
+/** x <- (x - offset) * gain / shading, in place. @kind Local. @param x with a calibration, all its
+ *  views [v,y,x] */
 void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count);
 
 #ifdef __cplusplus

@@ -13,11 +13,13 @@ extern "C" {
 /** Project a volume (frame t of the recording shows frame t mod T of the volume) and add noise.
  *  The noise level is that of the first frame's clean views, for the whole recording; sample i of
  *  frame t draws number i of stream t, whatever the ranks. A distinct volume frame is projected
- *  once. The watchdog is re-armed for every frame and stays armed; the caller disarms it.
+ *  once; with a calibration (else NULL), which the PSFs have taken up, its views are shaded and
+ *  distorted. The watchdog is re-armed for every frame and stays armed; the caller disarms it.
  *  @kind Collective(comm): depth slices are split over ranks. @return agreed */
 enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *volume,
                                        const struct v2v_psf_file *psf, struct v2v_noise *noise,
                                        uint64_t seed, int64_t frames,
+                                       const struct v2v_calibration *calibration,
                                        const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 #ifdef __cplusplus

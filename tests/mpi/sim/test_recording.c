@@ -89,7 +89,7 @@ static void simulate_and_compare(const char *text)
     assert_ok(v2v_noise_parse(&noise, text));
     twin = noise;
     snprintf(path, sizeof path, "%s/recording.h5", folder);
-    assert_ok(v2v_simulate_recording(path, volume, &psf, &noise, 5, FRAMES, test_world()));
+    assert_ok(v2v_simulate_recording(path, volume, &psf, &noise, 5, FRAMES, NULL, test_world()));
     v2v_volume_close(&volume);
     expect(expected, &twin, 5);
 
@@ -130,9 +130,9 @@ static void a_volume_of_other_slices_is_refused_everywhere(void **state)
     struct v2v_psf_file fewer = psf;
     fewer.slices--;
     snprintf(path, sizeof path, "%s/recording.h5", folder);
-    assert_int_equal(v2v_simulate_recording(path, volume, &fewer, &noise, 5, 1, test_world()),
+    assert_int_equal(v2v_simulate_recording(path, volume, &fewer, &noise, 5, 1, NULL, test_world()),
                      V2V_E_INPUT);
-    assert_int_equal(v2v_simulate_recording(path, volume, &psf, &noise, 5, 0, test_world()),
+    assert_int_equal(v2v_simulate_recording(path, volume, &psf, &noise, 5, 0, NULL, test_world()),
                      V2V_E_USAGE);
     v2v_volume_close(&volume);
 }

@@ -1,0 +1,45 @@
+#ifndef V2V3D_METHOD_CALIBRATE_H
+#define V2V3D_METHOD_CALIBRATE_H
+
+#include "v2v3d/conf/calibration.h"
+#include "v2v3d/method/estimator.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** What was found, and what it is worth: how far the views left out are missed, of their length,
+ *  by the volumes of the others. */
+struct v2v_calibration_report {
+    double heldout_before, heldout_after; /**< over the square of the frame that varies most */
+    double frame_before, frame_after;     /**< over the frame but for its margin */
+    struct v2v_part square_rows, square_columns;
+    double weight; /**< of the total variation, in noise of the views */
+    int64_t rounds;
+    int has_slopes, has_fields; /**< bools: did they lower the residual by enough to be kept? */
+};
+
+/** Shift, gain, slope with depth, shading and distortion of every view, by predicting views from
+ *  volumes of the others. Two views at a time (one, of six or fewer) are left
+ *  out, until every one was; each is compared
+ *  with its prediction and moved by linear least squares; from coarse detail to fine. Slopes, then
+ *  shading and distortion, are kept where they lower the residual of the frame by 3 %.
+ *  What views cannot tell stays as it was: what all of them share, and what moves, stretches or
+ *  bends the volume in depth.
+ *  @kind   Collective(comm); any number of ranks finds the same to the bit
+ *  @param  problem   config, psf, height, width
+ *  @param  views     [v,height,width] less their offset, the same on all ranks
+ *  @return V2V_OK | V2V_E_INPUT (one view alone) | V2V_E_MEMORY | V2V_STOPPED | V2V_E_NUMERIC;
+ *  agreed
+ *  @cost   about 15 volumes for every two views
+ *  @source REFERENCE.md 11 */
+enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
+                              struct v2v_calibration_report *report,
+                              const struct v2v_problem *problem, const float *views,
+                              const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

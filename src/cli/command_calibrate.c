@@ -1,0 +1,162 @@
+#include "cli/steps.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/clock.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/json.h"
+#include "v2v3d/method/calibrate.h"
+#include <inttypes.h>
+#include <stdlib.h>
+
+struct arguments {
+    struct v2v_common common;
+    const char *psf, *input, *output;
+    int64_t frame;
+    int json;
+};
+
+static const struct v2v_option options[] = {
+    V2V_OPTION_PSF(struct arguments, psf, 1),
+    V2V_OPTION_FILE(struct arguments, input, "input", 1, "recording"),
+    V2V_OPTION_OUTPUT(struct arguments, output, "calibration to write, YAML"),
+    {.name = "frame",
+     .kind = V2V_OPTION_INTEGER,
+     .at = offsetof(struct arguments, frame),
+     .value = "N",
+     .help = "of the recording that shows the views, from 0",
+     .least = 0,
+     .most = 1e9},
+    V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of text"),
+    V2V_OPTION_OFFSET,
+    V2V_OPTION_NORMALIZE,
+    V2V_OPTIONS_PAGES,
+    {0}};
+
+static void print_text(const struct v2v_calibration *calibration,
+                       const struct v2v_calibration_report *report)
+{
+    printf("view  shift y   shift x      gain   slope y   slope x\n");
+    for (int64_t v = 0; v < calibration->views; v++) {
+        const struct v2v_view_calibration *view = &calibration->view[v];
+        printf("%4" PRId64 "  %7.2f   %7.2f   %7.3f   %7.2f   %7.2f\n", v, view->shift[0],
+               view->shift[1], view->gain, view->slope[0], view->slope[1]);
+    }
+    printf("slopes with depth %s, shading and distortion %s; %" PRId64 " rounds\n",
+           report->has_slopes ? "fitted" : "gain nothing",
+           report->has_fields ? "fitted" : "gain nothing", report->rounds);
+    printf("held-out residual: %.4f before, %.4f after; in rows %" PRId64 " to %" PRId64
+           ", columns %" PRId64 " to %" PRId64 ", which vary most, %.4f before, %.4f after\n",
+           report->frame_before, report->frame_after, report->square_rows.first,
+           report->square_rows.first + report->square_rows.count - 1, report->square_columns.first,
+           report->square_columns.first + report->square_columns.count - 1, report->heldout_before,
+           report->heldout_after);
+}
+
+static enum v2v_status print_json(const struct v2v_calibration *calibration,
+                                  const struct v2v_calibration_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    double *numbers = NULL;
+    const int64_t views = calibration->views;
+    const double square[4] = {
+        (double)report->square_rows.first, (double)report->square_columns.first,
+        (double)report->square_rows.count, (double)report->square_columns.count};
+    V2V_TRY(V2V_ALLOC(numbers, "cli.calibration", 5 * views));
+    double *const shifts = numbers, *const slopes = numbers + 2 * views,
+                  *gains = slopes + 2 * views;
+    for (int64_t v = 0; v < views; v++) {
+        for (int axis = 0; axis < 2; axis++) {
+            shifts[2 * v + axis] = calibration->view[v].shift[axis];
+            slopes[2 * v + axis] = calibration->view[v].slope[axis];
+        }
+        gains[v] = calibration->view[v].gain;
+    }
+    const struct v2v_json_item items[] = {
+        {.name = "heldout_before", .number = report->heldout_before, .count = -1},
+        {.name = "heldout_after", .number = report->heldout_after, .count = -1},
+        {.name = "heldout_frame_before", .number = report->frame_before, .count = -1},
+        {.name = "heldout_frame_after", .number = report->frame_after, .count = -1},
+        {.name = "square", .values = square, .count = 4},
+        {.name = "shifts", .values = shifts, .count = 2 * views},
+        {.name = "gains", .values = gains, .count = views},
+        {.name = "slopes", .values = slopes, .count = 2 * views},
+        {.name = "has_fields", .number = report->has_fields, .count = -1},
+        {.name = "lambda", .number = report->weight, .count = -1},
+        {.name = "rounds", .number = (double)report->rounds, .count = -1}};
+    V2V_TRY(v2v_json_print(stdout, items, sizeof items / sizeof *items));
+done:
+    v2v_mem_free(numbers);
+    return rc;
+}
+
+/* Rank 0. */
+static enum v2v_status write_file(const struct v2v_calibration *calibration, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char *text = NULL;
+    size_t bytes = 0;
+    FILE *stream = open_memstream(&text, &bytes);
+    if (stream != NULL) {
+        v2v_calibration_print(calibration, stream);
+    }
+    if (stream == NULL || fclose(stream) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the calibration's text"));
+    }
+    V2V_TRY(v2v_file_write_text(path, text));
+done:
+    free(text);
+    return rc;
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_psf_file psf = {0};
+    struct v2v_recording *recording = NULL;
+    struct v2v_scaling scaling;
+    struct v2v_calibration calibration = {0};
+    struct v2v_calibration_report report;
+    float *views = NULL;
+    V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
+                            2));
+    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
+    V2V_TRY(v2v_step_offset(session, &scaling, recording));
+    V2V_TRY(v2v_recording_cut(recording, given->frame, 1));
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
+    const struct v2v_problem problem = {
+        .config = &session->config, .psf = &psf, .height = info->height, .width = info->width};
+    rc = V2V_ALLOC(views, "cli.calibrate", samples);
+    if (rc == V2V_OK) {
+        rc = v2v_recording_read(recording, views, 0);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_scaling_apply(&scaling, views, samples);
+    v2v_step_announce(session);
+    V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
+    if (v2v_step_on_root(session)) {
+        V2V_TRY(write_file(&calibration, given->output));
+        if (given->json) {
+            V2V_TRY(print_json(&calibration, &report));
+        } else {
+            print_text(&calibration, &report);
+        }
+    }
+done:
+    v2v_calibration_fini(&calibration);
+    v2v_mem_free(views);
+    v2v_recording_close(&recording);
+    v2v_psf_file_fini(&psf);
+    return rc;
+}
+
+const struct v2v_command v2v_command_calibrate = {
+    .name = "calibrate",
+    .summary = "shift, gain and distortion of each view, by predicting views left out",
+    .options = options,
+    .bytes = sizeof(struct arguments),
+    .run = run,
+};

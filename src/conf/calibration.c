@@ -1,0 +1,286 @@
+#include "v2v3d/conf/calibration.h"
+
+#include "conf/text_file.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+
+#include <stddef.h>
+#include <string.h>
+#include <yaml.h>
+
+enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_NUMBERS = V2V_FIELD_TERMS };
+static const double most_pixels = 64.0, most_shading = 3.0, least_gain = 1e-3, most_gain = 1e3;
+
+/* What a file says of a view. */
+struct quantity {
+    const char *name;
+    int count;
+    size_t at;
+    double least, most;
+    const char *meaning;
+};
+#define QUANTITY(name, count, least, most, meaning)                                                \
+    {                                                                                              \
+#name, count, offsetof(struct v2v_view_calibration, name), least, most, meaning            \
+    }
+#define PIXELS(name, count, meaning) QUANTITY(name, count, -most_pixels, most_pixels, meaning)
+
+enum { QUANTITIES = 6 };
+static void quantities_of(struct quantity table[QUANTITIES])
+{
+    const struct quantity all[QUANTITIES] = {
+        QUANTITY(gain, 1, least_gain, most_gain, "of the view"),
+        PIXELS(shift, 2, "y, x: pixels"),
+        PIXELS(slope, 2, "y, x: pixels from the middle slice to the last"),
+        PIXELS(distortion_y, V2V_FIELD_TERMS,
+               "x, y, x x, x y, y y, x x x, x x y, x y y, y y y: pixels at the frame's edge"),
+        PIXELS(distortion_x, V2V_FIELD_TERMS, "likewise"),
+        QUANTITY(shading, V2V_FIELD_TERMS, -most_shading, most_shading,
+                 "likewise: logarithm of the gain"),
+    };
+    memcpy(table, all, sizeof all);
+}
+
+struct reader {
+    yaml_document_t document;
+    const char *path;
+};
+
+static const char *text_of(const yaml_node_t *node)
+{
+    return node->type == YAML_SCALAR_NODE ? (const char *)node->data.scalar.value : "";
+}
+
+static long long line_of(const yaml_node_t *node)
+{
+    return (long long)node->start_mark.line + 1;
+}
+
+/* A number or, where `count` is above 1, a list of so many. */
+static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node_t *node,
+                                    const struct quantity *quantity)
+{
+    enum v2v_status rc = V2V_OK;
+    char what[128];
+    yaml_node_t *item = node;
+    const int is_list = node->type == YAML_SEQUENCE_NODE;
+    const int64_t count =
+        is_list ? node->data.sequence.items.top - node->data.sequence.items.start : 1;
+    V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: %s", reader->path, line_of(node),
+                            quantity->name));
+    if (is_list != (quantity->count > 1) || count != quantity->count) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%d number%s", what, is_list ? "" : "a list of ",
+                         quantity->count, quantity->count > 1 ? "s" : ""));
+    }
+    for (int64_t i = 0; i < count; i++) {
+        if (is_list) {
+            item = yaml_document_get_node(&reader->document, node->data.sequence.items.start[i]);
+        }
+        V2V_TRY(v2v_text_to_f64(&to[i], text_of(item), quantity->least, quantity->most, what,
+                                V2V_E_CONFIG));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status wrong_key(const struct reader *reader, const yaml_node_t *key,
+                                 const char *wanted)
+{
+    return V2V_FAIL(V2V_E_CONFIG,
+                    "%s:%lld: '%.40s' is not one of the keys %s, or stands there twice",
+                    reader->path, line_of(key), text_of(key), wanted);
+}
+
+static enum v2v_status read_view(struct v2v_view_calibration *view, struct reader *reader,
+                                 const yaml_node_t *node)
+{
+    enum v2v_status rc = V2V_OK;
+    struct quantity table[QUANTITIES];
+    unsigned seen = 0;
+    quantities_of(table);
+    if (node->type != YAML_MAPPING_NODE) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: a view wants 'key: value' lines", reader->path,
+                         line_of(node)));
+    }
+    for (const yaml_node_pair_t *pair = node->data.mapping.pairs.start;
+         pair < node->data.mapping.pairs.top; pair++) {
+        const yaml_node_t *key = yaml_document_get_node(&reader->document, pair->key);
+        int q = 0;
+        while (q < QUANTITIES && strcmp(table[q].name, text_of(key)) != 0) {
+            q++;
+        }
+        if (q == QUANTITIES || (seen >> q & 1) != 0) {
+            V2V_TRY(
+                wrong_key(reader, key, "gain, shift, slope, distortion_y, distortion_x, shading"));
+        }
+        seen |= 1u << q;
+        V2V_TRY(read_numbers((double *)(void *)((char *)view + table[q].at), reader,
+                             yaml_document_get_node(&reader->document, pair->value), &table[q]));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status read_views(struct v2v_calibration *calibration, struct reader *reader,
+                                  const yaml_node_t *node)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = node->type == YAML_SEQUENCE_NODE
+                              ? node->data.sequence.items.top - node->data.sequence.items.start
+                              : 0;
+    if (count < 1 || count > MOST_VIEWS) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: views wants a list of 1 to %d views", reader->path,
+                         line_of(node), MOST_VIEWS));
+    }
+    V2V_TRY(v2v_calibration_init(calibration, count, 0, 0));
+    for (int64_t v = 0; v < count; v++) {
+        V2V_TRY(read_view(
+            &calibration->view[v], reader,
+            yaml_document_get_node(&reader->document, node->data.sequence.items.start[v])));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status read_document(struct v2v_calibration *calibration, struct reader *reader)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char keys[] = "height, width, views";
+    static const struct quantity side = {"a side of the frame", 1, 0, 1.0, MOST_SIDE, NULL};
+    double height = 0.0, width = 0.0;
+    const yaml_node_t *root = yaml_document_get_root_node(&reader->document);
+    if (root == NULL || root->type != YAML_MAPPING_NODE) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_CONFIG, "%s: no calibration: it wants the keys %s", reader->path, keys));
+    }
+    for (const yaml_node_pair_t *pair = root->data.mapping.pairs.start;
+         pair < root->data.mapping.pairs.top; pair++) {
+        const yaml_node_t *key = yaml_document_get_node(&reader->document, pair->key);
+        yaml_node_t *value = yaml_document_get_node(&reader->document, pair->value);
+        if (strcmp(text_of(key), "height") == 0 && height == 0.0) {
+            V2V_TRY(read_numbers(&height, reader, value, &side));
+        } else if (strcmp(text_of(key), "width") == 0 && width == 0.0) {
+            V2V_TRY(read_numbers(&width, reader, value, &side));
+        } else if (strcmp(text_of(key), "views") == 0 && calibration->view == NULL) {
+            V2V_TRY(read_views(calibration, reader, value));
+        } else {
+            V2V_TRY(wrong_key(reader, key, keys));
+        }
+    }
+    if (height == 0.0 || width == 0.0 || calibration->view == NULL) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_CONFIG, "%s: no calibration: it wants the keys %s", reader->path, keys));
+    }
+    calibration->height = (int64_t)height;
+    calibration->width = (int64_t)width;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_calibration_init(struct v2v_calibration *calibration, int64_t views,
+                                     int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    *calibration = (struct v2v_calibration){views, height, width, NULL};
+    V2V_TRY(V2V_ALLOC(calibration->view, "conf.calibration", views));
+    for (int64_t v = 0; v < views; v++) {
+        calibration->view[v] = (struct v2v_view_calibration){.gain = 1.0};
+    }
+done:
+    return rc;
+}
+
+void v2v_calibration_fini(struct v2v_calibration *calibration)
+{
+    v2v_mem_free(calibration->view);
+    *calibration = (struct v2v_calibration){0};
+}
+
+enum v2v_status v2v_calibration_read(struct v2v_calibration *calibration, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct reader reader = {.path = path};
+    yaml_parser_t parser;
+    char *text = NULL;
+    int64_t bytes = 0;
+    int started = 0, loaded = 0;
+    *calibration = (struct v2v_calibration){0};
+    V2V_TRY(v2v_text_file_read(&text, &bytes, path));
+    started = yaml_parser_initialize(&parser);
+    if (!started) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "%s: out of memory", path));
+    }
+    yaml_parser_set_input_string(&parser, (const unsigned char *)text, (size_t)bytes);
+    loaded = yaml_parser_load(&parser, &reader.document);
+    if (!loaded) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: %s", path, (long long)parser.problem_mark.line + 1,
+                         parser.problem != NULL ? parser.problem : "not YAML"));
+    }
+    V2V_TRY(read_document(calibration, &reader));
+done:
+    if (loaded) {
+        yaml_document_delete(&reader.document);
+    }
+    if (started) {
+        yaml_parser_delete(&parser);
+    }
+    v2v_mem_free(text);
+    if (rc != V2V_OK) {
+        v2v_calibration_fini(calibration);
+    }
+    return rc;
+}
+
+int v2v_calibration_has_distortion(const struct v2v_calibration *calibration)
+{
+    for (int64_t v = 0; v < calibration->views; v++) {
+        const struct v2v_view_calibration *view = &calibration->view[v];
+        if (!v2v_field_is_zero(view->distortion_y) || !v2v_field_is_zero(view->distortion_x)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration, int64_t views,
+                                      int64_t height, int64_t width, const char *what)
+{
+    int has_fields = v2v_calibration_has_distortion(calibration);
+    for (int64_t v = 0; v < calibration->views; v++) {
+        has_fields |= !v2v_field_is_zero(calibration->view[v].shading);
+    }
+    if (calibration->views == views &&
+        (!has_fields || (calibration->height == height && calibration->width == width))) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_INPUT,
+                    "%s: %lld views of %lld x %lld, but the calibration was made from %lld of "
+                    "%lld x %lld",
+                    what, (long long)views, (long long)height, (long long)width,
+                    (long long)calibration->views, (long long)calibration->height,
+                    (long long)calibration->width);
+}
+
+void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stream)
+{
+    struct quantity table[QUANTITIES];
+    quantities_of(table);
+    fprintf(stream, "# How the views differ from what their PSFs say: v2v3d calibrate\n");
+    for (int q = 0; q < QUANTITIES; q++) {
+        fprintf(stream, "# %s: %s\n", table[q].name, table[q].meaning);
+    }
+    fprintf(stream, "height: %lld\nwidth: %lld\nviews:\n", (long long)calibration->height,
+            (long long)calibration->width);
+    for (int64_t v = 0; v < calibration->views; v++) {
+        for (int q = 0; q < QUANTITIES; q++) {
+            const double *number =
+                (const double *)(const void *)((const char *)&calibration->view[v] + table[q].at);
+            fprintf(stream, "%s%s: %s", q == 0 ? "  - " : "    ", table[q].name,
+                    table[q].count > 1 ? "[" : "");
+            for (int i = 0; i < table[q].count; i++) {
+                fprintf(stream, "%s%.6g", i > 0 ? ", " : "", number[i]);
+            }
+            fprintf(stream, "%s\n", table[q].count > 1 ? "]" : "");
+        }
+    }
+}

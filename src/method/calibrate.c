@@ -1,0 +1,407 @@
+#include "v2v3d/method/calibrate.h"
+
+#include "method/anderson.h"
+#include "method/registration.h"
+#include "method/tv.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/method/left_out.h"
+#include "v2v3d/optics/calibration.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/warp.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Of total variation, in noise of the views: views that are out of register want much, noisy ones
+ * little. */
+static const double weights[] = {0.8, 0.2, 0.05};
+enum { WEIGHTS = sizeof weights / sizeof *weights };
+enum { NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
+/* Iterations that tell shifts of pixels, of their hundredths, and the last part of a residual. */
+enum { COARSE = 12, FINE = 20, LAST = 40 };
+
+/* Fewer views do without one, not without two. */
+enum { FEW = 7 };
+
+/* Pixels of the judged square's side, and its places. */
+enum { SIDE = 160, STEP = 16 };
+
+/* What is not lowered by so much is not worth its parameters. */
+static const double least_lowered = 0.03;
+
+/* Rounds end when no view moves by more, pixels. */
+static const double still = 0.03;
+
+/* From coarse to fine, few parameters to many. */
+static const struct stage {
+    unsigned terms; /* of method/registration.h */
+    int smoothing;  /* pixels */
+    int iterations; /* of total variation */
+    int rounds;     /* at most */
+    int is_optional;
+} stages[] = {
+    {V2V_REGISTER_SHIFT, 4, COARSE, 2, 0},
+    {V2V_REGISTER_SHIFT, 2, COARSE, 2, 0},
+    {V2V_REGISTER_SHIFT, 1, FINE, 8, 0},
+    {V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE, 1, LAST, 3, 1},
+    {V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS, 1, LAST, 4, 1},
+};
+enum { STAGES = sizeof stages / sizeof *stages, FIRST_FINE = 2 };
+
+struct calibrator {
+    const struct v2v_problem *problem;
+    const struct v2v_comm *comm;
+    const float *views;
+    int64_t count, pixels; /* views; pixels of one */
+    struct v2v_config config;
+    struct v2v_psf_file psf; /* as calibrated so far */
+    float *undistorted;      /* [v,y,x] */
+    float *volume, *deep;    /* [slices of this rank,y,x]; the latter weighted by depth */
+    float *predicted[2];     /* [2,y,x] of either */
+    float *scratch;          /* [y,x] */
+    double (*parallax)[2];   /* [v] */
+    struct v2v_registration *registration; /* [v] */
+    struct v2v_registration_images images;
+    struct v2v_calibration *calibration;
+    struct v2v_anderson *anderson;
+    double *at, *to;               /* all numbers of all views: before and after a step */
+    struct v2v_part rows, columns; /* judged: the frame but for its margin */
+    struct v2v_part square_rows, square_columns;
+    double frame, square; /* residuals of the last look */
+};
+
+/* Pairs as far apart as the list of views allows; of few views one at a time. */
+static int64_t folds_of(int64_t views)
+{
+    return views < FEW ? views : v2v_parts(views, 2);
+}
+
+static int is_of_fold(int64_t view, int64_t fold, int64_t views)
+{
+    return view % folds_of(views) == fold;
+}
+
+/* The judged square of the first view that varies most. */
+static void find_square(struct calibrator *self)
+{
+    const int64_t width = self->problem->width;
+    const int64_t side_y = v2v_smaller(SIDE, self->rows.count);
+    const int64_t side_x = v2v_smaller(SIDE, self->columns.count);
+    double most = -1.0;
+    for (int64_t top = self->rows.first; top + side_y <= self->rows.first + self->rows.count;
+         top += STEP) {
+        for (int64_t left = self->columns.first;
+             left + side_x <= self->columns.first + self->columns.count; left += STEP) {
+            double sum = 0.0, squares = 0.0;
+            for (int64_t i = 0; i < side_y * side_x; i++) {
+                const double p =
+                    (double)self->views[(top + i / side_x) * width + left + i % side_x];
+                sum += p;
+                squares += p * p;
+            }
+            const double variation = squares - sum * sum / (double)(side_y * side_x);
+            if (variation > most) {
+                most = variation;
+                self->square_rows = (struct v2v_part){top, side_y};
+                self->square_columns = (struct v2v_part){left, side_x};
+            }
+        }
+    }
+}
+
+/** Local. */
+static enum v2v_status take_memory(struct calibrator *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = self->problem->psf;
+    const int64_t slices = v2v_mem_product(psf->slices, self->pixels, 1);
+    V2V_TRY(v2v_calibration_init(self->calibration, self->count, self->problem->height,
+                                 self->problem->width));
+    V2V_TRY(V2V_ALLOC(self->undistorted, "calibrate.views",
+                      v2v_mem_product(self->count, self->pixels, 1)));
+    V2V_TRY(V2V_ALLOC(self->volume, "calibrate.volume", slices));
+    V2V_TRY(V2V_ALLOC(self->deep, "calibrate.volume", slices));
+    for (int i = 0; i < 2; i++) {
+        V2V_TRY(V2V_ALLOC(self->predicted[i], "calibrate.predicted",
+                          v2v_mem_product(2, self->pixels, 1)));
+    }
+    V2V_TRY(V2V_ALLOC(self->scratch, "calibrate.scratch", self->pixels));
+    V2V_TRY(V2V_ALLOC(self->parallax, "calibrate.parallax", self->count));
+    V2V_TRY(v2v_anderson_create(&self->anderson, self->count * NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->at, "calibrate.numbers", self->count * NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", self->count * NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->registration, "calibrate.equations", self->count));
+    V2V_TRY(
+        v2v_registration_images_init(&self->images, self->problem->height, self->problem->width));
+done:
+    return rc;
+}
+
+static void release_memory(struct calibrator *self)
+{
+    v2v_registration_images_fini(&self->images);
+    v2v_mem_free(self->to);
+    v2v_mem_free(self->at);
+    v2v_anderson_destroy(&self->anderson);
+    v2v_mem_free(self->registration);
+    v2v_mem_free(self->parallax);
+    v2v_mem_free(self->scratch);
+    v2v_mem_free(self->predicted[1]);
+    v2v_mem_free(self->predicted[0]);
+    v2v_mem_free(self->deep);
+    v2v_mem_free(self->volume);
+    v2v_mem_free(self->undistorted);
+    v2v_psf_file_fini(&self->psf);
+}
+
+/** Local: PSFs and views as the calibration has them so far. */
+static enum v2v_status apply(struct calibrator *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = self->problem->psf;
+    const int64_t samples = v2v_mem_product(psf->views * psf->slices, psf->height, psf->width);
+    v2v_psf_file_fini(&self->psf);
+    self->psf = *psf;
+    self->psf.data = NULL;
+    V2V_TRY(V2V_ALLOC(self->psf.data, "calibrate.psf", samples));
+    memcpy(self->psf.data, psf->data, (size_t)samples * sizeof *psf->data);
+    V2V_TRY(v2v_calibration_apply_to_psf(&self->psf, self->calibration));
+    v2v_calibration_undistort(self->undistorted, self->views, self->calibration);
+done:
+    return rc;
+}
+
+/* volume * depth, -1 .. 1. */
+static void weight_by_depth(const struct calibrator *self, struct v2v_part slices)
+{
+    for (int64_t z = 0; z < slices.count; z++) {
+        const float depth = (float)v2v_field_place(slices.first + z, self->problem->psf->slices);
+        for (int64_t i = 0; i < self->pixels; i++) {
+            self->deep[z * self->pixels + i] = depth * self->volume[z * self->pixels + i];
+        }
+    }
+}
+
+/* Predictions of a fold, from the volume of the other views, against what was recorded.
+ * Collective(comm). */
+static enum v2v_status look_at_fold(struct calibrator *self, int64_t fold,
+                                    const struct stage *stage)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_problem problem = *self->problem;
+    struct v2v_left_out *left_out = NULL;
+    unsigned char *is_left_out = NULL;
+    self->config.deconv.iterations = stage->iterations;
+    problem.config = &self->config;
+    problem.psf = &self->psf;
+    v2v_watchdog_beat("calibrate: views left out");
+    V2V_TRY(v2v_par_agree(self->comm, V2V_ALLOC(is_left_out, "calibrate.fold", self->count)));
+    for (int64_t v = 0; v < self->count; v++) {
+        is_left_out[v] = (unsigned char)is_of_fold(v, fold, self->count);
+    }
+    V2V_TRY(
+        v2v_left_out_create(&left_out, &v2v_estimator_tv, &problem, is_left_out, 1, self->comm));
+    V2V_TRY(v2v_left_out_run(left_out, self->volume, self->undistorted));
+    weight_by_depth(self, left_out->estimator->slices);
+    v2v_left_out_predict(left_out, self->predicted[0], self->volume);
+    v2v_left_out_predict(left_out, self->predicted[1], self->deep);
+    for (int64_t i = 0; i < self->count - left_out->used; i++) {
+        const int32_t v = left_out->view[left_out->used + i];
+        const struct v2v_view_calibration *view = &self->calibration->view[v];
+        float *prediction[2];
+        for (int k = 0; k < 2; k++) {
+            prediction[k] = self->predicted[k] + i * self->pixels;
+            v2v_calibration_distort_view(prediction[k], self->scratch, view, self->problem->height,
+                                         self->problem->width);
+        }
+        v2v_registration_compare(&self->registration[v], &self->images,
+                                 self->views + v * self->pixels, prediction[0], prediction[1],
+                                 stage->smoothing, self->rows, self->columns);
+        self->registration[v].in_square =
+            v2v_registration_missed(self->views + v * self->pixels, prediction[0],
+                                    self->problem->width, self->square_rows, self->square_columns);
+    }
+done:
+    v2v_left_out_destroy(&left_out);
+    v2v_mem_free(is_left_out);
+    return rc;
+}
+
+/* Every view predicted from others: residuals, and the equations that the next step solves.
+ * Collective(comm). */
+static enum v2v_status look(struct calibrator *self, const struct stage *stage)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_missed frame = {0.0, 0.0}, square = {0.0, 0.0};
+    V2V_TRY(v2v_par_agree(self->comm, apply(self)));
+    for (int64_t fold = 0; fold < folds_of(self->count); fold++) {
+        V2V_TRY(look_at_fold(self, fold, stage));
+    }
+    for (int64_t v = 0; v < self->count; v++) {
+        frame.squares += self->registration[v].in_frame.squares;
+        frame.of += self->registration[v].in_frame.of;
+        square.squares += self->registration[v].in_square.squares;
+        square.of += self->registration[v].in_square.of;
+    }
+    self->frame = frame.of > 0.0 ? sqrt(frame.squares / frame.of) : 0.0;
+    self->square = square.of > 0.0 ? sqrt(square.squares / square.of) : 0.0;
+    v2v_log(V2V_LOG_DEBUG, "views left out are missed by %.4f, in the square by %.4f", self->frame,
+            self->square);
+done:
+    return rc;
+}
+
+/** Steps of a stage; each ends with a look, the last one for the next stage. Collective(comm). */
+static enum v2v_status run_stage(struct calibrator *self, const struct stage *stage,
+                                 int64_t *rounds)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct stage *const next = stage + (stage < &stages[STAGES - 1]);
+    struct v2v_view_calibration *const now = self->calibration->view;
+    double moved = INFINITY;
+    v2v_anderson_restart(self->anderson);
+    for (int r = 1; r <= stage->rounds && moved > still; r++) {
+        memcpy(self->at, now, (size_t)self->count * sizeof *now);
+        moved = v2v_registration_step(self->calibration, self->registration, stage->terms,
+                                      stage->smoothing);
+        v2v_registration_fix_modes(self->calibration, self->parallax);
+        memcpy(self->to, now, (size_t)self->count * sizeof *now);
+        v2v_anderson_step(self->anderson, self->at, self->to);
+        memcpy(now, self->at, (size_t)self->count * sizeof *now);
+        const int is_last = r == stage->rounds || moved <= still;
+        V2V_TRY(look(self, is_last ? next : stage));
+        ++*rounds;
+    }
+done:
+    return rc;
+}
+
+/** The weight that predicts best, from the greatest downhill; a look with it is the last one.
+ *  Collective(comm). */
+static enum v2v_status choose_weight(struct calibrator *self, const struct stage *stage)
+{
+    enum v2v_status rc = V2V_OK;
+    double *const lambda = &self->config.deconv.lambda.value, best = INFINITY;
+    int k = 0;
+    for (; k < WEIGHTS; k++) {
+        *lambda = weights[k];
+        V2V_TRY(look(self, stage));
+        if (self->frame >= best) {
+            *lambda = weights[k - 1];
+            V2V_TRY(look(self, stage));
+            break;
+        }
+        best = self->frame;
+    }
+done:
+    return rc;
+}
+
+/** The stages before `end`, an optional one undone where it was not worth it. Collective(comm). */
+static enum v2v_status run_stages(struct calibrator *self, struct v2v_calibration_report *report,
+                                  int first, int end)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_view_calibration *before = NULL, *const now = self->calibration->view;
+    const size_t bytes = (size_t)self->count * sizeof *now;
+    V2V_TRY(v2v_par_agree(self->comm, V2V_ALLOC(before, "calibrate.before", self->count)));
+    for (int s = first; s < end; s++) {
+        const double frame = self->frame, square = self->square;
+        memcpy(before, now, bytes);
+        V2V_TRY(run_stage(self, &stages[s], &report->rounds));
+        if (stages[s].is_optional && self->frame > (1.0 - least_lowered) * frame) {
+            memcpy(now, before, bytes);
+            self->frame = frame;
+            self->square = square;
+            if (s + 1 < end) {
+                V2V_TRY(look(self, &stages[s + 1]));
+            }
+            continue;
+        }
+        report->has_slopes |= (stages[s].terms & V2V_REGISTER_SLOPE) != 0;
+        report->has_fields |= (stages[s].terms & V2V_REGISTER_FIELDS) != 0;
+    }
+done:
+    v2v_mem_free(before);
+    return rc;
+}
+
+/** Residuals of the views as they came, at the weight under way. Collective(comm). */
+static enum v2v_status look_uncalibrated(struct calibrator *self,
+                                         struct v2v_calibration_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_calibration nothing = {0}, *const found = self->calibration;
+    V2V_TRY(v2v_par_agree(
+        self->comm, v2v_calibration_init(&nothing, found->views, found->height, found->width)));
+    self->calibration = &nothing;
+    rc = look(self, &stages[STAGES - 1]);
+    self->calibration = found;
+    V2V_TRY(rc);
+    if (self->frame < report->frame_before) {
+        report->frame_before = self->frame;
+        report->heldout_before = self->square;
+    }
+done:
+    v2v_calibration_fini(&nothing);
+    return rc;
+}
+
+static enum v2v_status find(struct calibrator *self, struct v2v_calibration_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    report->frame_before = INFINITY;
+    self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weights[0]};
+    V2V_TRY(look_uncalibrated(self, report));
+    V2V_TRY(look(self, &stages[0]));
+    V2V_TRY(run_stages(self, report, 0, FIRST_FINE));
+    V2V_TRY(choose_weight(self, &stages[FIRST_FINE]));
+    V2V_TRY(run_stages(self, report, FIRST_FINE, STAGES));
+    V2V_TRY(look(self, &stages[STAGES - 1]));
+    report->weight = self->config.deconv.lambda.value;
+    report->frame_after = self->frame;
+    report->heldout_after = self->square;
+    if (report->weight < weights[0]) {
+        V2V_TRY(look_uncalibrated(self, report));
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
+                              struct v2v_calibration_report *report,
+                              const struct v2v_problem *problem, const float *views,
+                              const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = problem->psf;
+    struct calibrator self = {.problem = problem,
+                              .comm = comm,
+                              .views = views,
+                              .count = psf->views,
+                              .pixels = problem->height * problem->width,
+                              .config = *problem->config,
+                              .calibration = calibration};
+    *report = (struct v2v_calibration_report){0};
+    *calibration = (struct v2v_calibration){0};
+    if (psf->views < 2) {
+        return V2V_FAIL(V2V_E_INPUT, "one view alone: there is no other to predict it");
+    }
+    self.config.deconv.stop = V2V_STOP_FIXED;
+    self.rows = v2v_registration_judged(problem->height);
+    self.columns = v2v_registration_judged(problem->width);
+    V2V_TRY(v2v_par_agree(comm, take_memory(&self)));
+    v2v_psf_parallax(self.parallax, psf);
+    find_square(&self);
+    report->square_rows = self.square_rows;
+    report->square_columns = self.square_columns;
+    V2V_TRY(find(&self, report));
+done:
+    release_memory(&self);
+    if (rc != V2V_OK) {
+        v2v_calibration_fini(calibration);
+    }
+    return rc;
+}

@@ -1,0 +1,77 @@
+/** A view against its prediction: by what shift, slope with depth, gain and smooth fields the two
+ *  differ, in linear least squares. REFERENCE.md 11. */
+#ifndef V2V_METHOD_REGISTRATION_H
+#define V2V_METHOD_REGISTRATION_H
+
+#include "v2v3d/base/field.h"
+#include "v2v3d/conf/calibration.h"
+#include "v2v3d/par/slicing.h"
+
+/** What is fitted: gain and shift always. */
+enum { V2V_REGISTER_SHIFT = 1, V2V_REGISTER_SLOPE = 2, V2V_REGISTER_FIELDS = 4 };
+
+/** Unknowns of a view, as they stand in its equations: gain and its field, displacement along y and
+ *  its field, along x and its field; slope along y, x. */
+enum {
+    V2V_REGISTER_FIELD = 1 + V2V_FIELD_TERMS,
+    V2V_REGISTER_GAIN = 0,
+    V2V_REGISTER_Y = V2V_REGISTER_FIELD,
+    V2V_REGISTER_X = 2 * V2V_REGISTER_FIELD,
+    V2V_REGISTER_SLOPES = 3 * V2V_REGISTER_FIELD,
+    V2V_REGISTER_UNKNOWNS = V2V_REGISTER_SLOPES + 2
+};
+
+/** Squares of what is missed, of the squares of what is there. */
+struct v2v_missed {
+    double squares, of;
+};
+
+struct v2v_registration {
+    double matrix[V2V_REGISTER_UNKNOWNS][V2V_REGISTER_UNKNOWNS]; /* normal; lower triangle */
+    double right[V2V_REGISTER_UNKNOWNS];
+    struct v2v_missed in_frame, in_square;
+};
+
+/** Room for smoothed images. */
+struct v2v_registration_images {
+    int64_t height, width;
+    float *missed, *prediction, *deep, *scratch; /* [y,x] */
+    double *of_row;                              /* [y][unknowns * (unknowns + 1)] */
+};
+
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_registration_images_init(struct v2v_registration_images *images, int64_t height,
+                                             int64_t width) V2V_MUST_CHECK;
+void v2v_registration_images_fini(struct v2v_registration_images *images);
+
+/** Pixels of a side that are judged: what light from beyond the frame hardly reaches.
+ *  @kind Local. */
+struct v2v_part v2v_registration_judged(int64_t side);
+
+/** @kind Local, the same bits with any number of threads. */
+struct v2v_missed v2v_registration_missed(const float *recorded, const float *prediction,
+                                          int64_t width, struct v2v_part rows,
+                                          struct v2v_part columns);
+
+/** The equations of a view and what its prediction misses over the frame.
+ *  @kind   Local, no allocation, the same bits with any number of threads
+ *  @param  deep the prediction of the volume weighted by depth
+ *  @param  smoothing pixels: differences are taken of images smoothed by squares of this radius,
+ *          across as many, and reach as far */
+void v2v_registration_compare(struct v2v_registration *registration,
+                              struct v2v_registration_images *images, const float *recorded,
+                              const float *prediction, const float *deep, int smoothing,
+                              struct v2v_part rows, struct v2v_part columns);
+
+/** Solve every view's equations for `terms`, and go there, at most as far as `smoothing` shows.
+ *  @kind Local. @param registration [views] @return the farthest way of a view, pixels */
+double v2v_registration_step(struct v2v_calibration *calibration,
+                             const struct v2v_registration *registration, unsigned terms,
+                             int smoothing);
+
+/** Take out what views cannot tell: gain, shift, slope and fields that all views share, and
+ *  displacements in proportion to `parallax`, which move and bend the volume in depth.
+ *  @kind Local. @param parallax [views][y,x], pixels a slice */
+void v2v_registration_fix_modes(struct v2v_calibration *calibration, double (*parallax)[2]);
+
+#endif

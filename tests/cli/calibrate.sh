@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Views out of register: simulated, found by calibrate, and taken by every command that knows PSFs.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+cp "$root/configs/tiny.yaml" .
+"$V2V_MAKE_BAD" "$folder" || exit 1
+mkdir work
+mv volume.h5 tiny.yaml work
+cd work || exit 1
+works psf simulate -c tiny.yaml -o psf.h5 # 5 views, 7 slices
+cat >spoil.yaml <<'EOF'
+height: 64
+width: 64
+views:
+  - {gain: 1.25, shift: [1, 0.5]}
+  - {gain: 0.8, shift: [-1, -0.5]}
+  - gain: 1
+  - gain: 1
+  - gain: 1
+EOF
+works simulate --psf psf.h5 --volume volume.h5 -o rec.h5 --noise gaussian:0.05 --calibration spoil.yaml
+works calibrate --psf psf.h5 --input rec.h5 -o cal.yaml --json
+for key in heldout_before heldout_after heldout_frame_before heldout_frame_after shifts gains slopes \
+    has_fields rounds lambda square; do
+    grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
+done
+[ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
+works calibrate --psf psf.h5 --input rec.h5 -o text.yaml --frame 1
+says 'held-out residual: .* before, .* after'
+
+works project --psf psf.h5 --volume volume.h5 -o spoilt.h5 --calibration spoil.yaml
+works simulate --psf psf.h5 --volume volume.h5 -o clean.h5 --calibration spoil.yaml
+same spoilt.h5 clean.h5 /views
+works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration cal.yaml
+works evaluate --volume tv.h5 --psf psf.h5 --input rec.h5 --calibration cal.yaml --json
+works train -c tiny.yaml --steps 1 --psf psf.h5 --input rec.h5 -o run --calibration cal.yaml
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input rec.h5 -o net.h5 --calibration cal.yaml
+
+sed 's/^  - gain: 1$//' spoil.yaml >fewer.yaml
+refuses 65 'a calibration of 2 views, but the PSFs have 5' deconvolve --psf psf.h5 --input rec.h5 \
+    -o out.h5 --calibration fewer.yaml
+sed 's/gain: 1.25/gian: 1.25/' spoil.yaml >typing.yaml
+refuses 78 "typing.yaml:4: 'gian' is not one of the keys" deconvolve --psf psf.h5 --input rec.h5 \
+    -o out.h5 --calibration typing.yaml
+sed 's/0.5]}/0.5], shading: [0.1, 0, 0, 0, 0, 0, 0, 0, 0]}/; s/64/32/' spoil.yaml >small.yaml
+refuses 65 'made from 5 of 32 x 32' deconvolve --psf psf.h5 --input rec.h5 -o out.h5 \
+    --calibration small.yaml
+refuses 2 'cal.yaml.*--force' calibrate --psf psf.h5 --input rec.h5 -o cal.yaml
+refuses 65 'there is no frame 7' calibrate --psf psf.h5 --input rec.h5 -o out.yaml --frame 7
+finish

@@ -1,0 +1,132 @@
+/* A microscope whose views are out of register is put right, by any number of ranks alike. */
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/method/calibrate.h"
+#include "v2v3d/optics/calibration.h"
+#include "v2v3d/optics/projector.h"
+#include "v2v3d/optics/psf.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { VIEWS = 8, SLICES = 5, KERNEL = 13 };
+enum { HEIGHT = 112, WIDTH = 104, PIXELS = HEIGHT * WIDTH };
+
+/* Views from all sides, one pixel a slice. */
+static struct v2v_psf_file make_psf(void)
+{
+    struct v2v_psf_file psf = {.views = VIEWS, .slices = SLICES, .height = KERNEL, .width = KERNEL};
+    const int64_t count = VIEWS * SLICES * KERNEL * KERNEL;
+    assert_ok(V2V_ALLOC(psf.data, "test", count));
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t x = i % KERNEL, y = i / KERNEL % KERNEL, z = i / (KERNEL * KERNEL) % SLICES;
+        const double angle = 2.0 * acos(-1.0) * (double)(i / (SLICES * KERNEL * KERNEL)) / VIEWS;
+        const double depth = (double)(z - SLICES / 2);
+        const double dy = (double)(y - KERNEL / 2) - depth * sin(angle);
+        const double dx = (double)(x - KERNEL / 2) - depth * cos(angle);
+        psf.data[i] = (float)exp(-0.5 * (dy * dy + dx * dx));
+    }
+    v2v_psf_normalize_views(&psf);
+    return psf;
+}
+
+/* Views of bright points through PSFs that are not those that are told. */
+static void show(float *views, const struct v2v_calibration *truth)
+{
+    struct v2v_psf_file psf = make_psf();
+    struct v2v_projector *projector = NULL;
+    static float volume[SLICES * PIXELS];
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+        volume[i] = v2v_random_below(3, 0, (uint64_t)i, 150) == 0
+                        ? (float)(1 + v2v_random_uniform(3, 1, (uint64_t)i))
+                        : 0.0f;
+    }
+    assert_ok(v2v_calibration_apply_to_psf(&psf, truth));
+    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] += (float)(0.002 * v2v_random_normal(3, 2, (uint64_t)i));
+    }
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+}
+
+static void views_come_back_into_register(void **state)
+{
+    (void)state;
+    static float views[VIEWS * PIXELS];
+    struct v2v_psf_file psf = make_psf();
+    struct v2v_config config;
+    struct v2v_calibration truth, found, alone;
+    struct v2v_calibration_report report, report_alone;
+    double parallax[VIEWS][2], product = 0.0, squares = 0.0;
+    v2v_config_defaults(&config);
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    assert_ok(v2v_calibration_init(&truth, VIEWS, HEIGHT, WIDTH));
+    v2v_psf_parallax(parallax, &psf);
+    for (int v = 0; v < VIEWS; v++) { /* opposite views: shifts and logarithms of gains cancel */
+        const int sign = v < VIEWS / 2 ? 1 : -1;
+        truth.view[v].gain = exp(sign * (0.25 - 0.1 * (v % (VIEWS / 2))));
+        for (int axis = 0; axis < 2; axis++) {
+            truth.view[v].shift[axis] =
+                4.0 * sign * (v2v_random_uniform(3, 7, (uint64_t)(2 * (v % 4) + axis)) - 0.5);
+            product += truth.view[v].shift[axis] * parallax[v][axis];
+            squares += parallax[v][axis] * parallax[v][axis];
+        }
+    }
+    for (int i = 0; i < 2 * VIEWS; i++) { /* nothing that is the volume's shift in depth */
+        truth.view[i / 2].shift[i % 2] -= product / squares * parallax[i / 2][i % 2];
+    }
+    show(views, &truth);
+    assert_ok(v2v_calibrate(&found, &report, &problem, views, test_world()));
+    assert_true(report.frame_after < 0.5 * report.frame_before);
+    assert_false(report.has_slopes);
+    assert_false(report.has_fields);
+    for (int v = 0; v < VIEWS; v++) {
+        for (int axis = 0; axis < 2; axis++) {
+            const double miss = found.view[v].shift[axis] - truth.view[v].shift[axis];
+            if (!(fabs(miss) < 0.1)) {
+                fail_msg("view %d axis %d: shift %g, not %g", v, axis, found.view[v].shift[axis],
+                         truth.view[v].shift[axis]);
+            }
+        }
+        if (!(fabs(found.view[v].gain / truth.view[v].gain - 1.0) < 0.01)) {
+            fail_msg("view %d: gain %g, not %g", v, found.view[v].gain, truth.view[v].gain);
+        }
+    }
+    assert_ok(v2v_calibrate(&alone, &report_alone, &problem, views, NULL));
+    assert_memory_equal(alone.view, found.view, VIEWS * sizeof *alone.view);
+    assert_true(report.frame_after == report_alone.frame_after);
+    v2v_calibration_fini(&alone);
+    v2v_calibration_fini(&found);
+    v2v_calibration_fini(&truth);
+    v2v_psf_file_fini(&psf);
+}
+
+static void a_view_alone_has_nothing_to_be_compared_with(void **state)
+{
+    (void)state;
+    static const float views[PIXELS];
+    struct v2v_psf_file psf = make_psf();
+    struct v2v_config config;
+    struct v2v_calibration found;
+    struct v2v_calibration_report report;
+    v2v_config_defaults(&config);
+    psf.views = 1;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    assert_int_equal(v2v_calibrate(&found, &report, &problem, views, test_world()), V2V_E_INPUT);
+    v2v_psf_file_fini(&psf);
+}
+
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(views_come_back_into_register),
+        cmocka_unit_test(a_view_alone_has_nothing_to_be_compared_with),
+    };
+    return test_mpi_main(tests, argc, argv);
+}

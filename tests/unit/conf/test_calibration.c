@@ -1,0 +1,136 @@
+#include "support.h"
+
+#include "v2v3d/conf/calibration.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char *write_text(const char *text)
+{
+    static char path[600];
+    snprintf(path, sizeof path, "%s/cal.yaml", test_folder(NULL));
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_true(fputs(text, file) >= 0);
+    assert_int_equal(fclose(file), 0);
+    return path;
+}
+
+/* Numbers that six digits hold. */
+static void what_is_printed_is_read_again(void **state)
+{
+    (void)state;
+    struct v2v_calibration out, in;
+    char *text = NULL;
+    size_t bytes = 0;
+    assert_ok(v2v_calibration_init(&out, 3, 303, 305));
+    for (int v = 0; v < 3; v++) {
+        struct v2v_view_calibration *view = &out.view[v];
+        view->gain = 0.75 + v;
+        for (int axis = 0; axis < 2; axis++) {
+            view->shift[axis] = -1.25 + v + 0.5 * axis;
+            view->slope[axis] = 0.375 * v - axis;
+        }
+        for (int k = 0; k < V2V_FIELD_TERMS; k++) {
+            view->distortion_y[k] = 0.5 * k - v;
+            view->distortion_x[k] = 0.125 * k + v;
+            view->shading[k] = 0.0625 * k - 0.25 * v;
+        }
+    }
+    FILE *stream = open_memstream(&text, &bytes);
+    assert_non_null(stream);
+    v2v_calibration_print(&out, stream);
+    assert_int_equal(fclose(stream), 0);
+    assert_ok(v2v_calibration_read(&in, write_text(text)));
+    assert_int_equal(in.views, 3);
+    assert_int_equal(in.height, 303);
+    assert_int_equal(in.width, 305);
+    assert_memory_equal(in.view, out.view, 3 * sizeof *in.view);
+    free(text);
+    v2v_calibration_fini(&in);
+    v2v_calibration_fini(&out);
+}
+
+static void what_is_left_out_is_as_the_psfs_say(void **state)
+{
+    (void)state;
+    static const struct v2v_view_calibration nothing = {.gain = 1.0};
+    struct v2v_calibration in;
+    assert_ok(v2v_calibration_read(
+        &in, write_text("height: 8\nwidth: 9\nviews:\n  - shift: [1, -2]\n  - gain: 1\n")));
+    assert_int_equal(in.views, 2);
+    assert_true(in.view[0].gain == 1.0 && in.view[0].shift[0] == 1.0 &&
+                in.view[0].shift[1] == -2.0);
+    assert_memory_equal(&in.view[1], &nothing, sizeof nothing);
+    v2v_calibration_fini(&in);
+}
+
+static void a_wrong_file_is_refused_by_line_and_key(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text, *says;
+    } wrong[] = {
+        {"", "no calibration"},
+        {"just words\n", "no calibration"},
+        {"height: 8\nwidth: 9\n", "no calibration"},
+        {"height: 8\nwidth: 9\nviews: []\n", ":3: views wants a list of 1 to 4096"},
+        {"height: 8\nwidth: 9\nviews: 3\n", ":3: views wants a list"},
+        {"height: 8\nwidth: 9\nviews:\n  - 1\n", ":4: a view wants"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: 1\n    gian: 1\n", ":5: 'gian' is not one"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: 1\n    gain: 1\n", ":5: 'gain' is not one"},
+        {"height: 8\nheight: 8\nwidth: 9\nviews:\n  - gain: 1\n", ":2: 'height'"},
+        {"depth: 8\n", ":1: 'depth'"},
+        {"height: 8\nwidth: 9\nviews:\n  - shift: 1\n", ":4: shift wants a list of 2 numbers"},
+        {"height: 8\nwidth: 9\nviews:\n  - shift: [1]\n", ":4: shift wants 2 numbers"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: [1]\n", ":4: gain wants 1 number"},
+        {"height: 8\nwidth: 9\nviews:\n  - shift: [1, 65]\n", ":4: shift"},
+        {"height: 8\nwidth: 9\nviews:\n  - shift: [1, .nan]\n", ":4: shift"},
+        {"height: 8\nwidth: 9\nviews:\n  - shift: [1, [2]]\n", ":4: shift"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: 0\n", ":4: gain"},
+        {"height: 8\nwidth: 9\nviews:\n  - shading: [0, 0, 0, 0, 3.5, 0, 0, 0, 0]\n",
+         ":4: shading"},
+        {"height: 0\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame"},
+        {"height: 8\nwidth: [9\n", "cal.yaml:"},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct v2v_calibration in;
+        const enum v2v_status rc = v2v_calibration_read(&in, write_text(wrong[i].text));
+        if (rc != V2V_E_CONFIG || strstr(v2v_status_message(), wrong[i].says) == NULL ||
+            strstr(v2v_status_message(), "cal.yaml") == NULL) {
+            fail_msg("case %d: %d, %s", (int)i, (int)rc, v2v_status_message());
+        }
+        assert_null(in.view);
+    }
+}
+
+static void frames_of_another_size_have_other_fields(void **state)
+{
+    (void)state;
+    struct v2v_calibration c;
+    assert_ok(v2v_calibration_init(&c, 2, 64, 48));
+    assert_false(v2v_calibration_has_distortion(&c));
+    assert_ok(v2v_calibration_check(&c, 2, 64, 48, "r.h5"));
+    assert_ok(v2v_calibration_check(&c, 2, 32, 32, "r.h5"));
+    assert_int_equal(v2v_calibration_check(&c, 3, 64, 48, "r.h5"), V2V_E_INPUT);
+    c.view[1].shading[4] = 0.1;
+    assert_false(v2v_calibration_has_distortion(&c));
+    assert_ok(v2v_calibration_check(&c, 2, 64, 48, "r.h5"));
+    assert_int_equal(v2v_calibration_check(&c, 2, 32, 32, "r.h5"), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "r.h5: 2 views of 32 x 32"));
+    c.view[0].distortion_x[0] = -0.1;
+    assert_true(v2v_calibration_has_distortion(&c));
+    v2v_calibration_fini(&c);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(what_is_printed_is_read_again),
+        cmocka_unit_test(what_is_left_out_is_as_the_psfs_say),
+        cmocka_unit_test(a_wrong_file_is_refused_by_line_and_key),
+        cmocka_unit_test(frames_of_another_size_have_other_fields),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,170 @@
+/* A view that is its prediction moved: the equations say by how much. */
+#include "method/registration.h"
+#include "support.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { HEIGHT = 72, WIDTH = 80, PIXELS = HEIGHT * WIDTH, MOST_ROUNDS = 30 };
+
+/* Light that two depths, -1 and 0.5, add to a pixel. */
+static double light(double y, double x, double depth)
+{
+    return depth < 0.0 ? 1.0 + 0.4 * sin(0.21 * y + 0.3) * cos(0.17 * x)
+                       : 0.7 + 0.3 * cos(0.19 * y) * sin(0.26 * x + 0.5);
+}
+
+/* What the view shows at its calibration, and that weighted by depth. */
+static void show(float *image, float *deep, const struct v2v_view_calibration *view)
+{
+    static const double depths[2] = {-1.0, 0.5};
+    for (int i = 0; i < PIXELS; i++) {
+        double terms[V2V_FIELD_TERMS], sum = 0.0, weighted = 0.0;
+        const int y = i / WIDTH, x = i % WIDTH;
+        v2v_field_terms(terms, v2v_field_place(y, HEIGHT), v2v_field_place(x, WIDTH));
+        for (int d = 0; d < 2; d++) {
+            const double s = light(y - view->shift[0] - view->slope[0] * depths[d] -
+                                       v2v_field_value(view->distortion_y, terms),
+                                   x - view->shift[1] - view->slope[1] * depths[d] -
+                                       v2v_field_value(view->distortion_x, terms),
+                                   depths[d]);
+            sum += s;
+            weighted += depths[d] * s;
+        }
+        const double factor = view->gain * exp(v2v_field_value(view->shading, terms));
+        image[i] = (float)(factor * sum);
+        deep[i] = (float)(factor * weighted);
+    }
+}
+
+/* @return the farthest that any number of the view is from `truth` after the rounds */
+static double fit(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
+                  unsigned terms, int smoothing)
+{
+    static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, view};
+    struct v2v_registration registration;
+    struct v2v_registration_images images;
+    const struct v2v_part rows = v2v_registration_judged(HEIGHT);
+    const struct v2v_part columns = v2v_registration_judged(WIDTH);
+    double moved = 1.0, farthest = 0.0;
+    assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
+    show(seen, deep, truth);
+    for (int r = 0; r < MOST_ROUNDS && moved > 1e-6; r++) {
+        show(predicted, deep, view);
+        v2v_registration_compare(&registration, &images, seen, predicted, deep, smoothing, rows,
+                                 columns);
+        moved = v2v_registration_step(&c, &registration, terms, smoothing);
+    }
+    const double *a = (const double *)(const void *)view;
+    const double *b = (const double *)(const void *)truth;
+    for (size_t i = 0; i < sizeof *view / sizeof *a; i++) {
+        farthest = fmax(farthest, fabs(a[i] - b[i]));
+    }
+    v2v_registration_images_fini(&images);
+    return farthest;
+}
+
+/* At the truth the prediction is what is seen, to float32's rounding, whatever the differences. */
+static void all_that_is_asked_for_is_found(void **state)
+{
+    (void)state;
+    const struct v2v_view_calibration shifted = {.gain = 0.8, .shift = {2.5, -1.75}};
+    struct v2v_view_calibration sloped = shifted, all;
+    struct v2v_view_calibration view = {.gain = 1.0};
+    assert_true(fit(&view, &shifted, V2V_REGISTER_SHIFT, 1) < 1e-4);
+    view = (struct v2v_view_calibration){.gain = 1.0};
+    assert_true(fit(&view, &shifted, V2V_REGISTER_SHIFT, 3) < 1e-4);
+    sloped.slope[0] = 0.75;
+    sloped.slope[1] = -0.5;
+    view = (struct v2v_view_calibration){.gain = 1.0};
+    assert_true(fit(&view, &sloped, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE, 1) < 1e-3);
+    all = sloped;
+    for (int k = 0; k < V2V_FIELD_TERMS; k++) {
+        all.distortion_y[k] = 0.08 * (k % 5 - 1);
+        all.distortion_x[k] = 0.15 - 0.06 * (k % 5);
+        all.shading[k] = 0.02 * (k % 5) - 0.05;
+    }
+    view = (struct v2v_view_calibration){.gain = 1.0};
+    assert_true(fit(&view, &all, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS, 1) <
+                5e-3);
+}
+
+static void what_is_not_asked_for_stays(void **state)
+{
+    (void)state;
+    const struct v2v_view_calibration truth = {
+        .gain = 1.1, .shift = {0.5, 0.5}, .slope = {0.5, 0.0}, .shading = {0.1}};
+    struct v2v_view_calibration view = {.gain = 1.0};
+    fit(&view, &truth, V2V_REGISTER_SHIFT, 1);
+    assert_true(view.slope[0] == 0.0 && v2v_field_is_zero(view.shading));
+    assert_true(view.gain != 1.0 && view.shift[0] != 0.0 && view.shift[1] != 0.0);
+}
+
+static void a_dark_view_stays_where_it_is(void **state)
+{
+    (void)state;
+    static const float dark[PIXELS];
+    struct v2v_view_calibration view = {.gain = 1.0};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view};
+    struct v2v_registration registration;
+    struct v2v_registration_images images;
+    assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
+    v2v_registration_compare(&registration, &images, dark, dark, dark, 1,
+                             v2v_registration_judged(HEIGHT), v2v_registration_judged(WIDTH));
+    assert_true(v2v_registration_step(&c, &registration, V2V_REGISTER_SHIFT, 1) == 0.0);
+    assert_true(view.gain == 1.0 && view.shift[0] == 0.0);
+    v2v_registration_images_fini(&images);
+}
+
+static void what_views_cannot_tell_is_taken_out(void **state)
+{
+    (void)state;
+    enum { COUNT = 3 };
+    double parallax[COUNT][2] = {{0.5, 0.1}, {-0.5, 0.3}, {0.0, -0.7}};
+    struct v2v_view_calibration view[COUNT];
+    struct v2v_calibration c = {COUNT, HEIGHT, WIDTH, view};
+    static const double own[COUNT][2] = {{0.2, -0.1}, {0.2, 0.4}, {-0.4, -0.3}};
+    double along = 0.0, squares = 0.0;
+    for (int v = 0; v < COUNT; v++) { /* own: mean 0; its part along the parallax by hand */
+        for (int axis = 0; axis < 2; axis++) {
+            const double p = parallax[v][axis] - (axis == 0 ? 0.0 : -0.1);
+            along += p * own[v][axis];
+            squares += p * p;
+        }
+    }
+    for (int v = 0; v < COUNT; v++) {
+        view[v] = (struct v2v_view_calibration){.gain = 3.0 * exp(0.1 * (v - 1))};
+        for (int axis = 0; axis < 2; axis++) {
+            view[v].shift[axis] = own[v][axis] + 1.5 - axis + 2.0 * parallax[v][axis];
+            view[v].slope[axis] = view[v].shift[axis];
+        }
+        view[v].distortion_y[3] = view[v].shift[0];
+        view[v].distortion_x[3] = view[v].shift[1];
+        view[v].shading[2] = 0.5 + 0.1 * (v - 1);
+    }
+    v2v_registration_fix_modes(&c, parallax);
+    for (int v = 0; v < COUNT; v++) {
+        assert_true(fabs(view[v].gain - exp(0.1 * (v - 1))) < 1e-12);
+        assert_true(fabs(view[v].shading[2] - 0.1 * (v - 1)) < 1e-12);
+        for (int axis = 0; axis < 2; axis++) {
+            const double p = parallax[v][axis] - (axis == 0 ? 0.0 : -0.1);
+            const double expected = own[v][axis] - along / squares * p;
+            assert_true(fabs(view[v].shift[axis] - expected) < 1e-12);
+            assert_true(fabs(view[v].slope[axis] - expected) < 1e-12);
+            assert_true(fabs((axis == 0 ? view[v].distortion_y : view[v].distortion_x)[3] -
+                             expected) < 1e-12);
+        }
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(all_that_is_asked_for_is_found),
+        cmocka_unit_test(what_is_not_asked_for_stays),
+        cmocka_unit_test(a_dark_view_stays_where_it_is),
+        cmocka_unit_test(what_views_cannot_tell_is_taken_out),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,155 @@
+/* PSFs that are displaced, views that are distorted: against what they are by hand. */
+#include "support.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/optics/calibration.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { PSF_VIEWS = 2, PSF_SLICES = 5, PSF_HEIGHT = 40, PSF_WIDTH = 43 };
+static const double width_of_spot = 2.0; /* pixels: 3e-9 of its spectrum is beyond sampling */
+
+static double spot(double y, double x)
+{
+    return exp(-(y * y + x * x) / (2.0 * width_of_spot * width_of_spot));
+}
+
+/* Spots that move by `parallax` pixels (y, x) a slice. */
+static struct v2v_psf_file make_psf(double (*parallax)[2])
+{
+    struct v2v_psf_file psf = {
+        .views = PSF_VIEWS, .slices = PSF_SLICES, .height = PSF_HEIGHT, .width = PSF_WIDTH};
+    const int64_t pixels = PSF_HEIGHT * PSF_WIDTH;
+    assert_ok(V2V_ALLOC(psf.data, "test", PSF_VIEWS * PSF_SLICES * pixels));
+    for (int v = 0; v < PSF_VIEWS; v++) {
+        for (int z = 0; z < PSF_SLICES; z++) {
+            for (int64_t i = 0; i < pixels; i++) {
+                psf.data[(v * PSF_SLICES + z) * pixels + i] =
+                    (float)spot((double)(i / PSF_WIDTH - 19) - parallax[v][0] * (z - 2),
+                                (double)(i % PSF_WIDTH - 21) - parallax[v][1] * (z - 2));
+            }
+        }
+    }
+    return psf;
+}
+
+static void kernels_go_where_they_are_told(void **state)
+{
+    (void)state;
+    double parallax[PSF_VIEWS][2] = {{0.5, -0.25}, {0.0, 0.75}};
+    struct v2v_psf_file psf = make_psf(parallax);
+    struct v2v_calibration c;
+    assert_ok(v2v_calibration_init(&c, PSF_VIEWS, 64, 64));
+    c.view[0] =
+        (struct v2v_view_calibration){.gain = 1.25, .shift = {3.3, -1.7}, .slope = {0.5, -0.8}};
+    c.view[1].gain = 0.5;
+    assert_ok(v2v_calibration_apply_to_psf(&psf, &c));
+    /* ceil(3.3 + 0.5) and two pixels on every side; centres stay centres */
+    assert_int_equal(psf.height, PSF_HEIGHT + 12);
+    assert_int_equal(psf.width, PSF_WIDTH + 12);
+    for (int v = 0; v < PSF_VIEWS; v++) {
+        for (int z = 0; z < PSF_SLICES; z++) {
+            double worst = 0.0;
+            const double depth = (z - 2) / 2.0, *const a = parallax[v];
+            const struct v2v_view_calibration *view = &c.view[v];
+            for (int64_t i = 0; i < psf.height * psf.width; i++) {
+                const double dy = (double)(i / psf.width - 25) - a[0] * (z - 2) - view->shift[0] -
+                                  view->slope[0] * depth;
+                const double dx = (double)(i % psf.width - 27) - a[1] * (z - 2) - view->shift[1] -
+                                  view->slope[1] * depth;
+                const double got =
+                    (double)psf.data[(v * PSF_SLICES + z) * psf.height * psf.width + i];
+                worst = fmax(worst, fabs(got - view->gain * spot(dy, dx)));
+            }
+            /* two transforms of 60 x 60 numbers at most, of length 1.25 * 2 sqrt(pi) */
+            assert_true(worst < 2.0 * 6e-8 * log2(60.0 * 60.0) * 4.5);
+        }
+    }
+    v2v_calibration_fini(&c);
+    v2v_psf_file_fini(&psf);
+}
+
+static void gains_alone_leave_the_window(void **state)
+{
+    (void)state;
+    double parallax[PSF_VIEWS][2] = {{0.0}};
+    struct v2v_psf_file psf = make_psf(parallax), as_was = make_psf(parallax);
+    struct v2v_calibration c;
+    assert_ok(v2v_calibration_init(&c, PSF_VIEWS, 64, 64));
+    c.view[1].gain = 0.25;
+    assert_ok(v2v_calibration_apply_to_psf(&psf, &c));
+    assert_int_equal(psf.height, PSF_HEIGHT);
+    const int64_t one_view = PSF_SLICES * PSF_HEIGHT * PSF_WIDTH;
+    for (int64_t i = 0; i < 2 * one_view; i++) {
+        assert_true(psf.data[i] == (i < one_view ? 1.0f : 0.25f) * as_was.data[i]);
+    }
+    c.views = 1; /* of other PSFs */
+    assert_int_equal(v2v_calibration_apply_to_psf(&psf, &c), V2V_E_INPUT);
+    v2v_calibration_fini(&c);
+    v2v_psf_file_fini(&as_was);
+    v2v_psf_file_fini(&psf);
+}
+
+static void parallax_is_how_centroids_move(void **state)
+{
+    (void)state;
+    double parallax[PSF_VIEWS][2] = {{0.5, -0.25}, {0.0, 0.75}}, got[PSF_VIEWS][2];
+    struct v2v_psf_file psf = make_psf(parallax);
+    v2v_psf_parallax(got, &psf);
+    for (int v = 0; v < PSF_VIEWS; v++) {
+        for (int axis = 0; axis < 2; axis++) { /* spots are sampled beyond any doubt */
+            assert_true(fabs(got[v][axis] - parallax[v][axis]) < 1e-5);
+        }
+    }
+    v2v_psf_file_fini(&psf);
+}
+
+static void distortion_is_undone_to_its_second_order(void **state)
+{
+    (void)state;
+    enum { SIDE = 96, EDGE = 8 };
+    static float views[SIDE * SIDE], seen[SIDE * SIDE], back[SIDE * SIDE], scratch[SIDE * SIDE];
+    struct v2v_calibration c;
+    assert_ok(v2v_calibration_init(&c, 1, SIDE, SIDE));
+    c.view[0] = (struct v2v_view_calibration){.gain = 1.0,
+                                              .distortion_y = {0.9, -0.6, 0.3, 0.4, -0.2},
+                                              .distortion_x = {-0.5, 0.7, -0.3, 0.2, 0.4},
+                                              .shading = {0.2, -0.3, 0.1, 0.05, -0.1}};
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        views[i] = (float)(1.0 + 0.5 * sin(0.2 * (i / SIDE)) * cos(0.15 * (i % SIDE)));
+    }
+    memcpy(seen, views, sizeof seen);
+    v2v_calibration_distort(seen, scratch, &c);
+    v2v_calibration_undistort(back, seen, &c);
+    double changed = 0.0, left = 0.0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        const int y = i / SIDE, x = i % SIDE;
+        if (y >= EDGE && y < SIDE - EDGE && x >= EDGE && x < SIDE - EDGE) {
+            changed = fmax(changed, fabs((double)seen[i] - (double)views[i]));
+            left = fmax(left, fabs((double)back[i] - (double)views[i]));
+        }
+    }
+    /* The fields reach 2.4 and 2.1 pixels, and change by (1.4, 1.9) and (1.7, 1.3) in half a side
+     * along y and x: displacements are missed by the products, pixels of slopes of 0.1 and 0.075
+     * of what is shown and of shading's 0.75 in half a side, brighter by its 0.75 at most. */
+    const double half = (SIDE - 1) / 2.0;
+    const double missed_y = (1.4 * 2.4 + 1.9 * 2.1) / half;
+    const double missed_x = (1.7 * 2.4 + 1.3 * 2.1) / half;
+    assert_true(changed > 0.2);
+    assert_true(left <
+                missed_y * (0.1 + 1.5 * 0.75 / half) + missed_x * (0.075 + 1.5 * 0.75 / half));
+    v2v_calibration_fini(&c);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(kernels_go_where_they_are_told),
+        cmocka_unit_test(gains_alone_leave_the_window),
+        cmocka_unit_test(parallax_is_how_centroids_move),
+        cmocka_unit_test(distortion_is_undone_to_its_second_order),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
