@@ -1,5 +1,5 @@
 /** A view against its prediction: by what shift, slope with depth, gain and smooth fields the two
- *  differ, in linear least squares. REFERENCE.md 11. */
+ *  differ, in linear least squares. REFERENCE.md 13. */
 #ifndef V2V_METHOD_REGISTRATION_H
 #define V2V_METHOD_REGISTRATION_H
 

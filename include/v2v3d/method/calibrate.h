@@ -32,7 +32,7 @@ struct v2v_calibration_report {
  *  @return V2V_OK | V2V_E_INPUT (one view alone) | V2V_E_MEMORY | V2V_STOPPED | V2V_E_NUMERIC;
  *  agreed
  *  @cost   about 15 volumes for every two views
- *  @source REFERENCE.md 11 */
+ *  @source REFERENCE.md 13 */
 enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
                               struct v2v_calibration_report *report,
                               const struct v2v_problem *problem, const float *views,
