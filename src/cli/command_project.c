@@ -81,8 +81,9 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
     struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
-    V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL,
-                                &(struct v2v_scaling){.offset = 0.0, .gain = 1.0}));
+    const struct v2v_scaling as_it_is = {.gain = 1.0,
+                                         .calibration = v2v_recording_calibration(recording)};
+    V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &as_it_is));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));
     v2v_progress_begin(&progress, "back-project", 0, info.frames);
@@ -90,6 +91,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         v2v_watchdog_beat("back-project: a frame");
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
+        v2v_scaling_apply(&as_it_is, p.views, psf->views * p.pixels);
         v2v_projection_adjoint(&p, psf->views);
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
         v2v_progress_step(&progress, t + 1, NULL);

@@ -209,7 +209,7 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
     const int by_mean = work->ops->is_learned && session->config.psf.reduce == V2V_REDUCE_MEAN;
     const struct v2v_part mine =
         v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
-    const struct v2v_scaling offset = {.offset = work->scaling.offset, .gain = 1.0};
+    struct v2v_scaling offset = work->scaling; /* with the shading of a calibration */
     struct v2v_volume *volume = NULL;
     float *views = NULL, *slices = NULL;
     V2V_TRY(v2v_volume_open(&volume, work->given->output, psf->slices, session->world));
@@ -224,6 +224,7 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
         rc = v2v_volume_read(volume, slices, 0, mine.first, mine.count);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
+    offset.gain = 1.0;
     v2v_scaling_apply(&offset, views, samples);
     V2V_TRY(v2v_match_frame(match, psf, slices, views, height, width,
                             by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));

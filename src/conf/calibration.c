@@ -8,8 +8,9 @@
 #include <string.h>
 #include <yaml.h>
 
-enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_NUMBERS = V2V_FIELD_TERMS };
-static const double most_pixels = 64.0, most_shading = 3.0, least_gain = 1e-3, most_gain = 1e3;
+enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64, MOST_SHADING = 3 };
+#define LEAST_GAIN 1e-3
+#define MOST_GAIN 1e3
 
 /* What a file says of a view. */
 struct quantity {
@@ -23,23 +24,19 @@ struct quantity {
     {                                                                                              \
 #name, count, offsetof(struct v2v_view_calibration, name), least, most, meaning            \
     }
-#define PIXELS(name, count, meaning) QUANTITY(name, count, -most_pixels, most_pixels, meaning)
+#define PIXELS(name, count, meaning) QUANTITY(name, count, -MOST_PIXELS, MOST_PIXELS, meaning)
 
-enum { QUANTITIES = 6 };
-static void quantities_of(struct quantity table[QUANTITIES])
-{
-    const struct quantity all[QUANTITIES] = {
-        QUANTITY(gain, 1, least_gain, most_gain, "of the view"),
-        PIXELS(shift, 2, "y, x: pixels"),
-        PIXELS(slope, 2, "y, x: pixels from the middle slice to the last"),
-        PIXELS(distortion_y, V2V_FIELD_TERMS,
-               "x, y, x x, x y, y y, x x x, x x y, x y y, y y y: pixels at the frame's edge"),
-        PIXELS(distortion_x, V2V_FIELD_TERMS, "likewise"),
-        QUANTITY(shading, V2V_FIELD_TERMS, -most_shading, most_shading,
-                 "likewise: logarithm of the gain"),
-    };
-    memcpy(table, all, sizeof all);
-}
+static const struct quantity table[] = {
+    QUANTITY(gain, 1, LEAST_GAIN, MOST_GAIN, "of the view"),
+    PIXELS(shift, 2, "y, x: pixels"),
+    PIXELS(slope, 2, "y, x: pixels from the middle slice to the last"),
+    PIXELS(distortion_y, V2V_FIELD_TERMS,
+           "x, y, x x, x y, y y, x x x, x x y, x y y, y y y: pixels at the frame's edge"),
+    PIXELS(distortion_x, V2V_FIELD_TERMS, "likewise"),
+    QUANTITY(shading, V2V_FIELD_TERMS, -MOST_SHADING, MOST_SHADING,
+             "likewise: logarithm of the gain"),
+};
+enum { QUANTITIES = sizeof table / sizeof *table };
 
 struct reader {
     yaml_document_t document;
@@ -95,9 +92,7 @@ static enum v2v_status read_view(struct v2v_view_calibration *view, struct reade
                                  const yaml_node_t *node)
 {
     enum v2v_status rc = V2V_OK;
-    struct quantity table[QUANTITIES];
     unsigned seen = 0;
-    quantities_of(table);
     if (node->type != YAML_MAPPING_NODE) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: a view wants 'key: value' lines", reader->path,
                          line_of(node)));
@@ -263,8 +258,6 @@ enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration,
 
 void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stream)
 {
-    struct quantity table[QUANTITIES];
-    quantities_of(table);
     fprintf(stream, "# How the views differ from what their PSFs say: v2v3d calibrate\n");
     for (int q = 0; q < QUANTITIES; q++) {
         fprintf(stream, "# %s: %s\n", table[q].name, table[q].meaning);

@@ -13,9 +13,6 @@
 #include <math.h>
 #include <string.h>
 
-/* So many views are left out at a time; of few views, one. */
-enum { LEFT_OUT = 2, FEW_VIEWS = 6 };
-
 /* Volumes of a frame: of the halves, and for the uncertainty of all views. */
 enum { HALVES = 2, ALL = HALVES, VOLUMES };
 
@@ -381,7 +378,7 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
                                         .height = info->height,
                                         .width = info->width,
                                         .precision = V2V_PRECISION_F32};
-    self.folds = v2v_parts(job->psf->views, job->psf->views > FEW_VIEWS ? LEFT_OUT : 1);
+    self.folds = v2v_left_out_folds(job->psf->views);
     rc = v2v_estimator_find(&self.ops, "tv");
     if (rc == V2V_OK) {
         rc = settle(&self);

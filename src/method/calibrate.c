@@ -2,14 +2,14 @@
 
 #include "method/anderson.h"
 #include "method/registration.h"
+#include "method/square.h"
 #include "method/tv.h"
-#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/field.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/warp.h"
 
 #include <math.h>
 #include <string.h>
@@ -22,11 +22,8 @@ enum { NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
 /* Iterations that tell shifts of pixels, of their hundredths, and the last part of a residual. */
 enum { COARSE = 12, FINE = 20, LAST = 40 };
 
-/* Fewer views do without one, not without two. */
-enum { FEW = 7 };
-
-/* Pixels of the judged square's side, and its places. */
-enum { SIDE = 160, STEP = 16 };
+/* Pixels of the judged square's side. */
+enum { SIDE = 160 };
 
 /* What is not lowered by so much is not worth its parameters. */
 static const double least_lowered = 0.03;
@@ -68,48 +65,9 @@ struct calibrator {
     struct v2v_anderson *anderson;
     double *at, *to;               /* all numbers of all views: before and after a step */
     struct v2v_part rows, columns; /* judged: the frame but for its margin */
-    struct v2v_part square_rows, square_columns;
+    struct v2v_square busiest;
     double frame, square; /* residuals of the last look */
 };
-
-/* Pairs as far apart as the list of views allows; of few views one at a time. */
-static int64_t folds_of(int64_t views)
-{
-    return views < FEW ? views : v2v_parts(views, 2);
-}
-
-static int is_of_fold(int64_t view, int64_t fold, int64_t views)
-{
-    return view % folds_of(views) == fold;
-}
-
-/* The judged square of the first view that varies most. */
-static void find_square(struct calibrator *self)
-{
-    const int64_t width = self->problem->width;
-    const int64_t side_y = v2v_smaller(SIDE, self->rows.count);
-    const int64_t side_x = v2v_smaller(SIDE, self->columns.count);
-    double most = -1.0;
-    for (int64_t top = self->rows.first; top + side_y <= self->rows.first + self->rows.count;
-         top += STEP) {
-        for (int64_t left = self->columns.first;
-             left + side_x <= self->columns.first + self->columns.count; left += STEP) {
-            double sum = 0.0, squares = 0.0;
-            for (int64_t i = 0; i < side_y * side_x; i++) {
-                const double p =
-                    (double)self->views[(top + i / side_x) * width + left + i % side_x];
-                sum += p;
-                squares += p * p;
-            }
-            const double variation = squares - sum * sum / (double)(side_y * side_x);
-            if (variation > most) {
-                most = variation;
-                self->square_rows = (struct v2v_part){top, side_y};
-                self->square_columns = (struct v2v_part){left, side_x};
-            }
-        }
-    }
-}
 
 /** Local. */
 static enum v2v_status take_memory(struct calibrator *self)
@@ -199,7 +157,7 @@ static enum v2v_status look_at_fold(struct calibrator *self, int64_t fold,
     v2v_watchdog_beat("calibrate: views left out");
     V2V_TRY(v2v_par_agree(self->comm, V2V_ALLOC(is_left_out, "calibrate.fold", self->count)));
     for (int64_t v = 0; v < self->count; v++) {
-        is_left_out[v] = (unsigned char)is_of_fold(v, fold, self->count);
+        is_left_out[v] = v % v2v_left_out_folds(self->count) == fold;
     }
     V2V_TRY(
         v2v_left_out_create(&left_out, &v2v_estimator_tv, &problem, is_left_out, 1, self->comm));
@@ -219,9 +177,9 @@ static enum v2v_status look_at_fold(struct calibrator *self, int64_t fold,
         v2v_registration_compare(&self->registration[v], &self->images,
                                  self->views + v * self->pixels, prediction[0], prediction[1],
                                  stage->smoothing, self->rows, self->columns);
-        self->registration[v].in_square =
-            v2v_registration_missed(self->views + v * self->pixels, prediction[0],
-                                    self->problem->width, self->square_rows, self->square_columns);
+        self->registration[v].in_square = v2v_registration_missed(
+            self->views + v * self->pixels, prediction[0], self->problem->width, self->busiest.rows,
+            self->busiest.columns);
     }
 done:
     v2v_left_out_destroy(&left_out);
@@ -236,7 +194,7 @@ static enum v2v_status look(struct calibrator *self, const struct stage *stage)
     enum v2v_status rc = V2V_OK;
     struct v2v_missed frame = {0.0, 0.0}, square = {0.0, 0.0};
     V2V_TRY(v2v_par_agree(self->comm, apply(self)));
-    for (int64_t fold = 0; fold < folds_of(self->count); fold++) {
+    for (int64_t fold = 0; fold < v2v_left_out_folds(self->count); fold++) {
         V2V_TRY(look_at_fold(self, fold, stage));
     }
     for (int64_t v = 0; v < self->count; v++) {
@@ -247,6 +205,8 @@ static enum v2v_status look(struct calibrator *self, const struct stage *stage)
     }
     self->frame = frame.of > 0.0 ? sqrt(frame.squares / frame.of) : 0.0;
     self->square = square.of > 0.0 ? sqrt(square.squares / square.of) : 0.0;
+    /* what decides the rounds is the same everywhere: other processors may round another way */
+    v2v_par_broadcast(self->comm, &self->frame, sizeof self->frame, 0);
     v2v_log(V2V_LOG_DEBUG, "views left out are missed by %.4f, in the square by %.4f", self->frame,
             self->square);
 done:
@@ -270,6 +230,8 @@ static enum v2v_status run_stage(struct calibrator *self, const struct stage *st
         memcpy(self->to, now, (size_t)self->count * sizeof *now);
         v2v_anderson_step(self->anderson, self->at, self->to);
         memcpy(now, self->at, (size_t)self->count * sizeof *now);
+        v2v_par_broadcast(self->comm, now, self->count * (int64_t)sizeof *now, 0);
+        v2v_par_broadcast(self->comm, &moved, sizeof moved, 0);
         const int is_last = r == stage->rounds || moved <= still;
         V2V_TRY(look(self, is_last ? next : stage));
         ++*rounds;
@@ -278,14 +240,13 @@ done:
     return rc;
 }
 
-/** The weight that predicts best, from the greatest downhill; a look with it is the last one.
- *  Collective(comm). */
+/** The weight that predicts best, downhill from the first, with which the last look was; another
+ *  with the best is the last one then. Collective(comm). */
 static enum v2v_status choose_weight(struct calibrator *self, const struct stage *stage)
 {
     enum v2v_status rc = V2V_OK;
-    double *const lambda = &self->config.deconv.lambda.value, best = INFINITY;
-    int k = 0;
-    for (; k < WEIGHTS; k++) {
+    double *const lambda = &self->config.deconv.lambda.value, best = self->frame;
+    for (int k = 1; k < WEIGHTS; k++) {
         *lambda = weights[k];
         V2V_TRY(look(self, stage));
         if (self->frame >= best) {
@@ -359,7 +320,6 @@ static enum v2v_status find(struct calibrator *self, struct v2v_calibration_repo
     V2V_TRY(run_stages(self, report, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, &stages[FIRST_FINE]));
     V2V_TRY(run_stages(self, report, FIRST_FINE, STAGES));
-    V2V_TRY(look(self, &stages[STAGES - 1]));
     report->weight = self->config.deconv.lambda.value;
     report->frame_after = self->frame;
     report->heldout_after = self->square;
@@ -394,9 +354,9 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
     self.columns = v2v_registration_judged(problem->width);
     V2V_TRY(v2v_par_agree(comm, take_memory(&self)));
     v2v_psf_parallax(self.parallax, psf);
-    find_square(&self);
-    report->square_rows = self.square_rows;
-    report->square_columns = self.square_columns;
+    self.busiest = v2v_square_find(views, problem->width, self.rows, self.columns, SIDE);
+    report->square_rows = self.busiest.rows;
+    report->square_columns = self.busiest.columns;
     V2V_TRY(find(&self, report));
 done:
     release_memory(&self);

@@ -1,9 +1,18 @@
 #include "v2v3d/method/left_out.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/projector.h"
 
 #include <string.h>
+
+/* So few hardly do without one, and not without two. */
+enum { FEW_VIEWS = 6 };
+
+int64_t v2v_left_out_folds(int64_t views)
+{
+    return views > FEW_VIEWS ? v2v_parts(views, 2) : views;
+}
 
 /* The views of `list` out of data [views,size], one after the other. */
 static void gather(float *to, const float *data, const int32_t *list, int64_t count, int64_t size)

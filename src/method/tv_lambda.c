@@ -1,5 +1,6 @@
 #include "method/tv_lambda.h"
 
+#include "method/square.h"
 #include "method/tv.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
@@ -18,7 +19,7 @@ enum { FOLDS = 2, LEFT_OUT = 3 };
 
 /* Pixels of the square's side. Predictions are judged where what lies beyond it gives little light.
  */
-enum { SIDE = 144, MARGIN = 24, STEP = 16 };
+enum { SIDE = 144, MARGIN = 24 };
 
 /* Enough to rank the weights. */
 enum { ITERATIONS = 40 };
@@ -34,34 +35,12 @@ struct chooser {
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
 
-/* The square of the first view that varies most. */
-static void find_square(int64_t *y, int64_t *x, const struct chooser *self,
-                        const struct v2v_problem *problem, const float *view)
-{
-    const double count = (double)(self->height * self->width);
-    double most = -1.0;
-    for (int64_t top = 0; top + self->height <= problem->height; top += STEP) {
-        for (int64_t left = 0; left + self->width <= problem->width; left += STEP) {
-            double sum = 0.0, squares = 0.0;
-            for (int64_t i = 0; i < self->height * self->width; i++) {
-                const int64_t row = top + i / self->width, column = left + i % self->width;
-                const double p = (double)view[row * problem->width + column];
-                sum += p;
-                squares += p * p;
-            }
-            if (squares - sum * sum / count > most) {
-                most = squares - sum * sum / count;
-                *y = top;
-                *x = left;
-            }
-        }
-    }
-}
-
 static void cut(struct chooser *self, const struct v2v_problem *problem, const float *views)
 {
-    int64_t top = 0, left = 0;
-    find_square(&top, &left, self, problem, views);
+    const struct v2v_square square =
+        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
+                        (struct v2v_part){0, problem->width}, SIDE);
+    const int64_t top = square.rows.first, left = square.columns.first;
     for (int64_t v = 0; v < self->psf->views; v++) {
         for (int64_t y = 0; y < self->height; y++) {
             memcpy(self->views + (v * self->height + y) * self->width,

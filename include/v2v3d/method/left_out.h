@@ -22,6 +22,10 @@ struct v2v_left_out {
     float *volume, *rows;            /**< the projector's share of both */
 };
 
+/** Folds that leave every view out once: view v is of fold v mod folds. Two views a fold, as far
+ *  apart as their list allows; of six or fewer each by itself. @kind Local. */
+int64_t v2v_left_out_folds(int64_t views);
+
 /** @kind   Collective(problem's shard)
  *  @param  ops a method that takes frames of any size @param problem of all views
  *  @param  is_left_out [views] bool; one view is used at least

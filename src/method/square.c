@@ -1,0 +1,40 @@
+#include "method/square.h"
+
+#include "v2v3d/base/bounds.h"
+
+enum { STEP = 16 };
+
+/* Sum of squares about the mean. */
+static double variation_of(const float *image, int64_t width, const struct v2v_square *square)
+{
+    const int64_t across = square->columns.count, count = square->rows.count * across;
+    double sum = 0.0, squares = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t y = square->rows.first + i / across, x = square->columns.first + i % across;
+        const double p = (double)image[y * width + x];
+        sum += p;
+        squares += p * p;
+    }
+    return squares - sum * sum / (double)count;
+}
+
+struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
+                                  struct v2v_part columns, int64_t side)
+{
+    struct v2v_square best = {{rows.first, v2v_smaller(side, rows.count)},
+                              {columns.first, v2v_smaller(side, columns.count)}};
+    const int64_t last_top = rows.first + rows.count - best.rows.count;
+    const int64_t last_left = columns.first + columns.count - best.columns.count;
+    double most = -1.0;
+    for (int64_t top = rows.first; top <= last_top; top += STEP) {
+        for (int64_t left = columns.first; left <= last_left; left += STEP) {
+            const struct v2v_square here = {{top, best.rows.count}, {left, best.columns.count}};
+            const double variation = variation_of(image, width, &here);
+            if (variation > most) {
+                most = variation;
+                best = here;
+            }
+        }
+    }
+    return best;
+}

@@ -1,0 +1,17 @@
+#ifndef V2V_METHOD_SQUARE_H
+#define V2V_METHOD_SQUARE_H
+
+#include "v2v3d/par/slicing.h"
+
+/** Part of an image. */
+struct v2v_square {
+    struct v2v_part rows, columns;
+};
+
+/** The square of `side` pixels (fewer where there are fewer) within rows and columns of an image
+ *  that varies most, of places 16 pixels apart; the first of equals. @kind Local.
+ *  @param image [y,width] */
+struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
+                                  struct v2v_part columns, int64_t side);
+
+#endif
