@@ -60,6 +60,7 @@ struct tv {
     int64_t iterations;
     double lambda, depth, tolerance;
     double light;   /* sum of a view's PSF, mean of all views */
+    double noise;   /* of the views of the last run; 0: a dark frame */
     float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch; /* [v,height,width] */
     double *of_row; /* [2 * torus height] */
@@ -235,20 +236,44 @@ static double tau_of(const struct level *level, double lambda)
     return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU);
 }
 
-/* The frame's rows of the volume, none below zero. */
-static void cut(const struct tv *self, double scale)
+/* The first rows and columns of the volume, none below zero. */
+static void copy_volume(const struct tv *self, float *volume, int64_t rows, int64_t width,
+                        double scale)
 {
     const struct v2v_tv_planes *planes = &self->planes;
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t z = 0; z < self->slices; z++) {
-        for (int64_t y = 0; y < self->rows.count; y++) {
+        for (int64_t y = 0; y < rows; y++) {
             const float *from = planes->volume + (z * (planes->rows + 2) + y + 1) * planes->width;
-            float *to = self->cut + (z * self->rows.count + y) * self->width;
-            for (int64_t x = 0; x < self->width; x++) {
+            float *to = volume + (z * rows + y) * width;
+            for (int64_t x = 0; x < width; x++) {
                 to[x] = from[x] < 0.0f ? 0.0f : (float)(from[x] * scale); /* NaN stays */
             }
         }
     }
+}
+
+static void cut(const struct tv *self, double scale)
+{
+    copy_volume(self, self->cut, self->rows.count, self->width, scale);
+}
+
+struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator)
+{
+    const struct tv *self = estimator->self;
+    return self->step;
+}
+
+void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume)
+{
+    const struct tv *self = estimator->self;
+    copy_volume(self, volume, self->torus.rows.count, self->torus.width, self->noise);
+}
+
+double v2v_tv_noise(const struct v2v_estimator *estimator)
+{
+    const struct tv *self = estimator->self;
+    return self->noise;
 }
 
 static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)
@@ -342,6 +367,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     struct tv *self = estimator->self;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
     const struct level level = measure(self, views);
+    self->noise = level.sigma;
     v2v_tv_planes_clear(&self->planes);
     if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
         v2v_data_step_begin(self->step, views, 1.0 / level.sigma);

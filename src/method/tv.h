@@ -3,10 +3,21 @@
 #define METHOD_TV_H
 
 #include "v2v3d/method/estimator.h"
+#include "v2v3d/optics/data_step.h"
 
 extern const struct v2v_estimator_ops v2v_estimator_tv;
 
 /** Weight of the runs from here on. @kind Local. */
 void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
+
+/** Its step towards the views, free for other use between runs: lent. @kind Local. */
+struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
+
+/** The volume of the last run beyond the frame, too, in units of the views. @kind Local.
+ *  @param volume [z, torus rows of this rank, torus width] out */
+void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume);
+
+/** Noise of the views of the last run, as it was taken; 0: a dark frame. @kind Local. */
+double v2v_tv_noise(const struct v2v_estimator *estimator);
 
 #endif

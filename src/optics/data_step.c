@@ -242,6 +242,18 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
     transform_views(step);
 }
 
+void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views)
+{
+    const int64_t count = step->views * step->torus.rows.count * step->torus.width;
+    memcpy(step->recorded, views, (size_t)count * sizeof *views);
+    transform_views(step);
+}
+
+void v2v_data_step_project(struct v2v_data_step *step, float *views, const float *volume)
+{
+    v2v_projector_forward(step->projector, views, volume, NULL, step->views, 1.0f);
+}
+
 /* s of one block, where the views' spectra belong, and v -> x of its slices. */
 static void run_block(struct v2v_data_step *step, int64_t b)
 {

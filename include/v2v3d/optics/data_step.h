@@ -69,6 +69,14 @@ void v2v_data_step_factor(struct v2v_data_step *step, double tau);
  *  straight line. @kind Collective(comm), no allocation. @param views [v,height,width], whole */
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale);
 
+/** Take views that are known on all of the torus, [v, torus rows of this rank, torus width].
+ *  @kind Collective(comm), no allocation. */
+void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views);
+
+/** views = A volume on the torus; what begin took stays. @kind Collective(comm), no allocation.
+ *  @param views [v, torus rows of this rank, torus width] @param volume as of run */
+void v2v_data_step_project(struct v2v_data_step *step, float *views, const float *volume);
+
 /** x from v, in place. @kind Collective(comm), no allocation.
  *  @param  volume [slices, torus rows of this rank, torus width]: v on entry, x on return
  *  @cost   Z forward and Z inverse transforms, 2*V*Z + V^2 complex products a frequency; every OTF
