@@ -1,0 +1,89 @@
+/* Frames in tiles against the network planned for the whole. */
+#include "method/correction.h"
+#include "small_depth_net.h"
+#include "small_draw.h"
+
+#include <string.h>
+
+enum { SLICES = 2, FEATURES = DEPTH_NET_FEATURES };
+
+/* Products that a voxel's sum has, of all layers. */
+static const double terms = 9 * (11 + 16 + 16 + 32 + 48 + 16);
+
+static void check_frame(int64_t height, int64_t width)
+{
+    struct small_depth_net net;
+    struct v2v_correction *correction = NULL;
+    const int64_t voxels = SLICES * height * width;
+    const int64_t even_y = height - height % 2, even_x = width - width % 2;
+    float *features = small_draw(FEATURES * voxels, 1, 1.0), *volume = small_draw(voxels, 2, 1.0);
+    float *even = small_draw(FEATURES * voxels, 3, 1.0), *whole = small_draw(voxels, 4, 1.0);
+    for (int64_t row = 0; row < FEATURES * SLICES * even_y; row++) {
+        memcpy(even + row * even_x, features + (row / even_y * height + row % even_y) * width,
+               (size_t)even_x * sizeof *even);
+    }
+    small_depth_net_init(&net, SLICES, even_y, even_x);
+    struct v2v_network *network = &net.network;
+    network->ops->forward(network, &whole, even);
+    assert_ok(v2v_correction_create(&correction, network, height, width));
+    const size_t held = v2v_mem_held();
+    v2v_mem_set_limit(held);
+    v2v_correction_run(correction, volume, features);
+    v2v_mem_set_limit(0);
+    for (int64_t row = 0; row < SLICES * even_y; row++) {
+        float *line = whole + row * even_x;
+        for (int64_t x = 0; x < even_x; x++) {
+            line[x] = line[x] < 0.0f ? 0.0f : line[x];
+        }
+        assert_true(test_relative_l2(volume + (row / even_y * height + row % even_y) * width, line,
+                                     even_x) <= test_rounding(terms));
+    }
+    for (int64_t i = 0; i < voxels; i++) {
+        if (i % width >= even_x || i / width % height >= even_y) {
+            assert_true(volume[i] == features[i]);
+        }
+    }
+    v2v_correction_destroy(&correction);
+    small_depth_net_fini(&net);
+    v2v_mem_free(features);
+    v2v_mem_free(volume);
+    v2v_mem_free(even);
+    v2v_mem_free(whole);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* One tile, two that overlap much or little, and sides that are odd. */
+static void tiles_give_the_volume_of_the_whole(void **state)
+{
+    (void)state;
+    check_frame(96, 12);
+    check_frame(98, 6);
+    check_frame(8, 176);
+    check_frame(11, 259);
+}
+
+static void a_line_has_nothing_to_pool(void **state)
+{
+    (void)state;
+    enum { WIDTH = 5, VOXELS = SLICES * WIDTH };
+    struct small_depth_net net;
+    struct v2v_correction *correction = NULL;
+    float volume[VOXELS], *features = small_draw(FEATURES * VOXELS, 1, 1.0);
+    small_depth_net_init(&net, SLICES, 2, 2);
+    assert_ok(v2v_correction_create(&correction, &net.network, 1, WIDTH));
+    v2v_correction_run(correction, volume, features);
+    assert_memory_equal(volume, features, sizeof volume);
+    v2v_correction_destroy(&correction);
+    small_depth_net_fini(&net);
+    v2v_mem_free(features);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tiles_give_the_volume_of_the_whole),
+        cmocka_unit_test(a_line_has_nothing_to_pool),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
