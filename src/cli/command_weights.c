@@ -49,8 +49,8 @@ static enum v2v_status write_weights(const struct init_arguments *given,
     V2V_TRY(v2v_network_schema(&schema, config->model.method, &spec));
     V2V_TRY(V2V_ALLOC(weights, "weights.init", schema.fields.total));
     V2V_TRY(v2v_rule_weights(&schema.fields, weights, given->rule, given->seed));
-    V2V_TRY(v2v_weights_file_write(given->output, &info, &schema.fields, weights, NULL, NULL, NULL,
-                                   NULL));
+    V2V_TRY(v2v_weights_file_write(given->output, &info, &schema.fields,
+                                   (const float *const[V2V_WEIGHTS_GROUPS]){weights}, NULL, NULL));
 done:
     v2v_mem_free(weights);
     v2v_schema_fini(&schema);

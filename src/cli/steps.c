@@ -129,12 +129,32 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
-                                      const char *path, const struct v2v_psf_file *psf)
+static enum v2v_status read_weights_info(const struct v2v_session *session,
+                                         struct v2v_weights_info *info,
+                                         const struct v2v_network_ops **ops, const char *path)
 {
     enum v2v_status rc = v2v_weights_file_info(info, path);
     V2V_TRY(v2v_par_agree(session->world, rc));
-    if (info->views != psf->views || info->slices != psf->slices) {
+    V2V_TRY(v2v_network_of_weights(ops, info, path));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_network(const struct v2v_session *session,
+                                 const struct v2v_network_ops **ops, const char *path)
+{
+    struct v2v_weights_info info;
+    return read_weights_info(session, &info, ops, path);
+}
+
+enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
+                                      const char *path, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *ops = NULL;
+    V2V_TRY(read_weights_info(session, info, &ops, path));
+    const int is_any = (ops->traits & V2V_TRAIT_LESSONS) != 0;
+    if (!is_any && (info->views != psf->views || info->slices != psf->slices)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: made for %" PRId64 " views and %" PRId64
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,

@@ -10,6 +10,7 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/io/volume.h"
 #include "v2v3d/io/weights_file.h"
+#include "v2v3d/nn/network.h"
 #include "v2v3d/par/time.h"
 
 /** Is this the rank that prints? @kind Local */
@@ -41,6 +42,11 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
 /** A volume whose slice count is that of the PSFs. @kind Collective(world), agreed */
 enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
+
+/** The network that a weight file is of. @kind Collective(world), agreed */
+enum v2v_status v2v_step_network(const struct v2v_session *session,
+                                 const struct v2v_network_ops **ops,
+                                 const char *path) V2V_MUST_CHECK;
 
 /** What a weight file says, after it was checked against the PSFs; the session's configuration
  *  takes its network over. @kind Collective(world), agreed */

@@ -7,9 +7,9 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/method/fusion.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
-#include "v2v3d/recon/fusion.h"
 #include "v2v3d/recon/recon.h"
 #include <string.h>
 
@@ -55,7 +55,7 @@ done:
 static enum v2v_status check(struct work *work, const struct v2v_session *session)
 {
     const struct v2v_volumes *given = work->given;
-    if (work->ops->is_learned && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
+    if (work->ops->has_gain && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
     }
@@ -151,10 +151,12 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
                                          .height = info->height,
                                          .width = info->width,
                                          .precision = V2V_PRECISION_F32};
+    if (!work->ops->has_gain) {
+        input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
+    }
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));
     } else {
-        input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
         V2V_TRY(settle_by_frame(work, session, &input));
     }
     V2V_TRY(v2v_recon_create(&work->recon, work->ops, &work->problem,
@@ -206,7 +208,7 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
     const struct v2v_psf_file *psf = &work->psf;
     const int64_t height = work->problem.height, width = work->problem.width;
     const int64_t samples = v2v_mem_product(psf->views, height, width);
-    const int by_mean = work->ops->is_learned && session->config.psf.reduce == V2V_REDUCE_MEAN;
+    const int by_mean = work->ops->has_gain && session->config.psf.reduce == V2V_REDUCE_MEAN;
     const struct v2v_part mine =
         v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
     struct v2v_scaling offset = work->scaling; /* with the shading of a calibration */

@@ -294,25 +294,22 @@ done:
 }
 
 enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
-                                       const struct v2v_fields *fields, const float *weights,
-                                       const float *adam_m, const float *adam_v,
+                                       const struct v2v_fields *fields,
+                                       const float *const group[V2V_WEIGHTS_GROUPS],
                                        const char *history, const char *config)
 {
     enum v2v_status rc = V2V_OK;
     char temporary[V2V_PATH_BYTES];
     hid_t file = H5I_INVALID_HID;
-    const struct {
-        const char *name;
-        const float *arena;
-    } groups[] = {{"weights", weights}, {"adam_m", adam_m}, {"adam_v", adam_v}};
+    static const char *const names[V2V_WEIGHTS_GROUPS] = {"weights", "adam_m", "adam_v", "last"};
     const struct {
         const char *name, *text;
     } texts[] = {{"history", history}, {"config", config}};
     V2V_TRY(v2v_h5_begin(&file, temporary, path));
     V2V_TRY(write_info(info, file, path));
-    for (size_t i = 0; i < sizeof groups / sizeof groups[0]; i++) {
-        if (groups[i].arena != NULL) {
-            V2V_TRY(write_group(file, path, groups[i].name, fields, groups[i].arena));
+    for (int i = 0; i < V2V_WEIGHTS_GROUPS; i++) {
+        if (group[i] != NULL) {
+            V2V_TRY(write_group(file, path, names[i], fields, group[i]));
         }
     }
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {

@@ -81,6 +81,14 @@ void v2v_correction_destroy(struct v2v_correction **correction)
     }
 }
 
+int64_t v2v_correction_bytes(int64_t slices)
+{
+    struct v2v_grid_work work;
+    const struct v2v_network_spec spec = {.slices = slices};
+    v2v_network_depth_net.describe_work(&work, &spec, SIDE, SIDE);
+    return work.bytes; /* those of its features and its volume counted in */
+}
+
 static void take(const struct v2v_correction *self, const float *features, int64_t top,
                  int64_t left)
 {

@@ -16,6 +16,9 @@ enum v2v_status v2v_correction_create(struct v2v_correction **correction,
                                       int64_t width) V2V_MUST_CHECK;
 void v2v_correction_destroy(struct v2v_correction **correction);
 
+/** Bytes that it and the network's layers take at most, of so many slices. @kind Local. */
+int64_t v2v_correction_bytes(int64_t slices);
+
 /** The network's volume, none below zero. Of frames with an odd side the last line keeps the first
  *  feature, for the network pools pixels by two. @kind Local, no allocation.
  *  @param volume [z,height,width] out @param features [DEPTH_NET_FEATURES,z,height,width] */

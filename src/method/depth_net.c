@@ -41,7 +41,8 @@ static const struct wire wires[WIRES] = {{0, 1, 0, 4}, {1, 2, 0, 4},  {2, 3, 0, 
 static const int64_t reach[DEPTH_NET_FEATURES] = {2, 1, 1};
 
 static const float no_bias[MOST_CHANNELS];
-static const char *const keys[] = {NULL};
+static const char *const keys[] = {"deconv.lambda",     "deconv.depth",     "deconv.tolerance",
+                                   "deconv.iterations", "recon.neighbours", NULL};
 
 struct layer {
     int64_t weight; /* place in the table of fields */
@@ -83,6 +84,7 @@ static enum v2v_status create(struct v2v_network *network, const struct v2v_netw
     struct depth_net *self = NULL;
     V2V_TRY(V2V_ALLOC(self, "depth_net", 1));
     network->self = self;
+    network->inputs = DEPTH_NET_FEATURES * spec->slices;
     self->slices = spec->slices;
     self->method = (struct v2v_conv_method){.backend = spec->config->model.backend,
                                             .winograd = spec->config->model.winograd,
@@ -421,6 +423,7 @@ const struct v2v_network_ops v2v_network_depth_net = {
     .keys = keys,
     .split = "none",
     .outputs = 1,
+    .traits = V2V_TRAIT_LESSONS,
     .describe_work = describe_work,
     .rows_of = rows_of,
     .declare = declare,

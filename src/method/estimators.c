@@ -3,6 +3,7 @@
 #include "method/learned.h"
 #include "method/richardson_lucy.h"
 #include "method/tv.h"
+#include "method/unrolled.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
@@ -12,7 +13,8 @@
 
 /* One row a method. */
 static const struct v2v_estimator_ops *const estimators[] = {
-    &v2v_estimator_rld, &v2v_estimator_frl, &v2v_estimator_tv, &v2v_estimator_learned};
+    &v2v_estimator_rld, &v2v_estimator_frl, &v2v_estimator_tv, &v2v_estimator_learned,
+    &v2v_estimator_unrolled};
 
 enum { ESTIMATORS = sizeof estimators / sizeof *estimators };
 
@@ -42,6 +44,11 @@ enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops, const c
         }
     }
     return V2V_FAIL(V2V_E_CONFIG, "deconv.method: '%s' is none of %s", name, known);
+}
+
+const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_network_ops *network)
+{
+    return network->traits & V2V_TRAIT_LESSONS ? &v2v_estimator_unrolled : &v2v_estimator_learned;
 }
 
 enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,

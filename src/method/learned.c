@@ -12,7 +12,7 @@ struct learned {
     struct v2v_projector *projector; /* where the network asks for one, else NULL */
 };
 
-static struct v2v_network_spec spec_of(const struct v2v_problem *problem)
+struct v2v_network_spec v2v_learned_spec(const struct v2v_problem *problem)
 {
     return (struct v2v_network_spec){.config = problem->config,
                                      .psf = problem->psf,
@@ -27,7 +27,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_network_ops *ops = NULL;
-    const struct v2v_network_spec spec = spec_of(problem);
+    const struct v2v_network_spec spec = v2v_learned_spec(problem);
     V2V_TRY(v2v_network_find(&ops, problem->config->model.method));
     ops->describe_work(work, &spec, problem->height, problem->width);
     work->most_shards = ops->traits & V2V_TRAIT_SLABS ? INT_MAX : 1;
@@ -41,7 +41,7 @@ static enum v2v_status load(struct learned *self, const struct v2v_estimator *es
                             const struct v2v_problem *problem)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_network_spec spec = spec_of(problem);
+    struct v2v_network_spec spec = v2v_learned_spec(problem);
     spec.outputs = estimator->held;
     spec.slabs = v2v_comm_size(estimator->shard);
     spec.shard = estimator->shard;
@@ -112,6 +112,7 @@ const struct v2v_estimator_ops v2v_estimator_learned = {
     .name = "learned",
     .meaning = "a trained network",
     .is_learned = 1,
+    .has_gain = 1,
     .describe_work = describe_work,
     .create = create,
     .destroy = destroy,

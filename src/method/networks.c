@@ -1,6 +1,7 @@
 #include "v2v3d/method/networks.h"
 
 #include "method/backconv.h"
+#include "method/depth_net.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/v2v/network.h"
@@ -9,7 +10,8 @@
 #include <string.h>
 
 /* One row a network. */
-static const struct v2v_network_ops *const networks[] = {&v2v_network_v2v, &v2v_network_backconv};
+static const struct v2v_network_ops *const networks[] = {&v2v_network_v2v, &v2v_network_backconv,
+                                                         &v2v_network_depth_net};
 
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
@@ -97,6 +99,7 @@ enum v2v_status v2v_network_create(struct v2v_network **network, const char *nam
     *self = (struct v2v_network){.ops = ops,
                                  .views = spec->views,
                                  .slices = spec->slices,
+                                 .inputs = spec->views,
                                  .held = spec->outputs & ((1u << ops->outputs) - 1)};
     V2V_TRY(v2v_network_schema(&self->schema, name, spec));
     V2V_TRY(ops->create(self, spec));
@@ -143,16 +146,23 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_network_of_weights(const struct v2v_network_ops **ops,
+                                       const struct v2v_weights_info *info, const char *path)
+{
+    if (v2v_network_find(ops, info->method) != V2V_OK) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: its network '%s' is none that this program knows", path,
+                        info->method);
+    }
+    return V2V_OK;
+}
+
 enum v2v_status v2v_network_adopt(struct v2v_config *config, const struct v2v_weights_info *info,
                                   const char *path)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_network_ops *ops = NULL;
     char line[V2V_WEIGHTS_SETTINGS_BYTES];
-    if (v2v_network_find(&ops, info->method) != V2V_OK) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: its network '%s' is none that this program knows", path,
-                         info->method));
-    }
+    V2V_TRY(v2v_network_of_weights(&ops, info, path));
     V2V_TRY(v2v_text_format(line, sizeof line, "model.method=%s", info->method));
     V2V_TRY(v2v_config_set(config, line));
     for (const char *at = info->settings; *at != '\0';) {

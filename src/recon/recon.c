@@ -5,10 +5,10 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/slicing.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/recon/fusion.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 

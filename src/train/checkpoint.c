@@ -16,7 +16,7 @@
 #define PREVIOUS "weights.prev.h5"
 #define DAMAGED "weights.bad.h5"
 
-enum { ARENAS = 3, MAIN_RANK = 0, OTHER_RANK = 1 };
+enum { ARENAS = V2V_WEIGHTS_GROUPS, MAIN_RANK = 0, OTHER_RANK = 1 };
 
 static enum v2v_status path_in(char *path, const char *folder, const char *name)
 {
@@ -53,9 +53,18 @@ done:
  * the other one has are fetched from there, else they are the trainer's own. */
 struct whole {
     struct v2v_schema schema;
-    float *arena[ARENAS];
-    float *taken; /* what this rank had to allocate */
+    float *arena[ARENAS]; /* in the order of the file's groups; NULL: there is none */
+    float *taken;         /* what this rank had to allocate */
 };
+
+static void list_arenas(const struct v2v_trainer *trainer, float *arena[ARENAS])
+{
+    const int averages = trainer->average != NULL;
+    arena[V2V_WEIGHTS] = averages ? trainer->average : trainer->network->weights;
+    arena[V2V_WEIGHTS_M] = trainer->m;
+    arena[V2V_WEIGHTS_V] = trainer->v;
+    arena[V2V_WEIGHTS_LAST] = averages ? trainer->network->weights : NULL;
+}
 
 static enum v2v_status take_whole(struct whole *whole, struct v2v_trainer *trainer)
 {
@@ -68,7 +77,8 @@ static enum v2v_status take_whole(struct whole *whole, struct v2v_trainer *train
     const int64_t total = whole->schema.fields.total;
     V2V_TRY(V2V_ALLOC(whole->taken, "checkpoint", v2v_mem_product(ARENAS, total, 1)));
     for (int i = 0; i < ARENAS; i++) {
-        whole->arena[i] = whole->taken + i * total;
+        const int is_kept = i != V2V_WEIGHTS_LAST || trainer->average != NULL;
+        whole->arena[i] = is_kept ? whole->taken + i * total : NULL;
     }
 done:
     return rc;
@@ -78,14 +88,15 @@ done:
  */
 static void gather_group(struct whole *whole, struct v2v_trainer *trainer, int64_t g)
 {
-    float *own[ARENAS] = {trainer->network->weights, trainer->m, trainer->v};
+    float *own[ARENAS];
     const struct v2v_comm *pair = trainer->grid.pair;
     const struct v2v_group *here = &trainer->network->schema.group[g];
     const struct v2v_group *there = &whole->schema.group[g];
     int is_main = trainer->grid.branch_rank == MAIN_RANK;
     int64_t is_held = here->count > 0;
+    list_arenas(trainer, own);
     v2v_par_broadcast(pair, &is_held, sizeof is_held, MAIN_RANK);
-    for (int i = 0; i < ARENAS; i++) {
+    for (int i = 0; i < ARENAS && own[i] != NULL; i++) {
         if (!is_held) {
             float *place = is_main ? whole->arena[i] + there->first : own[i] + here->first;
             int64_t count = is_main ? there->count : here->count;
@@ -132,8 +143,9 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
     V2V_TRY(path_in(path, folder, NEWEST));
-    V2V_TRY(v2v_weights_file_write(path, &info, &whole->schema.fields, whole->arena[0],
-                                   whole->arena[1], whole->arena[2], NULL, config));
+    const float *const group[] = {whole->arena[0], whole->arena[1], whole->arena[2],
+                                  whole->arena[3]};
+    V2V_TRY(v2v_weights_file_write(path, &info, &whole->schema.fields, group, NULL, config));
 done:
     return rc;
 }
@@ -154,9 +166,7 @@ enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *fo
             gather_group(&whole, trainer, g);
         }
     } else if (writes) {
-        whole.arena[0] = trainer->network->weights;
-        whole.arena[1] = trainer->m;
-        whole.arena[2] = trainer->v;
+        list_arenas(trainer, whole.arena);
     }
     if (writes) {
         struct whole view = whole;
@@ -191,6 +201,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     const struct v2v_fields *fields = &network->schema.fields;
     struct v2v_weights_info own;
     struct v2v_config config = *trainer->config;
+    const int is_any = (trainer->ops->traits & V2V_TRAIT_LESSONS) != 0; /* views and slices */
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
     *step = info.step;
@@ -198,7 +209,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     V2V_TRY(v2v_network_describe(&info, &config, info.views, info.slices, info.step));
     V2V_TRY(v2v_network_describe(&own, trainer->config, network->views, network->slices, 0));
     if (strcmp(info.method, own.method) != 0 || strcmp(info.settings, own.settings) != 0 ||
-        info.views != own.views || info.slices != own.slices) {
+        (!is_any && (info.views != own.views || info.slices != own.slices))) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: a network %s of %lld views, %lld slices with %s; this run has %s, "
                          "%lld, %lld, %s",
@@ -206,7 +217,11 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
                          in_one_line(info.settings), own.method, (long long)own.views,
                          (long long)own.slices, in_one_line(own.settings)));
     }
-    V2V_TRY(v2v_weights_file_read(network->weights, path, "weights", fields));
+    const char *last = trainer->average != NULL ? "last" : "weights";
+    V2V_TRY(v2v_weights_file_read(network->weights, path, last, fields));
+    if (trainer->average != NULL) {
+        V2V_TRY(v2v_weights_file_read(trainer->average, path, "weights", fields));
+    }
     V2V_TRY(v2v_weights_file_read(trainer->m, path, "adam_m", fields));
     V2V_TRY(v2v_weights_file_read(trainer->v, path, "adam_v", fields));
 done:

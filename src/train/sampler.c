@@ -1,9 +1,11 @@
 #include "train/sampler.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
+#include "v2v3d/method/lessons.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
 
@@ -13,8 +15,12 @@
 /* Frames kept in memory: recordings up to this many bytes are read once. */
 #define KEPT_BYTES ((int64_t)2 << 30)
 
+/* Steps from one lesson to the next; all that there are are drawn from alike. */
+enum { STEPS_OF_LESSON = 250 };
+
 enum { AXES = 2 };
 enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X, DRAWS };
+enum { DRAW_TRANSPOSE = DRAWS + DRAW_FRAME }; /* of the second candidate, which is of that frame */
 
 struct source {
     struct v2v_recording *recording; /* borrowed */
@@ -30,13 +36,15 @@ struct v2v_sampler {
     const struct v2v_train_settings *settings;
     struct source *source;
     int64_t source_count;
-    int64_t frames, views;
-    int64_t height, width;  /* of a sample */
-    int64_t frame_pixels;   /* of the largest frame */
-    int flip[AXES];         /* y, x: physical and wanted */
-    int32_t *partner[AXES]; /* [v] */
-    float **slot;           /* kept frames [v,y,x], scaled; NULL until read */
-    int64_t *slot_frame;    /* which frame a slot holds, -1 none */
+    int64_t frames;
+    struct v2v_lessons *lessons; /* what is kept and drawn from instead of frames; NULL: frames */
+    int64_t images;              /* of a sample: views, or those of a lesson */
+    int64_t height, width;       /* of a sample */
+    int64_t frame_pixels;        /* of the largest frame */
+    int flip[AXES];              /* y, x: physical and wanted */
+    int32_t *partner[AXES];      /* [image] */
+    float **slot;                /* kept frames [v,y,x], scaled, or lessons; NULL until read */
+    int64_t *slot_frame;         /* which frame or lesson a slot holds, -1 none */
     int64_t slots, next_slot;
     float *scratch; /* [v,height,width] */
 };
@@ -98,30 +106,21 @@ done:
     return rc;
 }
 
-static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
-                                   int64_t unit)
+/* Views trade places when they are mirrored, where the PSFs allow it; volumes are mirrored as such.
+ */
+static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = info_of(&sampler->source[0]);
-    int64_t crop = sampler->settings->crop;
-    sampler->views = job->psf->views;
-    sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
-    sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
-    int64_t bytes = sampler->views * sampler->frame_pixels * (int64_t)sizeof(float);
-    int64_t fit = KEPT_BYTES / bytes;
-    sampler->slots = fit < 1 ? 1 : fit < sampler->frames ? fit : sampler->frames;
-    V2V_TRY(V2V_ALLOC(sampler->slot, "sampler.frames", sampler->slots));
-    V2V_TRY(V2V_ALLOC(sampler->slot_frame, "sampler.frames", sampler->slots));
-    V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",
-                      v2v_mem_product(sampler->views, sampler->height, sampler->width)));
-    for (int64_t i = 0; i < sampler->slots; i++) {
-        sampler->slot_frame[i] = -1;
-    }
+    const int wanted = sampler->settings->flips && sampler->settings->crop > 0;
     for (int axis = 0; axis < AXES; axis++) {
-        V2V_TRY(V2V_ALLOC(sampler->partner[axis], "sampler.flips", sampler->views));
-        sampler->flip[axis] = sampler->settings->flips && crop > 0 &&
-                              v2v_shifts_flip_partner(sampler->partner[axis], job->psf, axis,
-                                                      sampler->settings->flip_tolerance);
+        V2V_TRY(V2V_ALLOC(sampler->partner[axis], "sampler.flips", sampler->images));
+        for (int64_t i = 0; i < sampler->images; i++) {
+            sampler->partner[axis][i] = (int32_t)i;
+        }
+        sampler->flip[axis] =
+            wanted && (sampler->lessons != NULL ||
+                       v2v_shifts_flip_partner(sampler->partner[axis], job->psf, axis,
+                                               sampler->settings->flip_tolerance));
     }
     v2v_log(V2V_LOG_INFO, "samples of %lld x %lld, flips: y %s, x %s", (long long)sampler->height,
             (long long)sampler->width, sampler->flip[0] ? "yes" : "no",
@@ -130,15 +129,45 @@ done:
     return rc;
 }
 
+static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
+                                   int64_t unit, int by_lessons)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = info_of(&sampler->source[0]);
+    int64_t crop = sampler->settings->crop;
+    if (by_lessons) {
+        V2V_TRY(v2v_lessons_create(&sampler->lessons, job->config, job->psf));
+    }
+    sampler->images = by_lessons ? v2v_lessons_images(job->psf->slices) : job->psf->views;
+    sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
+    sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
+    int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
+    int64_t fit = KEPT_BYTES / bytes;
+    int64_t most =
+        by_lessons ? v2v_parts(sampler->settings->steps, STEPS_OF_LESSON) * sampler->settings->batch
+                   : sampler->frames;
+    sampler->slots = v2v_within(fit, 1, most);
+    V2V_TRY(V2V_ALLOC(sampler->slot, "sampler.frames", sampler->slots));
+    V2V_TRY(V2V_ALLOC(sampler->slot_frame, "sampler.frames", sampler->slots));
+    V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",
+                      v2v_mem_product(sampler->images, sampler->height, sampler->width)));
+    for (int64_t i = 0; i < sampler->slots; i++) {
+        sampler->slot_frame[i] = -1;
+    }
+    V2V_TRY(plan_flips(sampler, job));
+done:
+    return rc;
+}
+
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, const struct v2v_comm *comm)
+                                   int64_t unit, int by_lessons, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_sampler *self = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(self, "sampler", 1)));
     self->settings = &job->config->train;
     V2V_TRY(add_sources(self, job, comm));
-    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit)));
+    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit, by_lessons)));
 done:
     if (rc != V2V_OK) {
         v2v_sampler_destroy(&self);
@@ -162,13 +191,19 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
     v2v_mem_free(self->partner[0]);
     v2v_mem_free(self->partner[1]);
     v2v_mem_free(self->source);
+    v2v_lessons_destroy(&self->lessons);
     v2v_mem_free(self);
     *sampler = NULL;
 }
 
 int64_t v2v_sampler_room(const struct v2v_sampler *sampler)
 {
-    return sampler->slots * sampler->views * sampler->frame_pixels;
+    return sampler->slots * sampler->images * sampler->frame_pixels;
+}
+
+int64_t v2v_sampler_images(const struct v2v_sampler *sampler)
+{
+    return sampler->images;
 }
 
 int64_t v2v_sampler_height(const struct v2v_sampler *sampler)
@@ -191,34 +226,6 @@ struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler)
     return (struct v2v_window){halo, sampler->height - halo, halo, sampler->width - halo};
 }
 
-/* The frame with this number among all recordings' frames, scaled; read when it is not kept. */
-static enum v2v_status keep_frame(struct v2v_sampler *sampler, const struct source *source,
-                                  int64_t frame, const float **data)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = info_of(source);
-    int64_t count = info->views * info->height * info->width;
-    for (int64_t i = 0; i < sampler->slots; i++) {
-        if (sampler->slot_frame[i] == frame) {
-            *data = sampler->slot[i];
-            return V2V_OK;
-        }
-    }
-    int64_t slot = sampler->next_slot;
-    sampler->next_slot = (slot + 1) % sampler->slots;
-    sampler->slot_frame[slot] = -1;
-    if (sampler->slot[slot] == NULL) {
-        V2V_TRY(V2V_ALLOC(sampler->slot[slot], "sampler.frames",
-                          sampler->views * sampler->frame_pixels));
-    }
-    V2V_TRY(v2v_recording_read(source->recording, sampler->slot[slot], frame - source->first));
-    v2v_scaling_apply(&source->scaling, sampler->slot[slot], count);
-    sampler->slot_frame[slot] = frame;
-    *data = sampler->slot[slot];
-done:
-    return rc;
-}
-
 static const struct source *source_of(const struct v2v_sampler *sampler, int64_t frame)
 {
     const struct source *source = &sampler->source[0];
@@ -228,24 +235,66 @@ static const struct source *source_of(const struct v2v_sampler *sampler, int64_t
     return source;
 }
 
-static void copy_crop(float *out, const float *frame, const struct v2v_recording_info *info,
-                      int64_t y0, int64_t x0, int64_t height, int64_t width)
+/* The frame with this number among all recordings' frames, scaled, or the lesson made of it. */
+static enum v2v_status make(struct v2v_sampler *sampler, float *data, int64_t frame, int64_t lesson)
 {
-    for (int64_t row = 0; row < info->views * height; row++) {
-        int64_t v = row / height, y = y0 + row % height;
-        memcpy(out + row * width, frame + (v * info->height + y) * info->width + x0,
+    enum v2v_status rc = V2V_OK;
+    const struct source *source = source_of(sampler, frame);
+    const struct v2v_recording_info *info = info_of(source);
+    if (sampler->lessons != NULL) {
+        return v2v_lessons_make(sampler->lessons, data, source->recording, &source->scaling,
+                                frame - source->first, lesson);
+    }
+    V2V_TRY(v2v_recording_read(source->recording, data, frame - source->first));
+    v2v_scaling_apply(&source->scaling, data, info->views * info->height * info->width);
+done:
+    return rc;
+}
+
+/* The same, made when it is not kept. */
+static enum v2v_status keep(struct v2v_sampler *sampler, const float **data, int64_t frame,
+                            int64_t lesson)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t number = sampler->lessons != NULL ? lesson : frame;
+    for (int64_t i = 0; i < sampler->slots; i++) {
+        if (sampler->slot_frame[i] == number) {
+            *data = sampler->slot[i];
+            return V2V_OK;
+        }
+    }
+    int64_t slot = sampler->next_slot;
+    sampler->next_slot = (slot + 1) % sampler->slots;
+    sampler->slot_frame[slot] = -1;
+    if (sampler->slot[slot] == NULL) {
+        V2V_TRY(V2V_ALLOC(sampler->slot[slot], "sampler.frames",
+                          sampler->images * sampler->frame_pixels));
+    }
+    V2V_TRY(make(sampler, sampler->slot[slot], frame, lesson));
+    sampler->slot_frame[slot] = number;
+    *data = sampler->slot[slot];
+done:
+    return rc;
+}
+
+static void copy_crop(float *out, const float *frame, const struct v2v_recording_info *info,
+                      int64_t images, struct corner corner, int64_t height, int64_t width)
+{
+    for (int64_t row = 0; row < images * height; row++) {
+        int64_t i = row / height, y = corner.y + row % height;
+        memcpy(out + row * width, frame + (i * info->height + y) * info->width + corner.x,
                (size_t)width * sizeof *out);
     }
 }
 
-/* Sum of all views over a crop. */
-static double brightness(const float *frame, const struct v2v_recording_info *info,
+/* Sum of all images over a crop. */
+static double brightness(const float *frame, const struct v2v_recording_info *info, int64_t images,
                          struct corner corner, int64_t height, int64_t width)
 {
     double sum = 0.0;
-    for (int64_t row = 0; row < info->views * height; row++) {
-        int64_t v = row / height, y = corner.y + row % height;
-        const float *from = frame + (v * info->height + y) * info->width + corner.x;
+    for (int64_t row = 0; row < images * height; row++) {
+        int64_t i = row / height, y = corner.y + row % height;
+        const float *from = frame + (i * info->height + y) * info->width + corner.x;
         float line = 0.0f;
 #pragma omp simd reduction(+ : line)
         for (int64_t x = 0; x < width; x++) {
@@ -270,7 +319,7 @@ static struct corner choose_corner(const struct v2v_sampler *sampler, const floa
             v2v_random_below(seed, stream, draw + DRAW_Y, info->height - height + 1),
             v2v_random_below(seed, stream, draw + DRAW_X, info->width - width + 1)};
         double light = sampler->settings->candidates > 1
-                           ? brightness(frame, info, corner, height, width)
+                           ? brightness(frame, info, sampler->images, corner, height, width)
                            : 0.0;
         if (light > most) {
             most = light;
@@ -295,29 +344,63 @@ static void flip(float *out, const float *in, const int32_t *partner, int axis, 
     }
 }
 
-enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *views, int64_t step,
+static void transpose(float *image, int64_t side)
+{
+    for (int64_t y = 1; y < side; y++) {
+        for (int64_t x = 0; x < y; x++) {
+            const float pixel = image[y * side + x];
+            image[y * side + x] = image[x * side + y];
+            image[x * side + y] = pixel;
+        }
+    }
+}
+
+/* The number of the lesson that a sample is drawn from: one more at a time, of those with which
+ * this sample of every step begins, so that ranks make none that others make. */
+static int64_t choose_lesson(const struct v2v_sampler *sampler, uint64_t stream, int64_t step,
+                             int64_t index)
+{
+    const int64_t rows = v2v_smaller(sampler->settings->batch, sampler->slots);
+    const int64_t known = v2v_smaller(step / STEPS_OF_LESSON + 1, sampler->slots / rows);
+    const uint64_t seed = (uint64_t)sampler->settings->seed;
+    return rows * v2v_random_below(seed, stream, DRAW_FRAME, known) + index % rows;
+}
+
+enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int64_t step,
                                  int64_t index)
 {
     enum v2v_status rc = V2V_OK;
     const float *data = NULL;
-    uint64_t seed = (uint64_t)sampler->settings->seed;
-    uint64_t stream = (uint64_t)(step * sampler->settings->batch + index);
-    int64_t height = sampler->height, width = sampler->width;
-    int64_t frame = v2v_random_below(seed, stream, DRAW_FRAME, sampler->frames);
-    const struct source *source = source_of(sampler, frame);
-    const struct v2v_recording_info *info = info_of(source);
-    V2V_TRY(keep_frame(sampler, source, frame, &data));
-    if (sampler->settings->crop == 0) {
-        v2v_pad_reflect(views, data, info->views, info->height, info->width, height, width);
+    const struct v2v_train_settings *settings = sampler->settings;
+    uint64_t seed = (uint64_t)settings->seed;
+    uint64_t stream = (uint64_t)(step * settings->batch + index), of_frame = stream;
+    int64_t height = sampler->height, width = sampler->width, lesson = 0;
+    if (sampler->lessons != NULL) {
+        lesson = choose_lesson(sampler, stream, step, index);
+        of_frame = v2v_random_fnv1a64("lessons") + (uint64_t)lesson;
+    }
+    int64_t frame = v2v_random_below(seed, of_frame, DRAW_FRAME, sampler->frames);
+    const struct v2v_recording_info *info = info_of(source_of(sampler, frame));
+    V2V_TRY(keep(sampler, &data, frame, lesson));
+    if (settings->crop == 0) {
+        v2v_pad_reflect(images, data, sampler->images, info->height, info->width, height, width);
     } else {
         struct corner corner = choose_corner(sampler, data, info, stream);
-        copy_crop(views, data, info, corner.y, corner.x, height, width);
+        copy_crop(images, data, info, sampler->images, corner, height, width);
     }
     for (int axis = 0; axis < AXES; axis++) {
         if (sampler->flip[axis] &&
             v2v_random_below(seed, stream, (uint64_t)(DRAW_FLIP_Y + axis), 2) == 1) {
-            flip(sampler->scratch, views, sampler->partner[axis], axis, info->views, height, width);
-            memcpy(views, sampler->scratch, (size_t)(info->views * height * width) * sizeof *views);
+            flip(sampler->scratch, images, sampler->partner[axis], axis, sampler->images, height,
+                 width);
+            memcpy(images, sampler->scratch,
+                   (size_t)(sampler->images * height * width) * sizeof *images);
+        }
+    }
+    if (sampler->lessons != NULL && sampler->flip[0] &&
+        v2v_random_below(seed, stream, DRAW_TRANSPOSE, 2) == 1) {
+        for (int64_t i = 0; i < sampler->images; i++) {
+            transpose(images + i * height * width, width);
         }
     }
 done:

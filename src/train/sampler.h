@@ -1,4 +1,4 @@
-/* Crops of noisy recordings, drawn by (seed, step, sample). */
+/* Crops of noisy recordings, or of lessons made of them, drawn by (seed, step, sample). */
 #ifndef V2V3D_TRAIN_SAMPLER_H
 #define V2V3D_TRAIN_SAMPLER_H
 
@@ -8,9 +8,12 @@
 struct v2v_sampler;
 
 /* Decides offset and gain of every recording (reads them once), which flips are physical and the
- * size of a sample; whole frames are padded to a multiple of `unit`. Collective(comm), agreed. */
+ * size of a sample; whole frames are padded to a multiple of `unit`. by_lessons (bool): samples are
+ * crops of lessons (method/lessons.h), each of which is made when it is first drawn from.
+ * Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, const struct v2v_comm *comm) V2V_MUST_CHECK;
+                                   int64_t unit, int by_lessons,
+                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
 
 /* Floats of the frames that it will take, one by one, and keep. */
@@ -22,9 +25,12 @@ int64_t v2v_sampler_width(const struct v2v_sampler *sampler);
 /* The part of a sample in which views are compared: without halo and padding. */
 struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
 
-/* Sample `index` of step `step` into views [v,height,width]. Local: reads a frame when it is not
- * kept already. */
-enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *views, int64_t step,
+/* Images of a sample: the views, or those of a lesson. */
+int64_t v2v_sampler_images(const struct v2v_sampler *sampler);
+
+/* Sample `index` of step `step` into images [images,height,width]. Local: reads a frame, or makes a
+ * lesson, when it is not kept already. */
+enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int64_t step,
                                  int64_t index) V2V_MUST_CHECK;
 
 #endif

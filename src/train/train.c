@@ -11,6 +11,7 @@
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/par/time.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/bulk.h"
 
 #include <stdio.h>
 
@@ -27,6 +28,8 @@ struct run {
     int64_t step;         /* steps done */
     int64_t checkpointed; /* steps in the newest checkpoint, -1: none */
     int not_finite;
+    enum v2v_status unwritten; /* a line of the log that could not be written: ends the run with the
+                                  next step */
     double started, last_checkpoint; /* seconds */
 };
 
@@ -58,6 +61,10 @@ static enum v2v_status start(struct run *run)
         }
     }
     run->trainer.ops->weights_changed(run->trainer.network);
+    if (run->trainer.average != NULL && run->step == 0) {
+        v2v_bulk_copy(run->trainer.average, run->trainer.network->weights,
+                      run->trainer.network->schema.fields.total);
+    }
     V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_start(&run->folder, run->step)));
 done:
     return rc;
@@ -81,20 +88,29 @@ done:
     return rc;
 }
 
-/* Rank 0's clock and every rank's signals decide; the votes travel with the gradients. */
-static int wants_to_stop(const struct run *run)
-{
-    double limit = run->job->max_time_s;
-    int late =
-        limit > 0.0 && v2v_comm_rank(run->comm) == 0 && v2v_clock_now() - run->started >= limit;
-    return late || v2v_stop_requested();
-}
-
 /* Is it time for a checkpoint? Rank 0's clock says it for all, with the votes. */
 static int checkpoint_due(const struct run *run)
 {
     return v2v_comm_rank(run->comm) == 0 &&
            v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
+}
+
+/* The part of the time that is gone, by rank 0's clock. */
+static double spent(const struct run *run)
+{
+    double limit = run->job->max_time_s;
+    return limit > 0.0 && v2v_comm_rank(run->comm) == 0 ? (v2v_clock_now() - run->started) / limit
+                                                        : 0.0;
+}
+
+/* Rank 0's clock and every rank's signals decide; the votes travel with the gradients. */
+static struct v2v_step_votes vote(const struct run *run)
+{
+    const double part = spent(run);
+    return (struct v2v_step_votes){.spent = part,
+                                   .stop = part >= 1.0 || v2v_stop_requested(),
+                                   .checkpoint = checkpoint_due(run),
+                                   .earlier = run->unwritten};
 }
 
 static enum v2v_status judge(struct run *run, const struct v2v_step_result *result)
@@ -127,10 +143,17 @@ static void show(struct run *run, const struct v2v_step_result *result)
     v2v_progress_step(&run->progress, run->step, note);
 }
 
-/* What follows a step on all ranks alike. A line that could not be written is in `votes` and ends
- * the run with the next step. Collective(comm), agreed. */
+/* A learning rate that has fallen to its end with the time has done what it should. */
+static int is_over(const struct run *run, const struct v2v_step_result *result)
+{
+    const struct v2v_train_settings *settings = &run->job->config->train;
+    return run->step >= settings->steps ||
+           (settings->schedule == V2V_SCHEDULE_LINEAR && result->spent >= 1.0);
+}
+
+/* What follows a step on all ranks alike. Collective(comm), agreed. */
 static enum v2v_status after_step(struct run *run, const struct v2v_step_result *result,
-                                  struct v2v_step_votes *votes, const struct v2v_par_time *began)
+                                  const struct v2v_par_time *began)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_train_settings *settings = &run->job->config->train;
@@ -138,11 +161,14 @@ static enum v2v_status after_step(struct run *run, const struct v2v_step_result 
     if (settings->check_every > 0 && run->step % settings->check_every == 0) {
         V2V_TRY(v2v_alike_weights(&run->trainer, run->step));
     }
-    if (run->step % settings->log_every == 0 || run->step == settings->steps) {
-        votes->earlier = v2v_run_folder_log(&run->folder, run->step, result, began);
+    if (run->step % settings->log_every == 0 || is_over(run, result)) {
+        run->unwritten = v2v_run_folder_log(&run->folder, run->step, result, began);
     }
     show(run, result);
-    if (result->stop && run->step < settings->steps) {
+    if (is_over(run, result)) {
+        goto done;
+    }
+    if (result->stop) {
         V2V_TRY(checkpoint(run));
         V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
                          (long long)run->step, (long long)settings->steps));
@@ -159,18 +185,16 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_step_result result = {0};
-    struct v2v_step_votes votes = {0};
-    while (run->step < run->job->config->train.steps) {
+    while (!is_over(run, &result)) {
         struct v2v_par_time began = v2v_par_time_now();
         v2v_watchdog_beat("a training step");
-        votes.stop = wants_to_stop(run);
-        votes.checkpoint = checkpoint_due(run);
+        const struct v2v_step_votes votes = vote(run);
         V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, &votes));
         run->step++;
         report->last_total = result.terms[V2V_LOSS_TOTAL];
-        V2V_TRY(after_step(run, &result, &votes, &began));
+        V2V_TRY(after_step(run, &result, &began));
     }
-    V2V_TRY(v2v_par_agree(run->comm, votes.earlier));
+    V2V_TRY(v2v_par_agree(run->comm, run->unwritten));
     V2V_TRY(checkpoint(run));
 done:
     return rc;

@@ -15,7 +15,11 @@ enum { OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
 
 /* The tail: how many ranks say so, then the loss terms [sample, output, term], each of which one
  * rank knows: a sum over ranks leaves its bits alone. */
-enum { FLAG_FAILED, FLAG_STOP, FLAG_CHECKPOINT, FLAGS };
+enum { FLAG_FAILED, FLAG_STOP, FLAG_CHECKPOINT, PART_SPENT, FLAGS };
+
+/* The linear schedule: steps of its rise, and the part of the learning rate that it falls to. */
+enum { RISE = 20 };
+#define FALLS_TO 0.05
 
 static const struct v2v_fields *fields_of(const struct v2v_trainer *trainer)
 {
@@ -53,6 +57,9 @@ static enum v2v_status create_network(struct v2v_trainer *trainer, const struct 
     }
     V2V_TRY(V2V_ALLOC(trainer->m, "adam.m", fields_of(trainer)->total));
     V2V_TRY(V2V_ALLOC(trainer->v, "adam.v", fields_of(trainer)->total));
+    if (job->config->train.average > 0.0) {
+        V2V_TRY(V2V_ALLOC(trainer->average, "train.average", fields_of(trainer)->total));
+    }
 done:
     return rc;
 }
@@ -89,8 +96,8 @@ static enum v2v_status take_memory(struct v2v_trainer *trainer, const struct v2v
     enum v2v_status rc = V2V_OK;
     const int64_t pixels =
         v2v_sampler_height(trainer->sampler) * v2v_sampler_width(trainer->sampler);
-    trainer->view_floats = job->psf->views * pixels;
-    V2V_TRY(V2V_ALLOC(trainer->views, "train.views", trainer->view_floats));
+    trainer->image_floats = v2v_sampler_images(trainer->sampler) * pixels;
+    V2V_TRY(V2V_ALLOC(trainer->images, "train.images", trainer->image_floats));
     trainer->tail_count = FLAGS + job->config->train.batch * OUTPUTS * V2V_LOSS_TOTAL;
     V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
     V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
@@ -104,6 +111,15 @@ done:
 static enum v2v_status create_loss(struct v2v_trainer *trainer, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
+    if (trainer->ops->traits & V2V_TRAIT_LESSONS) {
+        trainer->volume_loss =
+            (struct v2v_volume_loss){.settings = &job->config->loss,
+                                     .slices = job->psf->slices,
+                                     .height = v2v_sampler_height(trainer->sampler),
+                                     .width = v2v_sampler_width(trainer->sampler),
+                                     .window = v2v_sampler_window(trainer->sampler)};
+        return V2V_OK;
+    }
     struct v2v_loss_setup setup = {.settings = &job->config->loss,
                                    .psf = job->psf,
                                    .reduce = job->config->psf.reduce,
@@ -162,7 +178,9 @@ static enum v2v_status create_workspace(struct v2v_trainer *trainer,
     V2V_TRY(v2v_par_agree(trainer->grid.shard, take_memory(trainer, job)));
     V2V_TRY(create_loss(trainer, job));
     V2V_TRY(v2v_par_agree(trainer->grid.shard, plan_network(trainer)));
-    V2V_TRY(v2v_loss_hold(trainer->loss, rows_of(trainer)));
+    if (trainer->loss != NULL) {
+        V2V_TRY(v2v_loss_hold(trainer->loss, rows_of(trainer)));
+    }
 done:
     return rc;
 }
@@ -222,7 +240,8 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
         (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
     struct v2v_network_spec spec = describe(trainer, job);
     trainer->ops->describe_work(&work, &spec, 1, 1);
-    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, comm));
+    const int by_lessons = (trainer->ops->traits & V2V_TRAIT_LESSONS) != 0;
+    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, by_lessons, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
     V2V_TRY(v2v_par_agree(comm, create_network(trainer, job, precision)));
     V2V_TRY(create_buckets(trainer));
@@ -237,7 +256,7 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
     v2v_network_destroy(&trainer->network);
     v2v_projector_destroy(&trainer->projector);
     v2v_sampler_destroy(&trainer->sampler);
-    float *memory[] = {trainer->m, trainer->v, trainer->sum, trainer->views};
+    float *memory[] = {trainer->m, trainer->v, trainer->average, trainer->sum, trainer->images};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         v2v_mem_free(memory[i]);
     }
@@ -256,7 +275,7 @@ void v2v_trainer_destroy(struct v2v_trainer *trainer)
 static void make_volumes(struct v2v_trainer *trainer)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    trainer->ops->forward(trainer->network, trainer->volume, trainer->views);
+    trainer->ops->forward(trainer->network, trainer->volume, trainer->images);
     if (grid->branch_size > 1) {
         int own = grid->branch_rank;
         v2v_par_exchange_f32(grid->pair, trainer->volume[1 - own], trainer->volume[own],
@@ -264,20 +283,37 @@ static void make_volumes(struct v2v_trainer *trainer)
     }
 }
 
+/* The losses, and what they make of the volumes. Collective(shard). */
+static void judge(struct v2v_trainer *trainer, double *value)
+{
+    const float *volume[OUTPUTS] = {NULL};
+    if (trainer->loss == NULL) { /* the volume follows the features */
+        const float *known = trainer->images + trainer->network->inputs *
+                                                   trainer->volume_loss.height *
+                                                   trainer->volume_loss.width;
+        v2v_volume_loss_evaluate(&trainer->volume_loss, value, trainer->dvolume[0],
+                                 trainer->volume[0], known);
+        return;
+    }
+    for (int o = 0; o < trainer->ops->outputs; o++) {
+        volume[o] = trainer->volume[o];
+    }
+    v2v_loss_evaluate(trainer->loss, value, trainer->network->held, trainer->dvolume, volume,
+                      trainer->images);
+}
+
 /* Forward, losses and backward of one sample: sets the gradients. The ranks of a shard share the
  * losses and know them all; one of them reports. Collective(shard, pair). */
 static void run_sample(struct v2v_trainer *trainer, int64_t sample)
 {
     const struct v2v_grid *grid = &trainer->grid;
-    const float *volume[OUTPUTS] = {NULL}, *dvolume[OUTPUTS] = {NULL};
+    const float *dvolume[OUTPUTS] = {NULL};
     double value[V2V_LOSS_TERMS];
     make_volumes(trainer);
     for (int o = 0; o < trainer->ops->outputs; o++) {
-        volume[o] = trainer->volume[o];
         dvolume[o] = trainer->dvolume[o];
     }
-    v2v_loss_evaluate(trainer->loss, value, trainer->network->held, trainer->dvolume, volume,
-                      trainer->views);
+    judge(trainer, value);
     trainer->ops->backward(trainer->network, dvolume);
     if (grid->shard_rank == 0) {
         memcpy(trainer->tail + FLAGS + (sample * OUTPUTS + grid->branch_rank) * V2V_LOSS_TOTAL,
@@ -311,9 +347,9 @@ static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int6
         v2v_bucket_sum_ready(trainer->buckets, 0, total);
         goto finish;
     }
-    drawn = v2v_sampler_draw(trainer->sampler, trainer->views, step, sample);
+    drawn = v2v_sampler_draw(trainer->sampler, trainer->images, step, sample);
     if (drawn != V2V_OK) {
-        memset(trainer->views, 0, (size_t)trainer->view_floats * sizeof *trainer->views);
+        memset(trainer->images, 0, (size_t)trainer->image_floats * sizeof *trainer->images);
         trainer->tail[FLAG_FAILED] = 1.0;
     }
     run_sample(trainer, sample);
@@ -363,6 +399,7 @@ static void read_tail(const struct v2v_trainer *trainer, struct v2v_step_result 
     }
     result->stop = trainer->tail[FLAG_STOP] > 0.0;
     result->checkpoint = trainer->tail[FLAG_CHECKPOINT] > 0.0;
+    result->spent = trainer->tail[PART_SPENT];
 }
 
 /* Scale a gradient that is longer than train.clip_norm down to it. */
@@ -381,26 +418,50 @@ static void clip_gradients(struct v2v_trainer *trainer, double norm)
     }
 }
 
-static double learning_rate(const struct v2v_train_settings *settings, int64_t step)
+/* @param spent part of the time */
+static double learning_rate(const struct v2v_train_settings *settings, int64_t step, double spent)
 {
+    if (settings->schedule == V2V_SCHEDULE_LINEAR) {
+        const double part = fmax(spent, (double)step / (double)settings->steps);
+        const double risen = fmin((double)(step + 1) / RISE, 1.0);
+        return settings->learning_rate * risen * (1.0 - (1.0 - FALLS_TO) * fmin(part, 1.0));
+    }
     int decayed = settings->decay_at > 0 && step >= settings->decay_at;
     return settings->learning_rate * (decayed ? settings->decay : 1.0);
 }
 
-static void step_weights(struct v2v_trainer *trainer, double grad_norm, int64_t step)
+/* The first steps' weights are far from the last ones', so that the memory has to grow first. */
+static void average_weights(struct v2v_trainer *trainer, int64_t step)
+{
+    const double grown = (double)(step + 1) / (double)(step + 11);
+    const float memory = (float)fmin(trainer->config->train.average, grown);
+    const float *weights = trainer->network->weights;
+    float *average = trainer->average;
+    int64_t total = fields_of(trainer)->total;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < total; i++) {
+        average[i] = memory * average[i] + (1.0f - memory) * weights[i];
+    }
+}
+
+static void step_weights(struct v2v_trainer *trainer, const struct v2v_step_result *result,
+                         int64_t step)
 {
     const struct v2v_train_settings *settings = &trainer->config->train;
-    struct v2v_adam adam = {.learning_rate = learning_rate(settings, step),
+    struct v2v_adam adam = {.learning_rate = learning_rate(settings, step, result->spent),
                             .beta1 = settings->beta1,
                             .beta2 = settings->beta2,
                             .epsilon = settings->epsilon};
-    clip_gradients(trainer, grad_norm);
+    clip_gradients(trainer, result->grad_norm);
     v2v_adam_step(&adam, trainer->network->weights, trainer->m, trainer->v,
                   batch_gradients(trainer), fields_of(trainer)->total, step + 1);
     if (V2V_FAULT_POINT("train.weights") != V2V_OK) {
         trainer->network->weights[0] *= 1.0f + FLT_EPSILON; /* what bad memory does */
     }
     trainer->ops->weights_changed(trainer->network);
+    if (trainer->average != NULL) {
+        average_weights(trainer, step);
+    }
 }
 
 enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_result *result,
@@ -413,6 +474,7 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
     trainer->tail[FLAG_FAILED] = mine != V2V_OK;
     trainer->tail[FLAG_STOP] = votes->stop != 0;
     trainer->tail[FLAG_CHECKPOINT] = votes->checkpoint != 0;
+    trainer->tail[PART_SPENT] = votes->spent;
     for (int64_t round = 0; round < trainer->rounds; round++) {
         enum v2v_status drawn = run_round(trainer, step, round);
         mine = mine == V2V_OK ? drawn : mine;
@@ -426,7 +488,7 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
     /* Adam squares every element in float32: where the whole sum fits, each square does */
     result->finite = isfinite((float)squares) && isfinite(result->terms[V2V_LOSS_TOTAL]);
     if (result->finite) {
-        step_weights(trainer, result->grad_norm, step);
+        step_weights(trainer, result, step);
     }
 done:
     return rc;

@@ -15,16 +15,18 @@ struct v2v_trainer {
     const struct v2v_network_ops *ops;
     struct v2v_network *network;
     struct v2v_projector *projector; /* lent to the loss and to the network */
-    struct v2v_loss *loss;
+    struct v2v_loss *loss;           /* by views; both NULL where volumes are known */
+    struct v2v_volume_loss volume_loss;
     float *m, *v;   /* Adam's moments, as the network's fields */
+    float *average; /* running mean of the weights, likewise; NULL: not wanted */
     int64_t rounds; /* in which the ranks run a batch's samples */
     float *sum;     /* of gradients over rounds; NULL: one round, summed where they are */
     struct v2v_bucket_sum *buckets;
     double *tail; /* numbers of a step that all ranks must know */
     int64_t tail_count;
     int64_t *checksums; /* [rank,group] of weights */
-    float *views;       /* [v,y,x] of a sample */
-    int64_t view_floats;
+    float *images;      /* of a sample [image,y,x]: views, or features and the volume */
+    int64_t image_floats;
     float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,rows,x] of all outputs, this rank's slab */
     int64_t voxels;                          /* of one */
     float *dvolume[V2V_NETWORK_MOST_OUTPUTS];
@@ -35,6 +37,7 @@ struct v2v_trainer {
 struct v2v_step_votes {
     int stop;                /* this rank wants to stop after the step */
     int checkpoint;          /* .. wants a checkpoint after it */
+    double spent;            /* part of the time that is given; of one rank, the others say 0 */
     enum v2v_status earlier; /* a failure since the last step that nobody else knows of yet */
 };
 
@@ -44,6 +47,7 @@ struct v2v_step_result {
     double grad_norm;
     int finite; /* loss and squared gradient, in float32; the weights were stepped only then */
     int stop, checkpoint; /* did any rank vote so? */
+    double spent;
 };
 
 /* Collective(comm), agreed. */

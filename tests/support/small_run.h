@@ -125,22 +125,23 @@ static inline double scene_train(struct scene *scene, const char *name, int64_t 
     return report.last_total;
 }
 
-/** All three arenas of a checkpoint of the whole network, *count floats. */
+/** All arenas of a checkpoint of the whole network, *count floats. */
 static inline enum v2v_status scene_arenas(const struct scene *scene, const char *path,
                                            float **arenas, int64_t *count)
 {
-    static const char *const group[] = {"weights", "adam_m", "adam_v"};
+    static const char *const group[] = {"weights", "adam_m", "adam_v", "last"};
     enum v2v_status rc = V2V_OK;
     struct v2v_schema schema = {0};
     const struct v2v_network_spec spec = {
         .config = &scene->config, .views = VIEWS, .slices = SLICES, .outputs = V2V_NETWORK_ALL};
     assert_ok(v2v_network_schema(&schema, scene->config.model.method, &spec));
     const int64_t total = schema.fields.total;
-    assert_ok(V2V_ALLOC(*arenas, "test", 3 * total));
-    for (int i = 0; i < 3 && rc == V2V_OK; i++) {
+    const int groups = scene->config.train.average > 0.0 ? 4 : 3;
+    assert_ok(V2V_ALLOC(*arenas, "test", groups * total));
+    for (int i = 0; i < groups && rc == V2V_OK; i++) {
         rc = v2v_weights_file_read(*arenas + i * total, path, group[i], &schema.fields);
     }
-    *count = 3 * total;
+    *count = groups * total;
     v2v_schema_fini(&schema);
     return rc;
 }

@@ -85,6 +85,10 @@ struct v2v_loss_settings {
     struct v2v_number weight[V2V_LOSS_TOTAL]; /**< in the order of conf/loss_terms.h */
 };
 
+/** How the learning rate goes: by decay and decay_at, or up in a few steps and down in a straight
+ *  line to the end, which is that of the steps or of the time that is given. */
+enum v2v_schedule { V2V_SCHEDULE_STEPS, V2V_SCHEDULE_LINEAR };
+
 struct v2v_train_settings {
     int64_t steps;
     int64_t batch;         /**< crops of one step over all ranks */
@@ -94,8 +98,10 @@ struct v2v_train_settings {
     int flips;             /**< bool: flips that map the view set onto itself */
     double flip_tolerance; /**< relative L2 distance of a flipped PSF to its partner */
     double learning_rate;
+    int schedule;     /**< enum v2v_schedule */
     double decay;     /**< learning rate factor .. */
     int64_t decay_at; /**< .. from this step on; 0: never */
+    double average;   /**< memory of the weights' running mean, which is the result; 0: the last */
     double clip_norm; /**< a longer gradient is scaled down to it; 0: none is */
     double beta1, beta2, epsilon;
     int64_t seed;

@@ -11,6 +11,16 @@ extern "C" {
 
 enum { V2V_WEIGHTS_WORD_BYTES = 32, V2V_WEIGHTS_SETTINGS_BYTES = 512 };
 
+/** Groups of arrays, one for every field each; files that can be trained on have more than the
+ *  first. */
+enum v2v_weights_group {
+    V2V_WEIGHTS,      /**< "weights": those that are the result */
+    V2V_WEIGHTS_M,    /**< "adam_m": Adam's means */
+    V2V_WEIGHTS_V,    /**< "adam_v": .. and mean squares */
+    V2V_WEIGHTS_LAST, /**< "last": of the last step, where the result is their running mean */
+    V2V_WEIGHTS_GROUPS
+};
+
 /** What a weight file says beside its arrays. */
 struct v2v_weights_info {
     char method[V2V_WEIGHTS_WORD_BYTES];       /**< the network's; "v2v" where absent */
@@ -28,18 +38,18 @@ enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info,
 
 /** Read `/GROUP/NAME` of every field into its place of the arena; every field must be there with
  * its shape, finite and with a matching checksum when the file has one; others are ignored.
- *  @kind Local. @param group "weights", "adam_m", "adam_v"
+ *  @kind Local. @param group its name
  *  @return V2V_OK | V2V_E_INPUT (names file, field, reason) */
 enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char *group,
                                       const struct v2v_fields *fields) V2V_MUST_CHECK;
 
-/** Write weights, and with moments (adam_m, adam_v not NULL) a checkpoint; `history` (may be NULL)
- *  and `config` (may be NULL) are stored as text. Every setting also is an attribute by the name of
- *  its key, for people and other programs. CRC-32C of every array in its attr `crc32c`.
+/** Write the groups that are not NULL; `history` and `config` (may be NULL) are stored as text.
+ *  Every setting also is an attribute by its key, for people and other programs. CRC-32C
+ *  of every array in its attr `crc32c`.
  *  Written under a temporary name, fsynced, renamed. @kind Local (one rank). */
 enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
-                                       const struct v2v_fields *fields, const float *weights,
-                                       const float *adam_m, const float *adam_v,
+                                       const struct v2v_fields *fields,
+                                       const float *const group[V2V_WEIGHTS_GROUPS],
                                        const char *history, const char *config) V2V_MUST_CHECK;
 
 #ifdef __cplusplus

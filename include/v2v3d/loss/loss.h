@@ -89,6 +89,20 @@ enum v2v_status v2v_loss_hold(struct v2v_loss *loss, struct v2v_part rows) V2V_M
 void v2v_loss_evaluate(struct v2v_loss *loss, double *terms, unsigned outputs,
                        float *const *dvolume, const float *const *volume, const float *views);
 
+/** What volumes are judged by where the right one is known. */
+struct v2v_volume_loss {
+    const struct v2v_loss_settings *settings;
+    int64_t slices, height, width;
+    struct v2v_window window; /**< in which they are compared */
+};
+
+/** The mean squared difference within the window, as the term `mse`; the others are 0.
+ *  @kind  Local, no allocation; the same bits with any number of threads
+ *  @param terms [V2V_LOSS_TERMS] out, as above @param dvolume dL/dvolume [z,height,width] out
+ *  @param volume, known [z,height,width] */
+void v2v_volume_loss_evaluate(const struct v2v_volume_loss *loss, double *terms, float *dvolume,
+                              const float *volume, const float *known);
+
 /** The weights that the settings resolve to, in the order of the terms (total: 1). @kind Local. */
 void v2v_loss_weights(double *weights, const struct v2v_loss_settings *settings);
 

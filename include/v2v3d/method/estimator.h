@@ -81,8 +81,9 @@ struct v2v_monitor {
 struct v2v_estimator_ops {
     const char *name;    /**< in configurations */
     const char *meaning; /**< one line, for --help */
-    int is_learned;      /**< bool: it needs weights, and views of the gain they are trained at;
-                              else views scaled by s give the volume scaled by s */
+    int is_learned;      /**< bool: it needs weights */
+    int has_gain;        /**< bool: views are to have the gain, and volumes are projected, as in the
+                              training; else views scaled by s give the volume scaled by s */
     const void *variant; /**< what rows with the same functions differ in */
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
@@ -117,6 +118,9 @@ const struct v2v_estimator_ops *v2v_estimator_at(int64_t index);
 /** By name. @kind Local. @return V2V_OK | V2V_E_CONFIG (names those that there are) */
 enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops,
                                    const char *name) V2V_MUST_CHECK;
+
+/** The one that a network's weights are for. @kind Local. */
+const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_network_ops *network);
 
 /** @kind Collective(shard), which is borrowed. @return V2V_OK or as describe_work and create;
  *  agreed */

@@ -41,6 +41,12 @@ void v2v_schema_fini(struct v2v_schema *schema);
 enum v2v_status v2v_network_describe(struct v2v_weights_info *info, const struct v2v_config *config,
                                      int64_t views, int64_t slices, int64_t step) V2V_MUST_CHECK;
 
+/** Which network a weight file is of. @kind Local. @param path for messages @return V2V_OK |
+ *  V2V_E_INPUT (one that there is not) */
+enum v2v_status v2v_network_of_weights(const struct v2v_network_ops **ops,
+                                       const struct v2v_weights_info *info,
+                                       const char *path) V2V_MUST_CHECK;
+
 /** The network of a weight file becomes that of the configuration.
  *  @kind Local. @param path for messages @return V2V_OK | V2V_E_INPUT (a method that there is not,
  *  a setting out of its range) */

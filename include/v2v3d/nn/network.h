@@ -87,7 +87,10 @@ enum {
     V2V_TRAIT_PROJECTS = 1, /**< plan() needs a projector */
     V2V_TRAIT_SKIPS = 2,    /**< spec.skip leaves out what the scene doesn't need */
     V2V_TRAIT_BF16 = 4,     /**< spec.precision may be V2V_PRECISION_BF16 */
-    V2V_TRAIT_SLABS = 8     /**< spec.slabs and spec.shard may be more than one */
+    V2V_TRAIT_SLABS = 8,    /**< spec.slabs and spec.shard may be more than one */
+    V2V_TRAIT_LESSONS = 16  /**< forward takes a frame's features in the place of its views, of any
+                                 number of views and slices, and is taught by frames of which the
+                                 volume is known (method/lessons.h) */
 };
 
 struct v2v_network_ops;
@@ -99,6 +102,8 @@ struct v2v_network {
     struct v2v_schema schema;
     struct v2v_output output[V2V_NETWORK_MOST_OUTPUTS];
     int64_t views, slices;
+    int64_t inputs;   /**< images [inputs,y,x] that forward takes: the views, unless method's create
+                           says otherwise */
     unsigned held;    /**< outputs of this rank, as bits */
     float *weights;   /**< [schema.fields.total] the method's memory */
     float *gradients; /**< likewise, after a plan for training */
@@ -141,7 +146,7 @@ struct v2v_network_ops {
 
     /** Weights were set or stepped. @kind Local. */
     void (*weights_changed)(struct v2v_network *network);
-    /** volume[o] [z,rows,x] of every output held, from views [v,y,x]. @kind Collective(shard) */
+    /** volume[o] [z,rows,x] of every output held, from views [inputs,y,x]. Collective(shard). */
     void (*forward)(struct v2v_network *network, float *const *volume, const float *views);
     /** The part of the work that the last forward did, 0 .. 1; NULL: 1. @kind Local. */
     double (*computed_part)(const struct v2v_network *network);

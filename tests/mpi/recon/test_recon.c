@@ -4,9 +4,9 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/method/fusion.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/rule.h"
-#include "v2v3d/recon/fusion.h"
 #include "v2v3d/recon/recon.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/v2v/model.h"
@@ -56,8 +56,9 @@ static void weights_file(const char *path)
     struct v2v_model *model = model_of_config();
     assert_ok(v2v_network_describe(&info, &config, VIEWS, SLICES, 0));
     if (v2v_comm_rank(test_world()) == 0) {
-        assert_ok(v2v_weights_file_write(path, &info, v2v_model_fields(model),
-                                         v2v_model_weights(model), NULL, NULL, NULL, NULL));
+        assert_ok(v2v_weights_file_write(
+            path, &info, v2v_model_fields(model),
+            (const float *const[V2V_WEIGHTS_GROUPS]){v2v_model_weights(model)}, NULL, NULL));
     }
     v2v_par_barrier(test_world());
     v2v_model_destroy(&model);

@@ -47,6 +47,7 @@ static void every_network_trains_on_any_ranks_to_the_same_loss(void **state)
     scene_init(&scene, test_folder(test_world()), 3, test_world());
     scene_record(&scene, "recording.h5", scene_wave);
     scene.config.train.learning_rate = 1e-4;
+    scene.config.train.average = 0.9;
     for (int64_t i = 0; i < v2v_network_count(); i++) {
         const struct v2v_network_ops *ops = v2v_network_at(i);
         snprintf(scene.config.model.method, sizeof scene.config.model.method, "%s", ops->name);

@@ -53,7 +53,7 @@ struct trial {
     struct v2v_network *network;
     struct v2v_projector *projector;
     int64_t voxels; /* of an output */
-    float *views, *volume[OUTPUTS], *dvolume[OUTPUTS];
+    float *images, *volume[OUTPUTS], *dvolume[OUTPUTS];
     int64_t first, count; /* gradients that backward multiplies by .. */
     float factor;
 };
@@ -82,7 +82,8 @@ static void set_weights(struct v2v_network *network, double lift)
     }
 }
 
-/* 0 when the network does not offer that. */
+/* 0 when the network does not offer that; what has no biases to lift is tried by itself
+ * (test_depth_net_gradient). */
 static int setup(struct trial *t, const struct v2v_network_ops *ops, const struct way *way,
                  const struct smoothness *smoothness)
 {
@@ -90,7 +91,8 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
         (struct trial){.smoothness = smoothness,
                        .psf = {.views = VIEWS, .slices = SLICES, .height = KERNEL, .width = KERNEL},
                        .voxels = SLICES * way->height * WIDTH};
-    if (way->slabs > 1 && (ops->traits & V2V_TRAIT_SLABS) == 0) {
+    if ((way->slabs > 1 && (ops->traits & V2V_TRAIT_SLABS) == 0) ||
+        (ops->traits & V2V_TRAIT_LESSONS) != 0) {
         return 0;
     }
     v2v_config_defaults(&t->config);
@@ -101,7 +103,6 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
     }
     t->psf.data = draw(VIEWS * SLICES * KERNEL * KERNEL, 1, 1.0, 0.3);
     v2v_psf_normalize_views(&t->psf);
-    t->views = draw(VIEWS * way->height * WIDTH, 2, 1.0, 0.3);
     const struct v2v_network_spec spec = {.config = &t->config,
                                           .psf = &t->psf,
                                           .views = VIEWS,
@@ -110,6 +111,7 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
                                           .slabs = way->slabs};
     assert_ok(v2v_network_create(&t->network, ops->name, &spec));
     set_weights(t->network, smoothness->lift);
+    t->images = draw(t->network->inputs * way->height * WIDTH, 2, 1.0, 0.3);
     if (ops->traits & V2V_TRAIT_PROJECTS) {
         assert_ok(v2v_projector_create(&t->projector, &t->psf, way->height, WIDTH, V2V_SPLIT_SLICES,
                                        NULL));
@@ -130,7 +132,7 @@ static void teardown(struct trial *t)
     v2v_network_destroy(&t->network);
     v2v_projector_destroy(&t->projector);
     v2v_psf_file_fini(&t->psf);
-    v2v_mem_free(t->views);
+    v2v_mem_free(t->images);
     for (int o = 0; o < OUTPUTS; o++) {
         v2v_mem_free(t->volume[o]);
         v2v_mem_free(t->dvolume[o]);
@@ -141,7 +143,7 @@ static void teardown(struct trial *t)
 static void run(struct trial *t)
 {
     t->network->ops->weights_changed(t->network);
-    t->network->ops->forward(t->network, t->volume, t->views);
+    t->network->ops->forward(t->network, t->volume, t->images);
 }
 
 static void forward(void *self, double *out)
@@ -267,10 +269,11 @@ static void a_wrong_gradient_of_any_network_fails(void **state)
     (void)state;
     for (int64_t i = 0; i < v2v_network_count(); i++) {
         struct trial t;
-        assert_true(setup(&t, v2v_network_at(i), &ways[0], &as_it_is));
-        check_mutants(&t, 1, 0.0f);
-        check_mutants(&t, 0, -1.0f);
-        teardown(&t);
+        if (setup(&t, v2v_network_at(i), &ways[0], &as_it_is)) {
+            check_mutants(&t, 1, 0.0f);
+            check_mutants(&t, 0, -1.0f);
+            teardown(&t);
+        }
     }
 }
 

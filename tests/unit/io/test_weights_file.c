@@ -70,8 +70,10 @@ static float *arena_of(double factor)
 static void write_checkpoint(const char *history, const char *config)
 {
     float *arenas[3] = {arena_of(1.0), arena_of(0.1), arena_of(0.01)};
-    assert_ok(v2v_weights_file_write(path, &info, &fields, arenas[0], arenas[1], arenas[2], history,
-                                     config));
+    assert_ok(v2v_weights_file_write(
+        path, &info, &fields,
+        (const float *const[V2V_WEIGHTS_GROUPS]){arenas[0], arenas[1], arenas[2]}, history,
+        config));
     for (int i = 0; i < 3; i++) {
         v2v_mem_free(arenas[i]);
     }
@@ -150,7 +152,8 @@ static void weights_without_moments_have_no_moments_to_read(void **state)
     (void)state;
     float *arena = arena_of(1.0);
     use("w.h5");
-    assert_ok(v2v_weights_file_write(path, &info, &fields, arena, NULL, NULL, NULL, NULL));
+    assert_ok(v2v_weights_file_write(path, &info, &fields,
+                                     (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL, NULL));
     assert_int_equal(v2v_weights_file_read(arena, path, "adam_m", &fields), V2V_E_INPUT);
     assert_says("has no group /adam_m");
     v2v_mem_free(arena);
@@ -163,14 +166,17 @@ static void fields_that_do_not_fit_the_network_are_refused_by_name(void **state)
     float *arena = arena_of(1.0);
     assert_ok(v2v_fields_add(&other, NULL, "unet1.conv.0.weight", 4, (int64_t[]){3, 2, 3, 3}));
     use("w.h5");
-    assert_ok(v2v_weights_file_write(path, &info, &other, arena, NULL, NULL, NULL, NULL));
+    assert_ok(v2v_weights_file_write(path, &info, &other,
+                                     (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL, NULL));
     assert_refused("/weights/unet1.conv.0.bias: there is no such dataset");
     assert_ok(v2v_fields_add(&other, NULL, "unet1.conv.0.bias", 2, (int64_t[]){3, 1}));
-    assert_ok(v2v_weights_file_write(path, &info, &other, arena, NULL, NULL, NULL, NULL));
+    assert_ok(v2v_weights_file_write(path, &info, &other,
+                                     (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL, NULL));
     assert_refused("/weights/unet1.conv.0.bias: is not float [3], which this network needs");
     v2v_fields_fini(&other);
     arena[fields.item[1].offset + 2] = INFINITY;
-    assert_ok(v2v_weights_file_write(path, &info, &fields, arena, NULL, NULL, NULL, NULL));
+    assert_ok(v2v_weights_file_write(path, &info, &fields,
+                                     (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL, NULL));
     assert_refused("/weights/unet1.conv.0.bias: element 2 is NaN or Inf");
     v2v_mem_free(arena);
 }
@@ -292,7 +298,9 @@ static void a_failed_write_leaves_the_older_generation(void **state)
     write_checkpoint("history", "config");
     assert_ok(v2v_file_temporary(temporary, path));
     assert_int_equal(mkdir(temporary, 0700), 0); /* the temporary name is taken: create must fail */
-    assert_int_equal(v2v_weights_file_write(path, &info, &fields, arena, NULL, NULL, NULL, NULL),
+    assert_int_equal(v2v_weights_file_write(path, &info, &fields,
+                                            (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL,
+                                            NULL),
                      V2V_E_IO);
     assert_says(path);
     assert_int_equal(rmdir(temporary), 0);
@@ -300,7 +308,9 @@ static void a_failed_write_leaves_the_older_generation(void **state)
     v2v_mem_free(arena);
     use("no/such/w.h5");
     arena = arena_of(1.0);
-    assert_int_equal(v2v_weights_file_write(path, &info, &fields, arena, NULL, NULL, NULL, NULL),
+    assert_int_equal(v2v_weights_file_write(path, &info, &fields,
+                                            (const float *const[V2V_WEIGHTS_GROUPS]){arena}, NULL,
+                                            NULL),
                      V2V_E_IO);
     v2v_mem_free(arena);
 }

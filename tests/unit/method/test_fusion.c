@@ -4,7 +4,7 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
-#include "v2v3d/recon/fusion.h"
+#include "v2v3d/method/fusion.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>

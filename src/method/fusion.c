@@ -1,4 +1,4 @@
-#include "v2v3d/recon/fusion.h"
+#include "v2v3d/method/fusion.h"
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
@@ -56,7 +56,7 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     struct v2v_fusion *made = NULL;
     const int64_t samples = v2v_mem_product(views, height, width);
     *fusion = NULL;
-    V2V_TRY(V2V_ALLOC(made, "recon.fusion", 1));
+    V2V_TRY(V2V_ALLOC(made, "method.fusion", 1));
     made->neighbours = neighbours;
     made->views = views;
     made->height = height;
@@ -65,11 +65,11 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     made->smoothed = gaussian(made->fine, FINE_TAPS, FINE); /* root of the square, in y and x */
     (void)gaussian(made->coarse, COARSE_TAPS, COARSE);
     if (neighbours > 0) {
-        V2V_TRY(V2V_ALLOC(made->sum, "recon.fusion", samples));
-        V2V_TRY(V2V_ALLOC(made->weight, "recon.fusion", samples));
-        V2V_TRY(V2V_ALLOC(made->neighbour, "recon.fusion", samples));
-        V2V_TRY(V2V_ALLOC(made->padded, "recon.fusion", v2v_mem_product(height, made->pitch, 1)));
-        V2V_TRY(V2V_ALLOC(made->image, "recon.fusion", v2v_mem_product(height, width, 1)));
+        V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->neighbour, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->padded, "method.fusion", v2v_mem_product(height, made->pitch, 1)));
+        V2V_TRY(V2V_ALLOC(made->image, "method.fusion", v2v_mem_product(height, width, 1)));
     }
     *fusion = made;
     made = NULL;

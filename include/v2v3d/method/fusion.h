@@ -1,5 +1,5 @@
-#ifndef V2V3D_RECON_FUSION_H
-#define V2V3D_RECON_FUSION_H
+#ifndef V2V3D_METHOD_FUSION_H
+#define V2V3D_METHOD_FUSION_H
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/io/recording.h"

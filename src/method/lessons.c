@@ -1,0 +1,136 @@
+#include "v2v3d/method/lessons.h"
+
+#include "method/features.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
+#include "v2v3d/method/fusion.h"
+
+#include <math.h>
+
+/* Lessons in turn are mirrored so: along an even number of axes, which keeps handed things so. */
+static const unsigned flips[] = {0, V2V_FLIP_X | V2V_FLIP_Y, V2V_FLIP_X | V2V_FLIP_Z,
+                                 V2V_FLIP_Y | V2V_FLIP_Z};
+enum { FLIPS = sizeof flips / sizeof *flips };
+
+struct v2v_lessons {
+    const struct v2v_config *config;
+    const struct v2v_psf_file *psf;
+    int64_t height, width; /* of the frames that all below is for; 0: none yet */
+    struct v2v_features *features;
+    struct v2v_fusion *fusion;
+    float *views;            /* [v,y,x] */
+    float *volume, *flipped; /* [z,torus] */
+};
+
+int64_t v2v_lessons_images(int64_t slices)
+{
+    return (V2V_FEATURES + 1) * slices;
+}
+
+enum v2v_status v2v_lessons_create(struct v2v_lessons **lessons, const struct v2v_config *config,
+                                   const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    *lessons = NULL;
+    V2V_TRY(V2V_ALLOC(*lessons, "lessons", 1));
+    **lessons = (struct v2v_lessons){.config = config, .psf = psf};
+done:
+    return rc;
+}
+
+static void free_plan(struct v2v_lessons *lessons)
+{
+    v2v_features_destroy(&lessons->features);
+    v2v_fusion_destroy(&lessons->fusion);
+    v2v_mem_free(lessons->views);
+    v2v_mem_free(lessons->volume);
+    v2v_mem_free(lessons->flipped);
+    *lessons = (struct v2v_lessons){.config = lessons->config, .psf = lessons->psf};
+}
+
+void v2v_lessons_destroy(struct v2v_lessons **lessons)
+{
+    struct v2v_lessons *self = *lessons;
+    *lessons = NULL;
+    if (self != NULL) {
+        free_plan(self);
+        v2v_mem_free(self);
+    }
+}
+
+static enum v2v_status plan(struct v2v_lessons *self, int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = self->psf;
+    const struct v2v_problem problem = {
+        .config = self->config, .psf = psf, .height = height, .width = width};
+    if (self->height == height && self->width == width) {
+        return V2V_OK;
+    }
+    free_plan(self);
+    V2V_TRY(v2v_features_create(&self->features, &problem));
+    V2V_TRY(v2v_fusion_create(&self->fusion, self->config->recon.neighbours, psf->views, height,
+                              width));
+    const struct v2v_torus torus = v2v_features_torus(self->features);
+    const int64_t voxels = v2v_mem_product(psf->slices, torus.height, torus.width);
+    V2V_TRY(V2V_ALLOC(self->views, "lessons.views", v2v_mem_product(psf->views, height, width)));
+    V2V_TRY(V2V_ALLOC(self->volume, "lessons.volumes", voxels));
+    V2V_TRY(V2V_ALLOC(self->flipped, "lessons.volumes", voxels));
+    self->height = height;
+    self->width = width;
+done:
+    if (rc != V2V_OK) {
+        free_plan(self);
+    }
+    return rc;
+}
+
+/* Mean square of a - b. */
+static double mean_square(const float *a, const float *b, int64_t count)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        const double d = (double)a[i] - (double)b[i];
+        sum += d * d;
+    }
+    return sum / (double)count;
+}
+
+/* The error of total variation becomes 1 in the mean square; nothing is made of a dark frame. */
+static double normalize(float *images, int64_t slices, int64_t pixels)
+{
+    const int64_t voxels = slices * pixels, count = v2v_lessons_images(slices) * pixels;
+    const double error = sqrt(mean_square(images, images + V2V_FEATURES * voxels, voxels));
+    const double factor = error > 0.0 ? 1.0 / error : 1.0;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        images[i] = (float)(images[i] * factor);
+    }
+    return error;
+}
+
+enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
+                                 struct v2v_recording *recording, const struct v2v_scaling *scaling,
+                                 int64_t t, int64_t number)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_lessons *self = lessons;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const int64_t slices = self->psf->slices, pixels = info->height * info->width;
+    double noise = 0.0, again = 0.0;
+    V2V_TRY(plan(self, info->height, info->width));
+    V2V_TRY(v2v_fusion_read(self->fusion, self->views, recording, scaling, t));
+    V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &noise, self->views));
+    v2v_features_flip(self->features, self->flipped, self->volume, flips[number % FLIPS]);
+    v2v_features_cut(self->features, images + V2V_FEATURES * slices * pixels, self->flipped);
+    v2v_features_simulate(self->features, self->views, self->flipped, noise,
+                          (uint64_t)self->config->train.seed,
+                          v2v_random_fnv1a64("lessons") + (uint64_t)number);
+    V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &again, self->views));
+    const double error = normalize(images, slices, pixels);
+    v2v_log(V2V_LOG_DEBUG, "lesson %lld, from frame %lld: noise %.3g, error %.3g",
+            (long long)number, (long long)t, noise, error);
+done:
+    return rc;
+}

@@ -1,0 +1,101 @@
+#include "method/unrolled.h"
+
+#include "method/correction.h"
+#include "method/features.h"
+#include "method/learned.h"
+#include "method/tv.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/weights_file.h"
+#include "v2v3d/method/networks.h"
+
+struct unrolled {
+    struct v2v_features *features;
+    struct v2v_network *network;
+    struct v2v_correction *correction;
+    float *found;  /* [feature,z,y,x] */
+    float *volume; /* [z,torus] */
+};
+
+/* As total variation, on one rank, and the features; the network holds a tile. */
+static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = problem->psf;
+    const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
+    const int64_t torus_pixels = v2v_mem_product(torus.height, torus.width, 1);
+    const int64_t floats =
+        v2v_mem_product(2 * psf->slices + psf->views, torus_pixels, 1) +
+        v2v_mem_product(V2V_FEATURES * psf->slices, problem->height, problem->width);
+    V2V_TRY(v2v_estimator_tv.describe_work(work, problem));
+    work->bytes = v2v_mem_bytes(floats, work->bytes) + v2v_correction_bytes(psf->slices);
+    work->most_shards = 1;
+done:
+    return rc;
+}
+
+static enum v2v_status plan(struct unrolled *self, const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_spec spec = v2v_learned_spec(problem);
+    const int64_t height = problem->height, width = problem->width, slices = spec.slices;
+    V2V_TRY(v2v_network_create(&self->network, problem->config->model.method, &spec));
+    V2V_TRY(v2v_weights_file_read(self->network->weights, problem->weights, "weights",
+                                  &self->network->schema.fields));
+    V2V_TRY(v2v_features_create(&self->features, problem));
+    V2V_TRY(v2v_correction_create(&self->correction, self->network, height, width));
+    const struct v2v_torus torus = v2v_features_torus(self->features);
+    V2V_TRY(V2V_ALLOC(self->found, "unrolled.features",
+                      v2v_mem_product(V2V_FEATURES * slices, height, width)));
+    V2V_TRY(V2V_ALLOC(self->volume, "unrolled.volume",
+                      v2v_mem_product(slices, torus.height, torus.width)));
+done:
+    return rc;
+}
+
+static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_problem *problem)
+{
+    struct unrolled *self = NULL;
+    enum v2v_status rc = V2V_ALLOC(self, "unrolled", 1);
+    if (rc == V2V_OK) {
+        estimator->self = self;
+        rc = plan(self, problem);
+    }
+    return v2v_par_agree(estimator->shard, rc);
+}
+
+static void destroy(struct v2v_estimator *estimator)
+{
+    struct unrolled *self = estimator->self;
+    if (self != NULL) {
+        v2v_correction_destroy(&self->correction);
+        v2v_network_destroy(&self->network);
+        v2v_features_destroy(&self->features);
+        v2v_mem_free(self->found);
+        v2v_mem_free(self->volume);
+        v2v_mem_free(self);
+    }
+}
+
+static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
+                           const float *views, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct unrolled *self = estimator->self;
+    double noise = 0.0;
+    (void)monitor; /* the iterations under it are another method's */
+    rc = v2v_features_of_views(self->features, self->found, self->volume, &noise, views);
+    V2V_TRY(v2v_par_agree(estimator->shard, rc));
+    v2v_correction_run(self->correction, volume[0], self->found);
+done:
+    return rc;
+}
+
+const struct v2v_estimator_ops v2v_estimator_unrolled = {
+    .name = "unrolled",
+    .meaning = "total variation, corrected by a trained network",
+    .is_learned = 1,
+    .describe_work = describe_work,
+    .create = create,
+    .destroy = destroy,
+    .run = run,
+};

@@ -1,0 +1,9 @@
+/** Total variation's volume and what it misses of the views, put right by a network of slices. */
+#ifndef METHOD_UNROLLED_H
+#define METHOD_UNROLLED_H
+
+#include "v2v3d/method/estimator.h"
+
+extern const struct v2v_estimator_ops v2v_estimator_unrolled;
+
+#endif
