@@ -11,6 +11,9 @@ static const struct v2v_option options[] = {
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTIONS_VOLUMES,
     V2V_OPTION_NEIGHBOURS,
+    V2V_OPTION_SET("strength", "recon.strength", "C|auto",
+                   "unrolled: part of the network's correction, 0 to 1; auto: as views left out of "
+                   "the first frame speak for"),
     V2V_OPTION_SET("precision", "recon.precision", "f32|bf16|bf16-always",
                    "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET(

@@ -130,6 +130,7 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     V2V_TRY(v2v_par_agree(session->world, rc));
     /* one answer for all: ranks on other processors may round another way */
     v2v_par_broadcast(session->world, &session->config.deconv, sizeof session->config.deconv, 0);
+    v2v_par_broadcast(session->world, &session->config.recon, sizeof session->config.recon, 0);
 done:
     v2v_mem_free(views);
     return rc;
@@ -156,9 +157,8 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     }
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));
-    } else {
-        V2V_TRY(settle_by_frame(work, session, &input));
     }
+    V2V_TRY(settle_by_frame(work, session, &input));
     V2V_TRY(v2v_recon_create(&work->recon, work->ops, &work->problem,
                              v2v_smaller(info->frames - work->frames.first, work->frames.count),
                              session->world));

@@ -140,6 +140,8 @@ const struct v2v_key v2v_key_table[] = {
     WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
            "light, of the brightest, below which nothing is computed"),
+    AUTO(recon, strength, 0.0, 1.0,
+         "unrolled: of the correction; auto: by views left out of the first frame"),
     WHOLE(recon, neighbours, 0, 1000, 0,
           "frames on either side whose views are averaged in where nothing changed"),
 

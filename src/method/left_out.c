@@ -115,6 +115,31 @@ done:
     return rc;
 }
 
+static int is_of_choice(int64_t views, int64_t view, int64_t choice)
+{
+    const int64_t count = views > FEW_VIEWS ? V2V_LEFT_OUT_MOST : 1;
+    const int64_t every = views / count; /* above the number of choices */
+    return view % every == every - 1 - choice && view / every < count;
+}
+
+enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
+                                    const struct v2v_estimator_ops *ops,
+                                    const struct v2v_problem *problem, int64_t choice)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t views = problem->psf->views;
+    unsigned char *is_left_out = NULL;
+    *left_out = NULL;
+    V2V_TRY(V2V_ALLOC(is_left_out, "left_out.choice", views));
+    for (int64_t v = 0; v < views; v++) {
+        is_left_out[v] = is_of_choice(views, v, choice) != 0;
+    }
+    V2V_TRY(v2v_left_out_create(left_out, ops, problem, is_left_out, 1, NULL));
+done:
+    v2v_mem_free(is_left_out);
+    return rc;
+}
+
 void v2v_left_out_destroy(struct v2v_left_out **left_out)
 {
     struct v2v_left_out *self = *left_out;

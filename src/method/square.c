@@ -2,6 +2,8 @@
 
 #include "v2v3d/base/bounds.h"
 
+#include <string.h>
+
 enum { STEP = 16 };
 
 /* Sum of squares about the mean. */
@@ -37,4 +39,15 @@ struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_
         }
     }
     return best;
+}
+
+void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
+                    int64_t height, int64_t width)
+{
+    const int64_t rows = square->rows.count, columns = square->columns.count;
+    for (int64_t row = 0; row < count * rows; row++) {
+        const int64_t y = row / rows * height + square->rows.first + row % rows;
+        memcpy(to + row * columns, images + y * width + square->columns.first,
+               (size_t)columns * sizeof *to);
+    }
 }

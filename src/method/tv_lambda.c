@@ -8,14 +8,13 @@
 #include "v2v3d/par/watchdog.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Weights that may be tried, 0.011 to 0.24 of sigma; from the middle on downhill. */
 enum { WEIGHTS = 10, MIDDLE = 4 };
 #define LEAST_WEIGHT 0.0106
 #define WEIGHT_RATIO 1.4142135623730951
 
-enum { FOLDS = 2, LEFT_OUT = 3 };
+enum { FOLDS = V2V_LEFT_OUT_CHOICES };
 
 /* Pixels of the square's side. Predictions are judged where what lies beyond it gives little light.
  */
@@ -29,52 +28,11 @@ struct chooser {
     int64_t height, width; /* of the square */
     float *views;          /* [v,height,width] */
     float *volume;         /* [z,height,width] */
-    float *predicted;      /* [LEFT_OUT,height,width] */
+    float *predicted;      /* [left out,height,width] */
     struct v2v_config config;
     struct v2v_left_out *fold[FOLDS];
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
-
-static void cut(struct chooser *self, const struct v2v_problem *problem, const float *views)
-{
-    const struct v2v_square square =
-        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
-                        (struct v2v_part){0, problem->width}, SIDE);
-    const int64_t top = square.rows.first, left = square.columns.first;
-    for (int64_t v = 0; v < self->psf->views; v++) {
-        for (int64_t y = 0; y < self->height; y++) {
-            memcpy(self->views + (v * self->height + y) * self->width,
-                   views + (v * problem->height + top + y) * problem->width + left,
-                   (size_t)self->width * sizeof *views);
-        }
-    }
-}
-
-/* Spread over all views: three of many, one of few; others in every fold. */
-static int is_left_out(int64_t views, int64_t view, int64_t fold)
-{
-    const int64_t left_out = views > FOLDS * LEFT_OUT ? LEFT_OUT : 1;
-    const int64_t every = views / left_out; /* above FOLDS */
-    return view % every == every - 1 - fold && view / every < left_out;
-}
-
-static enum v2v_status make_fold(struct chooser *self, int64_t index)
-{
-    enum v2v_status rc = V2V_OK;
-    const int64_t views = self->psf->views;
-    const struct v2v_problem problem = {
-        .config = &self->config, .psf = self->psf, .height = self->height, .width = self->width};
-    unsigned char *left_out = NULL;
-    V2V_TRY(V2V_ALLOC(left_out, "tv.lambda", views));
-    for (int64_t v = 0; v < views; v++) {
-        left_out[v] = is_left_out(views, v, index) != 0;
-    }
-    V2V_TRY(
-        v2v_left_out_create(&self->fold[index], &v2v_estimator_tv, &problem, left_out, 1, NULL));
-done:
-    v2v_mem_free(left_out);
-    return rc;
-}
 
 /* Squares that the volume misses the views left out by. */
 static double miss(struct chooser *self, struct v2v_left_out *fold)
@@ -160,8 +118,11 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = self->psf = problem->psf;
-    self->height = v2v_smaller(SIDE, problem->height);
-    self->width = v2v_smaller(SIDE, problem->width);
+    const struct v2v_square square =
+        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
+                        (struct v2v_part){0, problem->width}, SIDE);
+    self->height = square.rows.count;
+    self->width = square.columns.count;
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
@@ -172,10 +133,13 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
                       v2v_mem_product(psf->views, self->height, self->width)));
     V2V_TRY(V2V_ALLOC(self->volume, "tv.lambda",
                       v2v_mem_product(psf->slices, self->height, self->width)));
-    V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", LEFT_OUT * self->height * self->width));
-    cut(self, problem, views);
+    V2V_TRY(
+        V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * self->height * self->width));
+    v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
+    const struct v2v_problem own = {
+        .config = &self->config, .psf = psf, .height = self->height, .width = self->width};
     for (int64_t fold = 0; fold < FOLDS; fold++) {
-        V2V_TRY(make_fold(self, fold));
+        V2V_TRY(v2v_left_out_choose(&self->fold[fold], &v2v_estimator_tv, &own, fold));
     }
 done:
     return rc;

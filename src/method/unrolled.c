@@ -3,6 +3,7 @@
 #include "method/correction.h"
 #include "method/features.h"
 #include "method/learned.h"
+#include "method/strength.h"
 #include "method/tv.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/weights_file.h"
@@ -12,9 +13,27 @@ struct unrolled {
     struct v2v_features *features;
     struct v2v_network *network;
     struct v2v_correction *correction;
+    double strength; /* of the correction: 0 .. 1 */
+    int64_t voxels;
     float *found;  /* [feature,z,y,x] */
     float *volume; /* [z,torus] */
 };
+
+static int is_open(const struct v2v_config *config)
+{
+    return config->recon.strength.mode == V2V_NUMBER_AUTO;
+}
+
+static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
+                              const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    double strength = 1.0;
+    V2V_TRY(v2v_strength_choose(&strength, problem, views));
+    config->recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, strength};
+done:
+    return rc;
+}
 
 /* As total variation, on one rank, and the features; the network holds a tile. */
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
@@ -44,6 +63,9 @@ static enum v2v_status plan(struct unrolled *self, const struct v2v_problem *pro
     V2V_TRY(v2v_features_create(&self->features, problem));
     V2V_TRY(v2v_correction_create(&self->correction, self->network, height, width));
     const struct v2v_torus torus = v2v_features_torus(self->features);
+    const struct v2v_number *strength = &problem->config->recon.strength;
+    self->strength = strength->mode == V2V_NUMBER_GIVEN ? strength->value : 1.0;
+    self->voxels = v2v_mem_product(slices, height, width);
     V2V_TRY(V2V_ALLOC(self->found, "unrolled.features",
                       v2v_mem_product(V2V_FEATURES * slices, height, width)));
     V2V_TRY(V2V_ALLOC(self->volume, "unrolled.volume",
@@ -76,6 +98,21 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
+const float *v2v_unrolled_start(const struct v2v_estimator *estimator)
+{
+    const struct unrolled *self = estimator->self;
+    return self->found;
+}
+
+static void weaken(const struct unrolled *self, float *volume)
+{
+    const float strength = (float)self->strength;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < self->voxels; i++) {
+        volume[i] = self->found[i] + strength * (volume[i] - self->found[i]);
+    }
+}
+
 static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor)
 {
@@ -86,6 +123,9 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     rc = v2v_features_of_views(self->features, self->found, self->volume, &noise, views);
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     v2v_correction_run(self->correction, volume[0], self->found);
+    if (self->strength < 1.0) {
+        weaken(self, volume[0]);
+    }
 done:
     return rc;
 }
@@ -94,6 +134,8 @@ const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",
     .meaning = "total variation, corrected by a trained network",
     .is_learned = 1,
+    .is_open = is_open,
+    .settle = settle,
     .describe_work = describe_work,
     .create = create,
     .destroy = destroy,

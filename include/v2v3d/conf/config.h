@@ -113,9 +113,10 @@ struct v2v_train_settings {
 };
 
 struct v2v_recon_settings {
-    int precision;          /**< enum v2v_precision */
-    struct v2v_number skip; /**< of the brightest light; none: nothing is skipped */
-    int64_t neighbours;     /**< frames on either side that a frame is fused with */
+    int precision;              /**< enum v2v_precision */
+    struct v2v_number skip;     /**< of the brightest light; none: nothing is skipped */
+    struct v2v_number strength; /**< unrolled: part of the correction that is made, 0 .. 1 */
+    int64_t neighbours;         /**< frames on either side that a frame is fused with */
 };
 
 /** When a deconvolution ends: after all iterations, or when views that are held out are predicted

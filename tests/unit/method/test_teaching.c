@@ -2,14 +2,17 @@
  * better, judged by the truth, which nothing of it has seen. */
 #include "method/correction.h"
 #include "method/features.h"
+#include "method/strength.h"
 #include "small_depth_net.h"
 #include "small_draw.h"
 #include "small_optics.h"
 
+#include "v2v3d/io/weights_file.h"
 #include "v2v3d/nn/adam.h"
 #include "v2v3d/optics/projector.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 enum { SIDE = 48, PIXELS = SIDE * SIDE, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
@@ -84,6 +87,36 @@ static double teach(struct v2v_network *network, float *moments, const struct pa
     return squares_between(volume, pair->target) / pair->missed;
 }
 
+/* What views left out of the frame say of the network's correction. */
+static double strength_of(const struct small_depth_net *net, const struct v2v_psf_file *psf,
+                          const float *views)
+{
+    char path[512];
+    double strength = -1.0;
+    struct v2v_weights_info info;
+    struct v2v_config config = net->config;
+    snprintf(path, sizeof path, "%s/weights.h5", test_folder(NULL));
+    assert_ok(v2v_config_set(&config, "model.method=unrolled"));
+    assert_ok(v2v_network_describe(&info, &config, VIEWS, SLICES, 0));
+    assert_ok(v2v_weights_file_write(path, &info, &net->network.schema.fields,
+                                     (const float *const[V2V_WEIGHTS_GROUPS]){net->network.weights},
+                                     NULL, NULL));
+    const struct v2v_problem problem = {
+        .config = &config, .psf = psf, .weights = path, .height = SIDE, .width = SIDE};
+    assert_ok(v2v_strength_choose(&strength, &problem, views));
+    return strength;
+}
+
+/* The opposite correction. */
+static void turn_about(struct small_depth_net *net)
+{
+    const struct v2v_fields *fields = &net->network.schema.fields;
+    const struct v2v_field *last = &fields->item[fields->count - 1];
+    for (int64_t i = 0; i < last->count; i++) {
+        net->network.weights[last->offset + i] *= -1.0f;
+    }
+}
+
 /* Three draws of the noise, one of a quarter of it, 60 and 120 steps: 0.88 to 0.93 of tv's squares
  * were left. */
 static void a_taught_network_makes_the_volume_better(void **state)
@@ -118,6 +151,9 @@ static void a_taught_network_makes_the_volume_better(void **state)
     assert_ok(v2v_correction_create(&correction, &net.network, SIDE, SIDE));
     v2v_correction_run(correction, better, found);
     const double left = squares_between(better, truth) / squares_between(found, truth);
+    const double right = strength_of(&net, &psf, views);
+    turn_about(&net);
+    const double wrong = strength_of(&net, &psf, views);
     v2v_correction_destroy(&correction);
     small_depth_net_fini(&net);
     v2v_features_destroy(&features);
@@ -126,6 +162,9 @@ static void a_taught_network_makes_the_volume_better(void **state)
     v2v_psf_file_fini(&psf);
     if (!(loss < 0.8 && left < 0.95)) {
         fail_msg("loss %g, squares of the error %g of tv's", loss, left);
+    }
+    if (!(right > 0.4 && wrong == 0.0)) {
+        fail_msg("strength %g, of the opposite %g", right, wrong);
     }
     assert_int_equal(v2v_mem_held(), 0);
 }

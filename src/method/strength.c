@@ -1,0 +1,154 @@
+#include "method/strength.h"
+
+#include "method/square.h"
+#include "method/unrolled.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/method/left_out.h"
+#include "v2v3d/par/watchdog.h"
+
+/* Pixels of the square's side; its edges, where what lies beyond gives light, are not judged. */
+enum { SIDE = 256, MARGIN = 24 };
+
+/* Means over 2 * REACH + 1 pixels along y and x vary as those by a Gaussian of 8 pixels do. */
+enum { REACH = 13 };
+
+struct chooser {
+    int64_t height, width;        /* of the square */
+    float *views;                 /* [v,height,width] */
+    float *after;                 /* [z,height,width] */
+    float *predicted, *corrected; /* [left out,height,width] */
+    float *along, *smooth;        /* [height,width] */
+    double product, square;       /* <missed, correction> and <correction, correction> so far */
+};
+
+/* Running means of `count` lines, of `length` pixels that are `step` apart; ends repeat. */
+static void smooth_lines(float *to, const float *from, int64_t count, int64_t line, int64_t length,
+                         int64_t step)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const float *in = from + i * line;
+        double sum = 0.0;
+        for (int64_t k = -REACH; k <= REACH; k++) {
+            sum += (double)in[v2v_within(k, 0, length - 1) * step];
+        }
+        for (int64_t k = 0; k < length; k++) {
+            to[i * line + k * step] = (float)(sum / (2 * REACH + 1));
+            sum += (double)in[v2v_within(k + REACH + 1, 0, length - 1) * step] -
+                   (double)in[v2v_within(k - REACH, 0, length - 1) * step];
+        }
+    }
+}
+
+static void keep_fine(const struct chooser *self, float *image)
+{
+    const int64_t height = self->height, width = self->width;
+    smooth_lines(self->along, image, height, width, width, 1);
+    smooth_lines(self->smooth, self->along, width, 1, height, width);
+    for (int64_t i = 0; i < height * width; i++) {
+        image[i] -= self->smooth[i];
+    }
+}
+
+/* One view left out: what was missed of it before, and what the correction does about it. */
+static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
+{
+    const int64_t height = self->height, width = self->width;
+    const int64_t margin_y = v2v_smaller(MARGIN, (height - 1) / 4);
+    const int64_t margin_x = v2v_smaller(MARGIN, (width - 1) / 4);
+    for (int64_t i = 0; i < height * width; i++) {
+        correction[i] -= missed[i];
+        missed[i] = recorded[i] - missed[i];
+    }
+    keep_fine(self, missed);
+    keep_fine(self, correction);
+    for (int64_t y = margin_y; y < height - margin_y; y++) {
+        for (int64_t i = y * width + margin_x; i < (y + 1) * width - margin_x; i++) {
+            self->product += (double)missed[i] * (double)correction[i];
+            self->square += (double)correction[i] * (double)correction[i];
+        }
+    }
+}
+
+static enum v2v_status try_choice(struct chooser *self, const struct v2v_problem *problem,
+                                  int64_t choice)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = self->height * self->width;
+    struct v2v_left_out *fold = NULL;
+    v2v_watchdog_beat("the strength of a correction");
+    V2V_TRY(v2v_left_out_choose(&fold, &v2v_estimator_unrolled, problem, choice));
+    V2V_TRY(v2v_left_out_run(fold, self->after, self->views));
+    v2v_left_out_predict(fold, self->corrected, self->after);
+    v2v_left_out_predict(fold, self->predicted, v2v_unrolled_start(fold->estimator));
+    for (int64_t i = fold->used; i < fold->views; i++) {
+        const int64_t at = (i - fold->used) * pixels;
+        judge(self, self->views + fold->view[i] * pixels, self->predicted + at,
+              self->corrected + at);
+    }
+done:
+    v2v_left_out_destroy(&fold);
+    return rc;
+}
+
+static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *problem,
+                               const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = problem->psf;
+    const struct v2v_square square =
+        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
+                        (struct v2v_part){0, problem->width}, SIDE);
+    self->height = square.rows.count;
+    self->width = square.columns.count;
+    const int64_t pixels = v2v_mem_product(self->height, self->width, 1);
+    const struct {
+        float **images;
+        int64_t count;
+    } memory[] = {{&self->views, psf->views},
+                  {&self->after, psf->slices},
+                  {&self->predicted, V2V_LEFT_OUT_MOST},
+                  {&self->corrected, V2V_LEFT_OUT_MOST},
+                  {&self->along, 1},
+                  {&self->smooth, 1}};
+    for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
+        V2V_TRY(
+            V2V_ALLOC(*memory[i].images, "strength", v2v_mem_product(memory[i].count, pixels, 1)));
+    }
+    v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
+done:
+    return rc;
+}
+
+enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
+                                    const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct chooser self = {0};
+    struct v2v_problem own = *problem;
+    struct v2v_config config = *problem->config;
+    *strength = 1.0;
+    if (problem->psf->views <= V2V_LEFT_OUT_CHOICES) {
+        goto done;
+    }
+    V2V_TRY(prepare(&self, problem, views));
+    config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
+    own.config = &config;
+    own.height = self.height;
+    own.width = self.width;
+    for (int64_t choice = 0; choice < V2V_LEFT_OUT_CHOICES; choice++) {
+        V2V_TRY(try_choice(&self, &own, choice));
+    }
+    const double best = self.square > 0.0 ? self.product / self.square : 1.0;
+    *strength = best < 0.0 ? 0.0 : best > 1.0 ? 1.0 : best;
+    v2v_log(V2V_LOG_INFO, "views left out speak for %.2f of the network's correction", best);
+done:
+    v2v_mem_free(self.views);
+    v2v_mem_free(self.after);
+    v2v_mem_free(self.predicted);
+    v2v_mem_free(self.corrected);
+    v2v_mem_free(self.along);
+    v2v_mem_free(self.smooth);
+    return rc;
+}

@@ -1,0 +1,19 @@
+/** How much of what a network adds to an estimate is kept, without a truth. */
+#ifndef METHOD_STRENGTH_H
+#define METHOD_STRENGTH_H
+
+#include "v2v3d/method/estimator.h"
+
+/** Some views of a frame are left out; x and x + d are made of the others, d the correction. What
+ *  the views left out speak for is the c in 0 .. 1 of the x + c d that predicts them best, by least
+ *  squares of what lies finer than 8 pixels (slow errors of brightness, which the slices add up,
+ *  would outweigh all else); of two choices of them together, on a square of the frame where it
+ *  varies most. 1 where there are no more than two views.
+ *  @kind Local, the same bits on any rank. @param problem of the whole frame, with weights
+ *  @param views [v,y,x], no offset @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (weights) |
+ *  V2V_E_NUMERIC (NaN or Inf)
+ *  @source REFERENCE.md 14 */
+enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
+                                    const float *views) V2V_MUST_CHECK;
+
+#endif
