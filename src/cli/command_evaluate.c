@@ -3,7 +3,7 @@
 
 struct arguments {
     struct v2v_common common;
-    const char *truth, *volume, *psf, *calibration, *input;
+    const char *truth, *volume, *psf, *calibration, *input, *weights;
     const char *uncertainty;
     int64_t slices, frames;
     int fit_scale, json;
@@ -26,6 +26,8 @@ static const struct v2v_option options[] = {
              "0: none",
      .least = 0,
      .most = 1e9},
+    V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
+                    "of a network unrolled, which is to correct total variation there"),
     V2V_OPTION_FILE(
         struct arguments, uncertainty, "uncertainty", 0,
         "write HDF5: /volume, of all views by total variation, and /uncertainty, what it "
@@ -51,12 +53,14 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *network = NULL;
     struct v2v_evaluation evaluation = {0};
     struct v2v_evaluation_job job = {.volume = given->volume,
                                      .truth = given->truth,
                                      .psf = given->psf,
                                      .input = given->input,
                                      .slices = given->slices,
+                                     .weights = given->weights,
                                      .heldout_frames = given->frames,
                                      .uncertainty = given->uncertainty,
                                      .fit_scale = given->fit_scale};
@@ -73,6 +77,14 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (given->uncertainty != NULL && !v2v_step_is_hdf5_name(given->uncertainty)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
                          given->uncertainty));
+    }
+    if (given->weights != NULL) {
+        V2V_TRY(v2v_step_network(session, &network, given->weights));
+        if (!(network->traits & V2V_TRAIT_LESSONS)) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "%s: the network '%s' cannot do without some of its views",
+                             given->weights, network->name));
+        }
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_evaluation_run(&evaluation, &job, session));

@@ -52,6 +52,7 @@ struct v2v_evaluation_job {
     const char *volume;
     const char *truth;
     const char *psf, *input; /**< both or none: residual of the views */
+    const char *weights;     /**< of a network that corrects total variation there; may be NULL */
     int64_t heldout_frames;  /**< of which views are left out; 0: of none */
     const char *uncertainty; /**< HDF5 to write, of those frames */
     int64_t slices;          /**< of a TIFF volume that does not say; 0: all pages are one frame */

@@ -140,11 +140,15 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_step_network(const struct v2v_session *session,
-                                 const struct v2v_network_ops **ops, const char *path)
+enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
+                                 const char *path)
 {
+    enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
-    return read_weights_info(session, &info, ops, path);
+    V2V_TRY(read_weights_info(session, &info, ops, path));
+    V2V_TRY(v2v_network_adopt(&session->config, &info, path));
+done:
+    return rc;
 }
 
 enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,

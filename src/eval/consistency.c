@@ -312,7 +312,7 @@ done:
     return rc;
 }
 
-/** Local: the frames to judge; and what tv leaves to a frame, by the first of them, the same
+/** Local: the frames to judge; and what the method leaves to a frame, by the first of them, the same
  *  everywhere. */
 static enum v2v_status settle(struct judge *self)
 {
@@ -375,11 +375,12 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
     self.config.deconv.stop = V2V_STOP_FIXED;
     self.problem = (struct v2v_problem){.config = &self.config,
                                         .psf = job->psf,
+                                        .weights = job->weights,
                                         .height = info->height,
                                         .width = info->width,
                                         .precision = V2V_PRECISION_F32};
     self.folds = v2v_left_out_folds(job->psf->views);
-    rc = v2v_estimator_find(&self.ops, "tv");
+    rc = v2v_estimator_find(&self.ops, job->weights != NULL ? "unrolled" : "tv");
     if (rc == V2V_OK) {
         rc = settle(&self);
     }

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Every ```sh block of the pages, in order, in one folder, with v2v3d in the PATH. Blocks that
 # install or build, or hand jobs to Slurm, are left out by what they call. psf.h5 and recording.h5,
-# the reader's own files, are the demo's; fast.yaml, which takes minutes, is tiny.yaml.
+# the reader's own files, are the demo's; fast.yaml is tiny.yaml and unrolled.yaml of few steps, for
+# they take minutes.
 # shellcheck source=tests/cli/lib.sh
 . "$(dirname "$0")/lib.sh"
 
@@ -12,6 +13,7 @@ export OMPI_MCA_rmaps_base_oversubscribe=1
 cd work || exit 1
 cp -r "$root/configs" "$root/jobs" .
 cp configs/tiny.yaml configs/fast.yaml
+sed -i 's/^  steps: .*/  steps: 20/; s/^  crop: .*/  crop: 32/' configs/unrolled.yaml
 works demo -c configs/tiny.yaml -o own
 mv own/psf.h5 own/recording.h5 .
 

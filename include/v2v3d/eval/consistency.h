@@ -3,7 +3,7 @@
  *
  *  Purpose: figures without a truth, of frames spread evenly over a recording.
  *  Invariants: they judge views, PSFs and their registration, with the estimator `tv` as the
- *  configuration sets its weight; no volume that was made before. Ranks take frames, and share them
+ *  configuration sets its weight, or corrected by a network's weights; no volume that was made before. Ranks take frames, and share them
  *  where there are too few: any number of ranks gets the same figures to round-off.
  *
  *  Example (compiled by tests/mpi/eval):
@@ -49,7 +49,9 @@ struct v2v_consistency_job {
     const struct v2v_psf_file *psf;
     struct v2v_recording *recording;
     const struct v2v_scaling *scaling;
-    int64_t frames; /**< at most */
+    const char *weights; /**< of a network that takes any views: volumes are that estimator's; NULL:
+                              by total variation alone */
+    int64_t frames;      /**< at most */
     /** MEAN and UNCERTAINTY of the frames judged, which are marked done; NULL: not written. The
      *  mean is the volume of all views, the uncertainty v2v_uncertainty_of's. HDF5, of all frames.
      */
