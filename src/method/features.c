@@ -127,7 +127,12 @@ enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out,
     V2V_TRY(tv->ops->run(features->estimator, &out, views, NULL)); /* f0, which is cut again */
     v2v_tv_torus_volume(tv, volume);
     *noise = v2v_tv_noise(tv);
-    v2v_features_of_volume(features, out, volume, views);
+    if (*noise > 0.0) {
+        v2v_features_of_volume(features, out, volume, views);
+    } else { /* no light: samples below zero are none that a correction may add */
+        const int64_t voxels = features->slices * features->height * features->width;
+        memset(out, 0, (size_t)(V2V_FEATURES * voxels) * sizeof *out);
+    }
 done:
     return rc;
 }
