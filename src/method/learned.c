@@ -100,12 +100,16 @@ static struct v2v_part rows_of(const struct v2v_estimator *estimator, int rank)
 static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor)
 {
+    enum v2v_status rc = V2V_OK;
     struct v2v_network *network = ((struct learned *)estimator->self)->network;
     (void)monitor; /* there is nothing to look on at: a network does not iterate */
+    rc = v2v_estimator_check_views(estimator, views, network->views);
+    V2V_TRY(v2v_par_agree(estimator->shard, rc));
     network->ops->forward(network, volume, views);
     estimator->computed_part =
         network->ops->computed_part != NULL ? network->ops->computed_part(network) : 1.0;
-    return V2V_OK;
+done:
+    return rc;
 }
 
 const struct v2v_estimator_ops v2v_estimator_learned = {
