@@ -1,0 +1,35 @@
+/** The step towards the views of optics/data_step.h by plain transforms and eliminations in double
+ *  precision, and the views as it takes them. */
+#ifndef V2V_TEST_TWIN_DATA_STEP_H
+#define V2V_TEST_TWIN_DATA_STEP_H
+
+#include <stdint.h>
+
+struct twin_data_step {
+    int64_t views, slices;
+    int64_t kernel_height, kernel_width;
+    int64_t height, width;             /**< of a frame */
+    int64_t torus_height, torus_width; /**< the frame at its origin */
+    const float *psf;                  /**< [v,z,ky,kx], borrowed */
+    double *otf;                       /**< [v,z,torus,2] */
+    double *recorded, *spectra;        /**< [v,torus] y, and [v,torus,2] */
+    double *slice_spectra;             /**< [z,torus,2] */
+};
+
+/** The sizes and psf are set by the caller. Out of memory aborts. */
+void twin_data_step_init(struct twin_data_step *step);
+void twin_data_step_fini(struct twin_data_step *step);
+
+/** y = views * scale, beyond the frame from edge to opposite edge in a straight line. */
+void twin_data_step_begin(struct twin_data_step *step, const float *views, double scale);
+
+/** volume [z,torus]: v on entry, argmin 1/2 |A x - y|^2 + |x - v|^2 / (2 tau) on return. */
+void twin_data_step_run(const struct twin_data_step *step, double *volume, double tau);
+
+/** Beyond the frame, y becomes A volume. */
+void twin_data_step_extend(struct twin_data_step *step, const double *volume);
+
+/** The condition of A A^H + 1 / tau, the worst of all frequencies. */
+double twin_data_step_condition(const struct twin_data_step *step, double tau);
+
+#endif
