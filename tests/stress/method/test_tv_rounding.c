@@ -1,0 +1,170 @@
+/* Total variation in single precision against plain loops in double precision, also where it is
+ * worst conditioned.
+ *
+ * An iteration takes two volumes and their duals no farther apart (|x|^2 / tau + |u|^2 / sigma; see
+ * REFERENCE.md 10): the errors of iterations add up at most. One errs by transforms there and back
+ * and a product a frequency, some hundred roundings. What views disagree by, the rounded inverse
+ * makes 2^-24 tau of (tests/stress/optics/test_data_step.c): a hot pixel is little else. */
+#include "small_optics.h"
+#include "twin_tv.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/method/estimator.h"
+#include "v2v3d/optics/data_step.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <string.h>
+
+enum { HEIGHT = 14, WIDTH = 17, PIXELS = HEIGHT * WIDTH, ITERATIONS = 60 };
+enum { SAMPLES = VIEWS * PIXELS, VOXELS = SLICES * PIXELS, KERNEL = KERNEL_HEIGHT * KERNEL_WIDTH };
+
+static const double transforms = 256.0;
+
+/* Two balls, with noise of this part of their light. */
+static void make_views(float *views, double noise)
+{
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const double y = (double)(i / WIDTH % HEIGHT), x = (double)(i % WIDTH);
+        const double near = exp(-0.1 * ((y - 4.0) * (y - 4.0) + (x - 5.0) * (x - 5.0)));
+        const double far = exp(-0.2 * ((y - 9.0) * (y - 9.0) + (x - 12.0) * (x - 12.0)));
+        views[i] = (float)(near + 0.5 * far + noise * v2v_random_normal(61, 0, (uint64_t)i));
+    }
+}
+
+/* What the program takes of these views: noise, and tau. */
+static double tau_of(double *sigma, const float *views, int64_t count, int64_t images,
+                     double weight)
+{
+    static float scratch[SAMPLES];
+    const double found = v2v_noise_of_images(scratch, views, images, HEIGHT, WIDTH);
+    double most = 0.0, largest = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        most = fmax(most, (double)views[i]);
+        largest = fmax(largest, fabs((double)views[i]));
+    }
+    memcpy(scratch, views, (size_t)count * sizeof *views);
+    const int64_t bright = count - 1 - (int64_t)((double)count * 1e-3);
+    const double brightness = fmax((double)v2v_select(scratch, count, bright), 1e-3 * most);
+    *sigma = fmax(found, 1e-4 * fmax(brightness, 1e-3 * largest));
+    const double tau = fmin(fmax(0.15 * brightness / (*sigma * weight), 1.0), 4096.0);
+    return exp2(round(2.0 * log2(tau)) / 2.0);
+}
+
+static void estimate(float *volume, const float *views, const struct v2v_psf_file *psf,
+                     const struct v2v_config *config)
+{
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_estimator *estimator = NULL;
+    const struct v2v_problem problem = {
+        .config = config, .psf = psf, .height = HEIGHT, .width = WIDTH};
+    assert_ok(v2v_estimator_find(&ops, "tv"));
+    assert_ok(v2v_estimator_create(&estimator, ops, &problem, NULL));
+    assert_ok(ops->run(estimator, &volume, views, NULL));
+    v2v_estimator_destroy(&estimator);
+}
+
+static void check(const char *what, struct v2v_psf_file *psf, const float *views)
+{
+    static float volume[VOXELS];
+    static double expected[VOXELS];
+    struct v2v_config config;
+    double sigma = 0.0;
+    v2v_config_defaults(&config);
+    config.deconv.iterations = ITERATIONS;
+    config.deconv.tolerance = 0.0;
+    v2v_psf_normalize_views(psf);
+    const struct v2v_torus torus = v2v_data_step_torus_of(psf, HEIGHT, WIDTH);
+    const struct twin_tv settings = {
+        .weight = config.deconv.lambda.value,
+        .depth = config.deconv.depth,
+        .tau = tau_of(&sigma, views, psf->views * PIXELS, psf->views, config.deconv.lambda.value),
+        .iterations = ITERATIONS};
+    struct twin_data_step step = {.views = psf->views,
+                                  .slices = psf->slices,
+                                  .kernel_height = psf->height,
+                                  .kernel_width = psf->width,
+                                  .height = HEIGHT,
+                                  .width = WIDTH,
+                                  .torus_height = torus.height,
+                                  .torus_width = torus.width,
+                                  .psf = psf->data};
+    twin_data_step_init(&step);
+    twin_data_step_begin(&step, views, 1.0 / sigma);
+    twin_tv_run(expected, &step, &settings);
+    for (int64_t i = 0; i < psf->slices * PIXELS; i++) {
+        expected[i] *= sigma;
+    }
+    estimate(volume, views, psf, &config);
+    const double error = test_relative_l2_to_double(volume, expected, psf->slices * PIXELS);
+    print_message("%s: noise %.3g, tau %.4g, condition %.3g, error %.1e\n", what, sigma,
+                  settings.tau, twin_data_step_condition(&step, settings.tau), error);
+    assert_true(error <= ITERATIONS * test_rounding(transforms) + 0x1p-24 * settings.tau);
+    twin_data_step_fini(&step);
+    v2v_psf_file_fini(psf);
+}
+
+static void single_precision_is_that_of_the_iterations(void **state)
+{
+    (void)state;
+    static const double noise[] = {0.2, 0.05, 1e-3, 0.0};
+    static float views[SAMPLES];
+    for (size_t i = 0; i < sizeof noise / sizeof *noise; i++) {
+        struct v2v_psf_file psf = small_psf();
+        make_views(views, noise[i]);
+        check("noisy views", &psf, views);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void views_alike_are_no_matter(void **state)
+{
+    (void)state;
+    static float views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    make_views(views, 1e-3);
+    memcpy(psf.data + SLICES * KERNEL, psf.data, SLICES * KERNEL * sizeof *psf.data);
+    check("two views alike", &psf, views);
+    psf = small_psf();
+    psf.slices = 1;
+    memset(psf.data, 0, VIEWS * KERNEL * sizeof *psf.data);
+    for (int v = 0; v < VIEWS; v++) {
+        psf.data[v * KERNEL + 4 * KERNEL_WIDTH + 5] = 1.0f;
+    }
+    check("one slice seen sharp by all", &psf, views);
+}
+
+static void a_slice_that_no_view_sees_is_no_matter(void **state)
+{
+    (void)state;
+    static float views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    make_views(views, 1e-3);
+    for (int v = 0; v < VIEWS; v++) {
+        memset(psf.data + (v * SLICES + 2) * KERNEL, 0, KERNEL * sizeof *psf.data);
+    }
+    check("a slice that no view sees", &psf, views);
+}
+
+static void hot_and_negative_pixels_are_no_matter(void **state)
+{
+    (void)state;
+    static float views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    make_views(views, 0.05);
+    views[PIXELS + 5 * WIDTH + 7] = 1e4f;
+    check("a hot pixel", &psf, views);
+    psf = small_psf();
+    views[PIXELS + 5 * WIDTH + 7] = -1e4f;
+    check("a deep pixel", &psf, views);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(single_precision_is_that_of_the_iterations),
+        cmocka_unit_test(views_alike_are_no_matter),
+        cmocka_unit_test(a_slice_that_no_view_sees_is_no_matter),
+        cmocka_unit_test(hot_and_negative_pixels_are_no_matter),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

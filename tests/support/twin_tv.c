@@ -1,0 +1,107 @@
+#include "twin_tv.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Over-relaxation; the part of the noise below which differences are weighted by their squares;
+ * iterations from one look beyond the frame to the next. */
+static const double relax = 1.8, smooth_below = 0.03;
+enum { EXTEND_EVERY = 4, AXES = 3 };
+
+/* On the torus, [z,y,x] each. */
+struct planes {
+    int64_t slices, height, width, voxels;
+    double *volume, *next, *extrapolated, *positive, *dual[AXES];
+};
+
+static int64_t neighbour(const struct planes *p, int64_t i, int64_t dz, int64_t dy, int64_t dx)
+{
+    const int64_t x = (i % p->width + dx + p->width) % p->width;
+    const int64_t y = (i / p->width % p->height + dy + p->height) % p->height;
+    const int64_t z = i / (p->width * p->height) + dz;
+    return z < 0 || z >= p->slices ? -1 : (z * p->height + y) * p->width + x;
+}
+
+static void move_duals(struct planes *p, const struct twin_tv *settings, double sigma)
+{
+    const double shrink = 1.0 / (1.0 + sigma * smooth_below / settings->weight);
+    const double *e = p->extrapolated;
+    for (int64_t i = 0; i < p->voxels; i++) {
+        const int64_t behind = neighbour(p, i, 1, 0, 0);
+        const double d[AXES] = {e[neighbour(p, i, 0, 0, 1)] - e[i],
+                                e[neighbour(p, i, 0, 1, 0)] - e[i],
+                                behind < 0 ? 0.0 : settings->depth * (e[behind] - e[i])};
+        double moved[AXES], squares = 0.0;
+        for (int a = 0; a < AXES; a++) {
+            moved[a] = shrink * (p->dual[a][i] + sigma * d[a]);
+            squares += moved[a] * moved[a];
+        }
+        const double factor = fmin(1.0, settings->weight / sqrt(squares));
+        for (int a = 0; a < AXES; a++) {
+            p->dual[a][i] +=
+                relax * (squares > 0.0 ? moved[a] * factor - p->dual[a][i] : -p->dual[a][i]);
+        }
+        p->positive[i] += relax * (fmin(0.0, p->positive[i] + sigma * e[i]) - p->positive[i]);
+    }
+}
+
+/* The adjoint of the differences, of the duals, at a voxel. */
+static double pull(const struct planes *p, const struct twin_tv *settings, int64_t i)
+{
+    const int64_t before = neighbour(p, i, -1, 0, 0), behind = neighbour(p, i, 1, 0, 0);
+    const double above_z = before < 0 ? 0.0 : p->dual[2][before];
+    const double own_z = behind < 0 ? 0.0 : p->dual[2][i];
+    return p->dual[0][neighbour(p, i, 0, 0, -1)] - p->dual[0][i] +
+           p->dual[1][neighbour(p, i, 0, -1, 0)] - p->dual[1][i] +
+           settings->depth * (above_z - own_z) + p->positive[i];
+}
+
+static void iterate(struct planes *p, struct twin_data_step *step, const struct twin_tv *settings,
+                    int64_t iteration)
+{
+    const double a = settings->depth;
+    const double sigma = 1.0 / (settings->tau * (8.0 + 4.0 * a * a + 1.0));
+    twin_data_step_run(step, p->next, settings->tau);
+    if (iteration % EXTEND_EVERY == 0) {
+        twin_data_step_extend(step, p->next);
+    }
+    for (int64_t i = 0; i < p->voxels; i++) {
+        p->extrapolated[i] = 2.0 * p->next[i] - p->volume[i];
+    }
+    move_duals(p, settings, sigma);
+    for (int64_t i = 0; i < p->voxels; i++) {
+        p->volume[i] += relax * (p->next[i] - p->volume[i]);
+    }
+    for (int64_t i = 0; i < p->voxels; i++) {
+        p->next[i] = p->volume[i] - settings->tau * pull(p, settings, i);
+    }
+}
+
+void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings)
+{
+    enum { ARRAYS = 4 + AXES };
+    struct planes p = {
+        .slices = step->slices, .height = step->torus_height, .width = step->torus_width};
+    p.voxels = p.slices * p.height * p.width;
+    double *memory = calloc((size_t)(ARRAYS * p.voxels), sizeof *memory);
+    if (memory == NULL) {
+        abort();
+    }
+    p.volume = memory;
+    p.next = memory + p.voxels;
+    p.extrapolated = memory + 2 * p.voxels;
+    p.positive = memory + 3 * p.voxels;
+    for (int a = 0; a < AXES; a++) {
+        p.dual[a] = memory + (4 + a) * p.voxels;
+    }
+    for (int64_t i = 1; i <= settings->iterations; i++) {
+        iterate(&p, step, settings, i);
+    }
+    for (int64_t i = 0; i < p.slices * step->height * step->width; i++) {
+        const int64_t row = i / step->width;
+        const int64_t at = (row / step->height * p.height + row % step->height) * p.width;
+        volume[i] = fmax(0.0, p.volume[at + i % step->width]);
+    }
+    free(memory);
+}
