@@ -11,6 +11,8 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/recon/recon.h"
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 /* What a run opens and makes. */
@@ -237,6 +239,30 @@ done:
     return rc;
 }
 
+/* What is known of it: views may be dark, without noise, or of a sum below zero. */
+static void log_match(const struct v2v_match *match, int64_t frame)
+{
+    char noise[64] = "", flux[64] = "";
+    const double scale = v2v_match_scale(match), residual = v2v_match_residual(match, scale);
+    if (match->yy == 0.0) {
+        v2v_log(V2V_LOG_INFO, "frame %lld: the views are dark", (long long)frame);
+        return;
+    }
+    if (!isfinite(residual)) {
+        v2v_log(V2V_LOG_WARNING, "frame %lld: the volume's views are too bright for float32",
+                (long long)frame);
+        return;
+    }
+    if (match->noise > 0.0) {
+        snprintf(noise, sizeof noise, ", %.3g of their noise", v2v_match_sigmas(match, scale));
+    }
+    if (match->y > 0.0) {
+        snprintf(flux, sizeof flux, "; flux %.4g of theirs", v2v_match_flux(match));
+    }
+    v2v_log(V2V_LOG_INFO, "frame %lld: residual of the views %.3g%s%s", (long long)frame, residual,
+            noise, flux);
+}
+
 /* One line, once everything else is done and its memory given back; a volume is none the worse
  * without it. Collective. */
 static void report_quality(struct work *work, const struct v2v_session *session)
@@ -250,11 +276,7 @@ static void report_quality(struct work *work, const struct v2v_session *session)
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
         return;
     }
-    const double scale = v2v_match_scale(&match);
-    v2v_log(V2V_LOG_INFO,
-            "frame %lld: residual of the views %.3g, %.3g of their noise; flux %.4g of theirs",
-            (long long)work->frames.first, v2v_match_residual(&match, scale),
-            v2v_match_sigmas(&match, scale), v2v_match_flux(&match));
+    log_match(&match, work->frames.first);
 }
 
 static void close_all(struct work *work, enum v2v_status rc)

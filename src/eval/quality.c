@@ -44,7 +44,8 @@ double v2v_match_scale(const struct v2v_match *match)
 
 static double squares_missed(const struct v2v_match *match, double scale)
 {
-    return fmax(0.0, match->yy - scale * (2.0 * match->yp - scale * match->pp));
+    const double missed = match->yy - scale * (2.0 * match->yp - scale * match->pp);
+    return missed < 0.0 ? 0.0 : missed; /* NaN stays */
 }
 
 double v2v_match_residual(const struct v2v_match *match, double scale)

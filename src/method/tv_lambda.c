@@ -3,6 +3,7 @@
 #include "method/square.h"
 #include "method/tv.h"
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
@@ -113,6 +114,13 @@ static double between(const double missed[WEIGHTS], int best)
                      (before + behind > 0.0 ? 0.5 * (before - behind) / (before + behind) : 0.0));
 }
 
+/* All weights predict the same: dark volumes. */
+static int tells_nothing(const double missed[WEIGHTS], int best)
+{
+    return best > 0 && best < WEIGHTS - 1 && missed[best - 1] == missed[best] &&
+           missed[best + 1] == missed[best];
+}
+
 static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *problem,
                                const float *views)
 {
@@ -160,6 +168,9 @@ enum v2v_status v2v_tv_choose_lambda(double *lambda, const struct v2v_problem *p
     V2V_TRY(prepare(self, problem, views));
     V2V_TRY(descend(self, &best));
     *lambda = between(self->missed, best);
+    if (tells_nothing(self->missed, best)) {
+        v2v_log(V2V_LOG_WARNING, "lambda auto: the frame has no light to choose by");
+    }
 done:
     if (self != NULL) {
         for (int64_t fold = 0; fold < FOLDS; fold++) {

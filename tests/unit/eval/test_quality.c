@@ -100,6 +100,20 @@ static void dark_views_have_no_flux(void **state)
     assert_true(v2v_match_scale(&match) == 1.0);
 }
 
+/* What overflows is no perfect match. */
+static void a_projection_that_is_no_number_has_no_residual(void **state)
+{
+    (void)state;
+    static float scratch[PIXELS], recorded[PIXELS], projected[PIXELS];
+    recorded[7] = 1.0f;
+    projected[7] = NAN;
+    const struct v2v_match match = v2v_match_of(scratch, recorded, projected, HEIGHT, WIDTH);
+    const double scale = v2v_match_scale(&match);
+    assert_true(isnan(v2v_match_residual(&match, scale)));
+    assert_true(isnan(v2v_match_sigmas(&match, scale)));
+    assert_true(isnan(v2v_match_flux(&match)));
+}
+
 static void views_cut_off_are_saturated(void **state)
 {
     (void)state;
@@ -188,6 +202,7 @@ int main(void)
         cmocka_unit_test(an_exact_volume_has_no_residual_and_all_the_light),
         cmocka_unit_test(noise_alone_is_one_sigma),
         cmocka_unit_test(dark_views_have_no_flux),
+        cmocka_unit_test(a_projection_that_is_no_number_has_no_residual),
         cmocka_unit_test(views_cut_off_are_saturated),
         cmocka_unit_test(unknown_figures_are_left_out_of_the_mean),
         cmocka_unit_test(uncertainty_is_the_standard_error_of_the_mean),
