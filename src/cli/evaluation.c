@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
+#include "v2v3d/eval/quality.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
@@ -110,8 +111,8 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
         V2V_TRY(v2v_evaluation_of_views(evaluation, job, volume, session));
     }
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-        for (int64_t t = 0; evaluation->value[f] != NULL && t < evaluation->frames; t++) {
-            evaluation->mean[f] += evaluation->value[f][t] / (double)evaluation->frames;
+        if (evaluation->value[f] != NULL) {
+            evaluation->mean[f] = v2v_mean_of_known(evaluation->value[f], evaluation->frames, 1);
         }
     }
 done:

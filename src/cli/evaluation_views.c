@@ -29,6 +29,7 @@ struct work {
     struct v2v_scaling scaling;
     struct v2v_projection projection;
     float *views, *scratch; /* [v,y,x], [y,x] */
+    int64_t *known;         /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
 };
 
@@ -58,11 +59,25 @@ static enum v2v_status take_memory(struct work *work)
     for (int f = 0; f < V2V_VIEW_FIGURE_COUNT; f++) {
         V2V_TRY(V2V_ALLOC(evaluation->of_view[f], "evaluate.figures", work->psf.views));
     }
+    V2V_TRY(V2V_ALLOC(work->known, "evaluate.figures", V2V_VIEW_HELDOUT * work->psf.views));
     V2V_TRY(V2V_ALLOC(evaluation->disagreement_slices, "evaluate.figures", work->psf.slices));
     V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
 done:
     return rc;
+}
+
+/* To the mean over the frames in which it is known; NaN as long as there is none. */
+static void add_known(struct work *work, int figure, int64_t v, double value)
+{
+    double *mean = &work->evaluation->of_view[figure][v];
+    int64_t *known = &work->known[figure * work->psf.views + v];
+    if (!isnan(value)) {
+        ++*known;
+        *mean = *known == 1 ? value : *mean + (value - *mean) / (double)*known;
+    } else if (*known == 0) {
+        *mean = NAN;
+    }
 }
 
 /* Local: how the projections of frame t meet its views. */
@@ -79,10 +94,9 @@ static void match(struct work *work, int64_t t)
         const struct v2v_match one =
             v2v_match_of(work->scratch, work->views + v * pixels, projected + v * pixels,
                          work->height, work->width);
-        const double part = 1.0 / (double)evaluation->frames;
-        evaluation->of_view[V2V_VIEW_RESIDUAL][v] += part * v2v_match_residual(&one, scale);
-        evaluation->of_view[V2V_VIEW_RESIDUAL_SIGMAS][v] += part * v2v_match_sigmas(&one, scale);
-        evaluation->of_view[V2V_VIEW_FLUX][v] += part * v2v_match_flux(&one);
+        add_known(work, V2V_VIEW_RESIDUAL, v, v2v_match_residual(&one, scale));
+        add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(&one, scale));
+        add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(&one));
         v2v_match_add(&all, &one);
     }
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
@@ -267,6 +281,7 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     }
     find_faults(&work);
 done:
+    v2v_mem_free(work.known);
     v2v_mem_free(work.scratch);
     v2v_mem_free(work.views);
     v2v_recording_close(&work.recording);

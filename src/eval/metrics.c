@@ -214,5 +214,5 @@ double v2v_residual(const float *views, const float *projection, int64_t count, 
     if (scale != NULL) {
         *scale = s;
     }
-    return vv > 0 ? sqrt(squares / vv) : 0;
+    return vv > 0 ? sqrt(squares / vv) : NAN;
 }

@@ -50,7 +50,7 @@ static double squares_missed(const struct v2v_match *match, double scale)
 
 double v2v_match_residual(const struct v2v_match *match, double scale)
 {
-    return match->yy > 0.0 ? sqrt(squares_missed(match, scale) / match->yy) : 0.0;
+    return match->yy > 0.0 ? sqrt(squares_missed(match, scale) / match->yy) : NAN;
 }
 
 double v2v_match_sigmas(const struct v2v_match *match, double scale)

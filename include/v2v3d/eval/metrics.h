@@ -40,7 +40,7 @@ enum v2v_status v2v_scores_of(struct v2v_scores *scores, const float *truth, con
                               int fit_scale) V2V_MUST_CHECK;
 
 /** |views - scale*projection| / |views|, with the least-squares scale (written to *scale when not
- *  NULL). @kind Local. @param views, projection [count] */
+ *  NULL); NaN for dark views. @kind Local. @param views, projection [count] */
 double v2v_residual(const float *views, const float *projection, int64_t count, double *scale);
 
 #ifdef __cplusplus

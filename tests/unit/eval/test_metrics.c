@@ -156,7 +156,7 @@ static void residual_is_free_of_scale(void **state)
     assert_true(scale == 0.5);
     assert_true(fabs(v2v_residual(views, other, 4, NULL) - 1) < 1e-15); /* orthogonal */
     assert_true(v2v_residual(views, dark, 4, NULL) == 1);
-    assert_true(v2v_residual(dark, dark, 4, &scale) == 0);
+    assert_true(isnan(v2v_residual(dark, dark, 4, &scale)));
 }
 
 /** The example of the header. */

@@ -94,7 +94,7 @@ static void dark_views_have_no_flux(void **state)
     bright[7] = 1.0f;
     struct v2v_match match = v2v_match_of(scratch, dark, bright, HEIGHT, WIDTH);
     assert_true(isnan(v2v_match_flux(&match)) && isnan(v2v_match_sigmas(&match, 1.0)));
-    assert_true(v2v_match_residual(&match, 1.0) == 0.0 && v2v_match_scale(&match) == 0.0);
+    assert_true(isnan(v2v_match_residual(&match, 1.0)) && v2v_match_scale(&match) == 0.0);
     match = v2v_match_of(scratch, bright, dark, HEIGHT, WIDTH);
     assert_true(v2v_match_flux(&match) == 0.0 && v2v_match_residual(&match, 1.0) == 1.0);
     assert_true(v2v_match_scale(&match) == 1.0);
