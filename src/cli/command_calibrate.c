@@ -33,6 +33,17 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     {0}};
 
+/* Of the held-out residual before. */
+static const double hardly_lower = 0.99;
+
+static void warn(const struct v2v_calibration_report *report)
+{
+    if (report->frame_after > hardly_lower * report->frame_before) {
+        v2v_log(V2V_LOG_WARNING, "the held-out residual is hardly lower: the views are in register "
+                                 "without it, or too few or too noisy to tell");
+    }
+}
+
 static void print_text(const struct v2v_calibration *calibration,
                        const struct v2v_calibration_report *report)
 {
@@ -139,6 +150,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
     if (v2v_step_on_root(session)) {
         V2V_TRY(write_file(&calibration, given->output));
+        warn(&report);
         if (given->json) {
             V2V_TRY(print_json(&calibration, &report));
         } else {

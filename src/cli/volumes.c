@@ -94,6 +94,9 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
         recon->precision = V2V_PRECISION_F32;
     }
     V2V_TRY(v2v_network_find(&ops, session->config.model.method));
+    if (work->given->branches && ops->outputs == 1) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--branches: the network '%s' makes one volume", ops->name));
+    }
     /* where nothing can be skipped, auto is refused as any tolerance is */
     problem->skip = skip_of(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
     if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
@@ -249,7 +252,7 @@ static void log_match(const struct v2v_match *match, int64_t frame)
         return;
     }
     if (!isfinite(residual)) {
-        v2v_log(V2V_LOG_WARNING, "frame %lld: the volume's views are too bright for float32",
+        v2v_log(V2V_LOG_INFO, "frame %lld: the volume's views are too bright for float32",
                 (long long)frame);
         return;
     }

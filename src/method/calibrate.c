@@ -316,6 +316,10 @@ static enum v2v_status find(struct calibrator *self, struct v2v_calibration_repo
     report->frame_before = INFINITY;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weights[0]};
     V2V_TRY(look_uncalibrated(self, report));
+    if (!(report->frame_before > 0.0 && isfinite(report->frame_before))) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the frame is dark, or too bright for float32: there is "
+                                      "nothing to calibrate by"));
+    }
     V2V_TRY(look(self, &stages[0]));
     V2V_TRY(run_stages(self, report, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, &stages[FIRST_FINE]));

@@ -122,6 +122,10 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
     V2V_TRY(plan(self, info->height, info->width));
     V2V_TRY(v2v_fusion_read(self->fusion, self->views, recording, scaling, t));
     V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &noise, self->views));
+    if (noise == 0.0) {
+        v2v_log(V2V_LOG_WARNING, "frame %lld is dark: there is nothing to learn from it",
+                (long long)t);
+    }
     v2v_features_flip(self->features, self->flipped, self->volume, flips[number % FLIPS]);
     v2v_features_cut(self->features, images + V2V_FEATURES * slices * pixels, self->flipped);
     v2v_features_simulate(self->features, self->views, self->flipped, noise,

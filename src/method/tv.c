@@ -107,7 +107,8 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
         .bytes = v2v_mem_bytes(volumes, v2v_mem_bytes(views, v2v_mem_bytes(floats, data_step))),
         .fixed_bytes = v2v_mem_bytes(views, 0)};
     if (is_open(problem->config)) {
-        return V2V_FAIL(V2V_E_CONFIG, "deconv.lambda: auto is to be settled by a frame first");
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "deconv.lambda: auto is for deconvolve alone; here it is a number");
     }
     if (problem->config->deconv.stop != V2V_STOP_FIXED) {
         return V2V_FAIL(V2V_E_CONFIG,

@@ -169,7 +169,7 @@ enum v2v_status v2v_tv_choose_lambda(double *lambda, const struct v2v_problem *p
     V2V_TRY(descend(self, &best));
     *lambda = between(self->missed, best);
     if (tells_nothing(self->missed, best)) {
-        v2v_log(V2V_LOG_WARNING, "lambda auto: the frame has no light to choose by");
+        v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
     }
 done:
     if (self != NULL) {

@@ -6,7 +6,7 @@
 mkdir files
 cd files || exit 1
 "$V2V_MAKE_BAD" . || exit 1
-cp "$root/configs/tiny.yaml" .
+cp "$root/configs/tiny.yaml" "$root/configs/unrolled.yaml" .
 printf 'train:\n  learning_rat: 1\n' >unknown.yaml
 printf 'train:\n  steps: 3\n  steps: 4\n' >duplicate.yaml
 printf 'train:\n  steps:\n' >missing.yaml
@@ -20,6 +20,7 @@ head -c 2000000 /dev/zero | tr '\0' '#' >large.yaml
 
 # What is good is read: a table in which everything is refused would prove little.
 works weights init --psf psf.h5 --width 4 -o weights.h5
+works weights init --psf psf.h5 --set model.method=unrolled --rule he -o unrolled.h5
 works preview good.tif -o fine.png
 works preview volume.h5 -o fine.png --force
 works psf info psf.h5
@@ -54,7 +55,7 @@ grep -vE '^(#|$)' "$here/bad_input.tsv" >"$folder/rows"
 for i in $(seq -w 1 15); do # a TIFF file cut at every sixteenth
     echo "65 | cut_$i.tif: | preview cut_$i.tif -o out.png" >>"$folder/rows"
 done
-[ "$(wc -l <"$folder/rows")" -ge 110 ] || fail "only $(wc -l <"$folder/rows") rows"
+[ "$(wc -l <"$folder/rows")" -ge 120 ] || fail "only $(wc -l <"$folder/rows") rows"
 jobs=()
 for ((i = 0; i < workers; i++)); do
     (trap - EXIT && one_worker "$i") &

@@ -137,7 +137,7 @@ struct set {
     int rank;
     hsize_t shape[5];
     double at_start, at_end; /* written over the first and the last element unless 0 */
-    int zero_first_half;     /* the first half of the elements is 0 */
+    int zero_halves;         /* the first half of the elements is 0; 2: the second, too */
 };
 
 enum { VIEWS = 5, SLICES = 7, SIDE = 64, KERNEL = 9 };
@@ -152,11 +152,19 @@ static const struct set sets[] = {
     {"other_name.h5", "/something", 3, {SLICES, SIDE, SIDE}, 0, 0, 0},
     {"recording.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 0},
     {"recording_inf.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, INFINITY, 0, 0},
+    {"recording_nan.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, NAN, 0},
+    {"recording_dark.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 2},
+    {"recording_small.h5", "/views", 4, {2, VIEWS, 24, 40}, 0, 0, 0},
+    {"recording_odd.h5", "/views", 4, {2, VIEWS, 47, 61}, 0, 0, 0},
+    {"recording_pixel.h5", "/views", 4, {1, VIEWS, 1, 1}, 0, 0, 0},
+    {"recording_one_view.h5", "/views", 4, {1, 1, SIDE, SIDE}, 0, 0, 0},
     {"recording_4_views.h5", "/views", 3, {4, SIDE, SIDE}, 0, 0, 0},
     {"psf.h5", "/psf", 4, {VIEWS, SLICES, KERNEL, KERNEL}, 0, 0, 0},
     {"psf_nan.h5", "/psf", 4, {VIEWS, SLICES, KERNEL, KERNEL}, 0, NAN, 0},
     {"psf_negative.h5", "/psf", 4, {VIEWS, SLICES, KERNEL, KERNEL}, -1, 0, 0},
     {"psf_dark_view.h5", "/psf", 4, {2, SLICES, KERNEL, KERNEL}, 0, 0, 1},
+    {"psf_one_view.h5", "/psf", 4, {1, SLICES, KERNEL, KERNEL}, 0, 0, 0},
+    {"psf_large.h5", "/psf", 4, {VIEWS, SLICES, SIDE + 17, SIDE + 17}, 0, 0, 0},
     {"psf_3d.h5", "/psf", 3, {SLICES, KERNEL, KERNEL}, 0, 0, 0},
     {"psf_8_slices.h5", "/psf", 4, {VIEWS, SLICES + 1, KERNEL, KERNEL}, 0, 0, 0},
 };
@@ -169,7 +177,7 @@ static void write_set(const struct set *row)
     }
     float *x = calloc(count, sizeof *x);
     CHECK(x != NULL);
-    for (hsize_t i = row->zero_first_half ? count / 2 : 0; i < count; i++) {
+    for (hsize_t i = (hsize_t)row->zero_halves * count / 2; i < count; i++) {
         x[i] = (float)(0.5 + 0.4 * sin(0.01 * (double)i));
     }
     x[0] = row->at_start != 0 ? (float)row->at_start : x[0];

@@ -281,7 +281,7 @@ static void no_more_in_the_empty_slice(const struct method *method, const float 
     assert_true(method->ops->is_learned || largest(volume + EMPTY * PIXELS, PIXELS) <= others);
 }
 
-/* Beyond two kernels of the hot sample, a voxel gets less than a twentieth of it. Richardson-Lucy,
+/* Beyond two kernels of the hot sample, a voxel gets less than a tenth of it (found: 0.04). Richardson-Lucy,
  * which multiplies, leaves the scene as it is there, to a fifth; least squares doesn't, for its
  * steps and their end follow the brightest voxels (found: 600 times the scene). */
 static void little_far_from_the_hot_pixel(const struct method *method, const float *volume)
@@ -304,7 +304,7 @@ static void little_far_from_the_hot_pixel(const struct method *method, const flo
     const double change = sqrt(squares / whole);
     print_message("%s: beside a hot pixel %.2g of it, the scene changed by %.2g\n", method->name,
                   most / value, change);
-    assert_true(method->ops->is_learned || most < 0.05 * value);
+    assert_true(method->ops->is_learned || most < 0.1 * value);
     const int multiplies = strcmp(method->name, "rld") == 0 || strcmp(method->name, "frl") == 0;
     assert_true(!multiplies || change < 0.2);
     v2v_psf_file_fini(&psf);

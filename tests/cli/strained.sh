@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Good files that strain a method - dark, of one pixel, of one view, below the kernels - end in a
+# finite volume and in a line that says what is known, and nothing else.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+"$V2V_MAKE_BAD" "$folder" || exit 1
+cp "$root/configs/unrolled.yaml" .
+
+# sane words...: it works - volumes that hold NaN are refused - and no figure is NaN.
+sane() {
+    works "$@" -o volume_out.h5 --force
+    grep -qwiE '[-+]?(nan|inf)' stdout stderr && fail "v2v3d $*: $(cat stdout stderr)"
+}
+# tells PATTERN: the last command's line of quality.
+tells() {
+    grep -qE "^frame 0: $1" stderr || fail "no \"frame 0: $1\" in: $(cat stderr)"
+}
+
+for method in tv rld frl; do
+    sane deconvolve --method $method --psf psf.h5 --input recording_dark.h5
+    tells 'the views are dark$'
+    sane deconvolve --method $method --psf psf.h5 --input recording_pixel.h5
+    tells 'residual of the views [0-9.]+; flux [0-9.e-]+ of theirs$'
+    sane deconvolve --method $method --psf psf_large.h5 --input recording_small.h5
+    sane deconvolve --method $method --psf psf_one_view.h5 --input recording_one_view.h5
+done
+sane deconvolve --lambda auto --psf psf.h5 --input recording_dark.h5
+grep -q 'the frame has no light to choose lambda by' stderr || fail "no word on it: $(cat stderr)"
+works deconvolve --psf psf.h5 --input recording_dark.h5 -o dark.h5
+works evaluate --volume dark.h5 --psf psf.h5 --input recording_dark.h5 --json
+says '"residual": null, "flux": null'
+
+# Weights that were learnt from one view serve any set of PSFs, and frames with odd sides.
+works train -c unrolled.yaml --steps 2 --psf psf_one_view.h5 --input recording_one_view.h5 -o run
+for set in 'psf.h5 recording.h5' 'psf.h5 recording_odd.h5' 'psf_8_slices.h5 recording.h5' \
+    'psf.h5 recording_dark.h5' 'psf.h5 recording_pixel.h5' 'psf_large.h5 recording_small.h5' \
+    'psf_one_view.h5 recording_one_view.h5'; do
+    sane reconstruct --weights run/weights.h5 --psf "${set% *}" --input "${set#* }"
+done
+works train -c unrolled.yaml --steps 1 --set input.gain=1 --psf psf.h5 --input recording_dark.h5 -o dark
+grep -q 'is dark: there is nothing to learn' stderr || fail "no warning: $(cat stderr)"
+finish
