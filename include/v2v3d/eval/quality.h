@@ -25,9 +25,9 @@ void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match);
 
 /** The factor s with the least |y - s p|; 1 for a dark projection. @kind Local. */
 double v2v_match_scale(const struct v2v_match *match);
-/** |y - scale p| / |y|, to 1e-8, NaN for dark views; and in units of the noise, the root mean square: 1 where nothing
- *  but noise is missed, NaN where the views have none. NaN, too, where the projection left the range
- *  of float32. @kind Local. */
+/** |y - scale p| / |y|, to 1e-8, NaN for dark views; and in units of the noise, the root mean
+ *  square: 1 where nothing but noise is missed, NaN where the views have none. NaN, too, where the
+ *  projection left the range of float32. @kind Local. */
 double v2v_match_residual(const struct v2v_match *match, double scale);
 double v2v_match_sigmas(const struct v2v_match *match, double scale);
 /** sum p / sum y: light of the volume, as the PSFs bring it into the frame, over that recorded.
