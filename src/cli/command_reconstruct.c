@@ -1,6 +1,4 @@
-#include "cli/steps.h"
 #include "cli/volumes.h"
-#include "v2v3d/method/networks.h"
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
@@ -27,13 +25,7 @@ static const struct v2v_option options[] = {
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_volumes *given = arguments;
-    const struct v2v_network_ops *network = NULL;
-    V2V_TRY(v2v_step_network(session, &network, given->weights));
-    V2V_TRY(v2v_volumes_make(given, v2v_estimator_of_network(network), NULL, session));
-done:
-    return rc;
+    return v2v_volumes_make(arguments, NULL, NULL, session);
 }
 
 const struct v2v_command v2v_command_reconstruct = {

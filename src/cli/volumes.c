@@ -57,7 +57,7 @@ done:
 static enum v2v_status check(struct work *work, const struct v2v_session *session)
 {
     const struct v2v_volumes *given = work->given;
-    if (work->ops->has_gain && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
+    if (given->weights != NULL && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
     }
@@ -147,6 +147,11 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     struct v2v_input_settings input = session->config.input;
+    if (work->ops == NULL) {
+        const struct v2v_network_ops *network = NULL;
+        V2V_TRY(v2v_step_network(session, &network, given->weights));
+        work->ops = v2v_estimator_of_network(network);
+    }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &work->psf, given->psf));
     V2V_TRY(v2v_step_recording(session, &work->recording, given->input, &work->psf));

@@ -29,7 +29,7 @@ struct v2v_volumes {
         "neighbours", "recon.neighbours", "N",                                                     \
         "views averaged with those of N frames on either side where nothing changed (0)")
 
-/** Read, settle, reconstruct, write. @param monitor of a method that iterates; may be NULL.
+/** Read, settle, reconstruct, write. @param ops NULL: as the weights ask for @param monitor of a method that iterates; may be NULL.
  *  @kind Collective(world). @return agreed or not */
 enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
                                  const struct v2v_estimator_ops *ops,

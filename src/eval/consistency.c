@@ -312,7 +312,7 @@ done:
     return rc;
 }
 
-/** Local: the frames to judge; and what the method leaves to a frame, by the first of them, the same
+/** Local: the frames to judge; what the method leaves to a frame, by the first of them, the same
  *  everywhere. */
 static enum v2v_status settle(struct judge *self)
 {

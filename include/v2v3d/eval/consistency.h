@@ -3,8 +3,9 @@
  *
  *  Purpose: figures without a truth, of frames spread evenly over a recording.
  *  Invariants: they judge views, PSFs and their registration, with the estimator `tv` as the
- *  configuration sets its weight, or corrected by a network's weights; no volume that was made before. Ranks take frames, and share them
- *  where there are too few: any number of ranks gets the same figures to round-off.
+ *  configuration sets its weight, or corrected by a network's weights; no volume that was made
+ *  before. Ranks take frames, and share them where there are too few: any number of ranks gets the
+ *  same figures to round-off.
  *
  *  Example (compiled by tests/mpi/eval):
  *

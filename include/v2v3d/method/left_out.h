@@ -36,8 +36,8 @@ enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
                                     const struct v2v_problem *problem,
                                     const unsigned char *is_left_out, int predicts,
                                     const struct v2v_comm *shard) V2V_MUST_CHECK;
-/** The same on one rank, with one of two choices of views left out, which are spread over all: three
- *  of many views, one of six or fewer. @kind Local. @param problem of three views or more */
+/** The same on one rank, with one of two choices of views left out, which are spread over all:
+ *  three of many views, one of six or fewer. @kind Local. @param problem of three views or more */
 enum { V2V_LEFT_OUT_CHOICES = 2, V2V_LEFT_OUT_MOST = 3 };
 enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
