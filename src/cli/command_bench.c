@@ -1,3 +1,4 @@
+#include "cli/bench_methods.h"
 #include "cli/processor.h"
 #include "cli/steps.h"
 #include "cli/versions.h"
@@ -39,9 +40,10 @@ enum { VARIANTS = sizeof variants / sizeof variants[0] };
 
 struct arguments {
     struct v2v_common common;
-    const char *psf;
+    const char *psf, *calibration, *input, *truth;
+    struct v2v_words weights, only;
     int64_t size, repeat;
-    int json;
+    int json, methods;
 };
 
 static const struct v2v_option options[] = {
@@ -62,7 +64,28 @@ static const struct v2v_option options[] = {
      .initial = "3",
      .least = 1,
      .most = MOST_REPEAT},
-    V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a variant"),
+    V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a row"),
+    V2V_OPTION_SWITCH(struct arguments, methods, "methods",
+                      "instead: every method on the first frame of --input, with seconds and what "
+                      "it misses of views that it does not see"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --methods: recording"),
+    V2V_OPTION_FILE(struct arguments, truth, "truth", 0,
+                    "with --methods: true volume, for PSNR and SSIM"),
+    {.name = "weights",
+     .kind = V2V_OPTION_LIST,
+     .at = offsetof(struct arguments, weights),
+     .value = "FILE...",
+     .help = "with --methods: of trained networks, plain, with --skip auto and in bf16"},
+    {.name = "only",
+     .kind = V2V_OPTION_LIST,
+     .at = offsetof(struct arguments, only),
+     .value = "NAME...",
+     .help = "with --methods: rows of these names alone"},
+    V2V_OPTION_CALIBRATION(struct arguments, calibration),
+    V2V_OPTION_OFFSET,
+    V2V_OPTION_GAIN,
+    V2V_OPTION_NORMALIZE,
+    V2V_OPTIONS_PAGES,
     {0}};
 
 struct row {
@@ -255,6 +278,24 @@ done:
     return rc;
 }
 
+static enum v2v_status compare_methods(const struct arguments *given, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_bench_methods methods = {.psf = given->psf,
+                                              .input = given->input,
+                                              .truth = given->truth,
+                                              .weights = given->weights,
+                                              .only = given->only,
+                                              .json = given->json};
+    if (given->psf == NULL || given->input == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--methods needs --psf FILE and --input FILE"));
+    }
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
+    V2V_TRY(v2v_bench_methods(&methods, session));
+done:
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -263,6 +304,15 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (v2v_comm_size(session->world) > 1) {
         return V2V_FAIL(V2V_E_USAGE, "bench measures one rank; here are %d",
                         v2v_comm_size(session->world));
+    }
+    if (given->methods) {
+        V2V_TRY(compare_methods(given, session));
+        goto done;
+    }
+    if (given->input != NULL || given->truth != NULL || given->calibration != NULL ||
+        given->weights.count + given->only.count > 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input, --truth, --weights, --only and --calibration go "
+                                      "with --methods"));
     }
     V2V_TRY(V2V_ALLOC(bench, "bench", 1));
     V2V_TRY(prepare(bench, given, session));
@@ -284,7 +334,7 @@ done:
 
 const struct v2v_command v2v_command_bench = {
     .name = "bench",
-    .summary = "run time against error, every way to compute the network",
+    .summary = "run time against error, every way to compute the network, or every method",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

@@ -2,6 +2,7 @@
 
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
@@ -29,7 +30,7 @@ struct work {
     struct v2v_volume_writer *writer;
 };
 
-static double skip_of(const struct v2v_number *skip, double automatic)
+double v2v_volumes_skip(const struct v2v_number *skip, double automatic)
 {
     return skip->mode == V2V_NUMBER_NONE   ? 0.0
            : skip->mode == V2V_NUMBER_AUTO ? automatic
@@ -57,7 +58,7 @@ done:
 static enum v2v_status check(struct work *work, const struct v2v_session *session)
 {
     const struct v2v_volumes *given = work->given;
-    if (given->weights != NULL && skip_of(&session->config.recon.skip, 1.0) > 0.0 &&
+    if (given->weights != NULL && v2v_volumes_skip(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
     }
@@ -98,7 +99,8 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--branches: the network '%s' makes one volume", ops->name));
     }
     /* where nothing can be skipped, auto is refused as any tolerance is */
-    problem->skip = skip_of(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
+    problem->skip =
+        v2v_volumes_skip(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
     if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
     }
@@ -305,6 +307,8 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
 {
     enum v2v_status rc = V2V_OK;
     struct work work = {.given = given, .ops = ops};
+    const double started = v2v_clock_now();
+    double ready = 0.0;
     V2V_TRY(check(&work, session));
     if (is_done(given, session)) {
         goto done;
@@ -316,11 +320,16 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     V2V_TRY(open_output(&work, session));
     v2v_step_announce(session);
     struct v2v_par_time began = v2v_par_time_now();
+    ready = v2v_clock_now();
     V2V_TRY(v2v_recon_run(work.recon, work.recording, &work.scaling, work.writer, given->branches,
                           monitor));
     v2v_step_communication(session, &began);
     report_skipped(&work);
     V2V_TRY(v2v_volume_finish(&work.writer));
+    if (given->seconds != NULL) {
+        given->seconds[0] = ready - started;
+        given->seconds[1] = v2v_clock_now() - ready;
+    }
     report_quality(&work, session);
 done:
     close_all(&work, rc);

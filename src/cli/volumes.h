@@ -12,6 +12,7 @@ struct v2v_volumes {
     const char *psf, *weights, *calibration, *input, *output;
     const char *frames; /* FIRST:COUNT; NULL: all */
     int branches, resume;
+    double *seconds; /* [2] out, where not NULL: until all is ready, and then for the frames */
 };
 
 /** Rows of its options. */
@@ -29,7 +30,11 @@ struct v2v_volumes {
         "neighbours", "recon.neighbours", "N",                                                     \
         "views averaged with those of N frames on either side where nothing changed (0)")
 
-/** Read, settle, reconstruct, write. @param ops NULL: as the weights ask for @param monitor of a method that iterates; may be NULL.
+/** The tolerance that recon.skip means; 0: nothing is left out. @kind Local */
+double v2v_volumes_skip(const struct v2v_number *skip, double automatic);
+
+/** Read, settle, reconstruct, write.
+ *  @param ops NULL: what the weights are for @param monitor of a method that iterates; may be NULL.
  *  @kind Collective(world). @return agreed or not */
 enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
                                  const struct v2v_estimator_ops *ops,

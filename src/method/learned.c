@@ -66,6 +66,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
         rc = load(self, estimator, problem);
     }
     V2V_TRY(v2v_par_agree(shard, rc));
+    estimator->output = self->network->output;
     if (self->network->ops->traits & V2V_TRAIT_PROJECTS) {
         enum v2v_split split;
         V2V_TRY(v2v_projector_choose_split(&split, problem->config, problem->psf, estimator->height,

@@ -41,6 +41,48 @@ done
 # another network
 works bench --size 40 --repeat 1 -c tiny.yaml --set model.method=backconv
 says '^backconv, '
+
+# Every method on a recording, as the commands of a user have it.
+works demo -c tiny.yaml -o own
+works simulate --psf own/psf.h5 --volume own/truth.h5 -o one.h5 --noise gaussian:0.2 --seed 5 --frames 1
+methods=(bench --methods --psf own/psf.h5 --truth own/truth.h5 --weights own/run/weights.h5)
+mkdir temporary
+TMPDIR=$folder/temporary works "${methods[@]}" --input one.h5 --json
+mv stdout rows
+[ -z "$(find temporary -name 'v2v3d-bench.*')" ] || fail 'a volume was left behind'
+of() { # METHOD FIGURE
+    sed -n "/\"method\": \"$1\"/s/.*\"$2\": \([^,}]*\).*/\1/p" rows
+}
+for row in rld-1 rld-heldout frl-10 tv-5e-3 weights weights-skip; do
+    for figure in start_s frame_s psnr ssim heldout_residual heldout_sigmas; do
+        of "$row" "$figure" | grep -qE '^[0-9.e-]+$' || fail "$row has no $figure: $(cat rows)"
+    done
+done
+# neighbours where there are frames, bf16 where the processor has it
+grep -q 'tv-neighbours\|bf16' rows && fail "rows that say nothing: $(cat rows)"
+works deconvolve --method tv --psf own/psf.h5 --input one.h5 -o tv.h5
+works evaluate --volume tv.h5 --truth own/truth.h5 --psf own/psf.h5 --input one.h5 --json
+[ "$(of tv-5e-3 psnr)" = "$(sed -n 's/.*"psnr": \([^,]*\).*/\1/p' stdout)" ] ||
+    fail "another PSNR than evaluate's: $(cat stdout)"
+# Views 0 and 2 of five are left out, each by itself, as by evaluate.
+sed -n 's/.*"heldout_residual_views": \[\([^]]*\)\].*/\1/p' stdout >views
+awk -F ', *' -v "h=$(of tv-5e-3 heldout_residual)" '{
+    low = $1 < $3 ? $1 : $3
+    high = $1 < $3 ? $3 : $1
+    exit !(h > low && h < high)
+}' views || fail "$(of tv-5e-3 heldout_residual) is not between those of evaluate: $(cat views)"
+works reconstruct --psf own/psf.h5 --weights own/run/weights.h5 --input one.h5 -o network.h5
+works evaluate --volume network.h5 --truth own/truth.h5 --json
+[ "$(of weights psnr)" = "$(sed -n 's/.*"psnr": \([^,]*\).*/\1/p' stdout)" ] ||
+    fail "another PSNR of the network than evaluate's: $(cat stdout)"
+works "${methods[@]}" --input own/recording.h5 --only tv-neighbours weights
+says '^tv-neighbours( +[0-9.]+){6} *$'
+says '^weights( +[0-9.]+){6} +own/run/weights.h5$'
+[ "$(wc -l <stdout)" -eq 4 ] || fail "other rows than asked for: $(cat stdout)"
+refuses 2 '--methods needs --psf FILE and --input FILE' bench --methods --psf own/psf.h5
+refuses 2 "--only: there is no row 'tv'" "${methods[@]}" --input one.h5 --only tv
+refuses 2 'go with --methods' bench --input one.h5
+
 refuses 78 "there is no network 'another'" bench --set model.method=another
 refuses 2 '--repeat: ' bench --repeat 0
 finish

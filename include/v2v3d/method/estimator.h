@@ -52,10 +52,11 @@ struct v2v_estimator {
     int64_t height, width;  /**< of the views that run takes: multiples of the unit */
     unsigned held;          /**< outputs of this rank, as bits */
     struct v2v_part slices; /**< of the volumes, on this rank: all but where ranks share slices */
-    double computed_part;   /**< of the work, by the last run, 0 .. 1 */
-    int64_t frame;          /**< under way: set by the caller, for monitors and messages */
-    double units;           /**< volume * units is in the recording's: set by the caller, else 1 */
-    void *self;             /**< the method's own */
+    const struct v2v_output *output; /**< which views each output may not see; NULL: it sees all */
+    double computed_part;            /**< of the work, by the last run, 0 .. 1 */
+    int64_t frame;                   /**< under way: set by the caller, for monitors and messages */
+    double units; /**< volume * units is in the recording's: set by the caller, else 1 */
+    void *self;   /**< the method's own */
 };
 
 /** The volume after an iteration. */
