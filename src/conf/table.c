@@ -104,6 +104,7 @@ const struct v2v_key v2v_key_table[] = {
     BOOL(model, winograd, 1, "3 x 3 convolutions by Winograd where it is faster"),
     BOOL(model, merge, 1, "merge the first convolution's taps that read the same pixel"),
     REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
+    BOOL(model, homogeneous, 0, "views s times as bright give s times the volume, frame by frame"),
 
     WHOLE(backconv, width, 1, 1024, 32, "channels between the three convolutions"),
 

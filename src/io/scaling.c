@@ -1,8 +1,10 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <float.h>
+#include <math.h>
 
 /* REFERENCE.md 1: cameras that store signed counts as unsigned ones put their zero here. The
  * reference subtracts it whenever the maximum is above; here the mean must be above too, or a
@@ -11,6 +13,10 @@
 #define SIGNED_ZERO 32767.0
 #define LARGEST_COUNT 65535.0
 #define TARGET_MEAN 0.2
+
+/* The mean of so many pixels is known far better than a tenth of their noise; a frame whose light
+ * is less than that is noise, and not to be brought up to the level of light. */
+#define LEAST_MEAN_OF_NOISE 0.1
 
 struct statistics {
     double mean, largest;
@@ -101,4 +107,30 @@ void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t coun
                             calibration->width, view->shading, -1.0);
         }
     }
+}
+
+/* In double precision: what levels a frame of tiny numbers is none that float32 holds. */
+double v2v_scaling_level(float *x, float *scratch, int64_t views, int64_t height, int64_t width)
+{
+    const int64_t pixels = height * width;
+    double sum = 0.0, noise = 0.0;
+    for (int64_t v = 0; v < views; v++) {
+        for (int64_t i = 0; i < pixels; i++) {
+            sum += x[v * pixels + i];
+        }
+    }
+    if (!isfinite(sum)) {
+        return 1.0;
+    }
+    for (int64_t v = 0; v < views; v++) {
+        noise += v2v_noise_of_images(scratch, x + v * pixels, 1, height, width) / (double)views;
+    }
+    const double level = fmax(fabs(sum / (double)(views * pixels)), LEAST_MEAN_OF_NOISE * noise);
+    if (!(level > 0.0 && isfinite(level))) {
+        return 1.0;
+    }
+    for (int64_t i = 0; i < views * pixels; i++) {
+        x[i] = (float)(x[i] * (TARGET_MEAN / level));
+    }
+    return TARGET_MEAN / level;
 }

@@ -13,7 +13,7 @@
 enum { HALVES = 2, LAYERS = 3 };
 
 static const float slope = 0.01f;
-static const char *const keys[] = {"backconv.width", NULL};
+static const char *const keys[] = {"backconv.width", "model.homogeneous", NULL};
 
 struct backconv {
     struct v2v_layer layer[LAYERS];

@@ -156,6 +156,22 @@ enum v2v_status v2v_network_of_weights(const struct v2v_network_ops **ops,
     return V2V_OK;
 }
 
+/* What a file does not name is older than it: it was made as the default has it. */
+static enum v2v_status set_defaults(struct v2v_config *config, const struct v2v_network_ops *ops)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_config defaults;
+    v2v_config_defaults(&defaults);
+    for (int i = 0; ops->keys[i] != NULL; i++) {
+        char value[64], line[V2V_WEIGHTS_SETTINGS_BYTES];
+        V2V_TRY(v2v_config_get(value, sizeof value, &defaults, ops->keys[i]));
+        V2V_TRY(v2v_text_format(line, sizeof line, "%s=%s", ops->keys[i], value));
+        V2V_TRY(v2v_config_set(config, line));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_network_adopt(struct v2v_config *config, const struct v2v_weights_info *info,
                                   const char *path)
 {
@@ -165,6 +181,7 @@ enum v2v_status v2v_network_adopt(struct v2v_config *config, const struct v2v_we
     V2V_TRY(v2v_network_of_weights(&ops, info, path));
     V2V_TRY(v2v_text_format(line, sizeof line, "model.method=%s", info->method));
     V2V_TRY(v2v_config_set(config, line));
+    V2V_TRY(set_defaults(config, ops));
     for (const char *at = info->settings; *at != '\0';) {
         size_t bytes = strcspn(at, "\n");
         V2V_TRY(v2v_text_format(line, sizeof line, "%.*s", (int)bytes, at));

@@ -33,6 +33,8 @@ struct v2v_recon {
     struct v2v_slicing *slicing;     /* rows of all ranks of the shard and whole slices; NULL: the
                                     method's slices are whole */
     float *whole;                    /* [z of this rank,y,x], in an output that was cut already */
+    int is_homogeneous;              /* every frame has a level of its own */
+    double level;                    /* what the frame at hand was multiplied by for that */
     double parts[2];                 /* computed of the frames so far, and how many */
     int64_t rounds;                  /* done: every attempt gets one further */
     struct v2v_agreement *agreement; /* of all ranks, on the rounds */
@@ -189,12 +191,15 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
         rc = V2V_ALLOC(made, "recon", 1);
     }
     V2V_TRY(v2v_par_agree(world, rc));
-    *made = (struct v2v_recon){.title = ops->is_learned ? "reconstruct" : "deconvolve",
-                               .outputs = work.most_branches,
-                               .views = problem->psf->views,
-                               .slices = problem->psf->slices,
-                               .height = problem->height,
-                               .width = problem->width};
+    *made =
+        (struct v2v_recon){.title = ops->is_learned ? "reconstruct" : "deconvolve",
+                           .outputs = work.most_branches,
+                           .views = problem->psf->views,
+                           .slices = problem->psf->slices,
+                           .height = problem->height,
+                           .width = problem->width,
+                           .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
+                           .level = 1.0};
     V2V_TRY(lay_out(made, &work, problem, frames, world));
     rc = v2v_agreement_create(&made->agreement, world);
     V2V_TRY(v2v_par_agree(world, rc));
@@ -242,7 +247,7 @@ static enum v2v_status cut(struct v2v_recon *recon, int o, int64_t t)
 {
     const struct v2v_estimator *estimator = recon->estimator;
     const int64_t slices = estimator->slices.count;
-    double units = estimator->units;
+    double units = estimator->units / recon->level;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < slices; z++) {
         for (int64_t y = 0; y < recon->own_rows; y++) {
@@ -281,6 +286,10 @@ static enum v2v_status load(struct v2v_recon *recon, int64_t t)
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
     V2V_TRY(heed_stop(recon));
     V2V_TRY(v2v_fusion_read(recon->fusion, recon->recorded, recon->recording, recon->scaling, t));
+    if (recon->is_homogeneous) {
+        recon->level = v2v_scaling_level(recon->recorded, recon->padded, recon->views,
+                                         recon->height, recon->width);
+    }
     v2v_pad_reflect(recon->padded, recon->recorded, recon->views, recon->height, recon->width,
                     recon->estimator->height, recon->estimator->width);
 done:

@@ -47,6 +47,7 @@ struct v2v_sampler {
     int64_t *slot_frame;         /* which frame or lesson a slot holds, -1 none */
     int64_t slots, next_slot;
     float *scratch; /* [v,height,width] */
+    float *image;   /* of the largest frame, where every frame has a level of its own; else NULL */
 };
 
 static const struct v2v_recording_info *info_of(const struct source *source)
@@ -151,6 +152,9 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
     V2V_TRY(V2V_ALLOC(sampler->slot_frame, "sampler.frames", sampler->slots));
     V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",
                       v2v_mem_product(sampler->images, sampler->height, sampler->width)));
+    if (job->config->model.homogeneous && !by_lessons) {
+        V2V_TRY(V2V_ALLOC(sampler->image, "sampler.scratch", sampler->frame_pixels));
+    }
     for (int64_t i = 0; i < sampler->slots; i++) {
         sampler->slot_frame[i] = -1;
     }
@@ -188,6 +192,7 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
     v2v_mem_free(self->slot);
     v2v_mem_free(self->slot_frame);
     v2v_mem_free(self->scratch);
+    v2v_mem_free(self->image);
     v2v_mem_free(self->partner[0]);
     v2v_mem_free(self->partner[1]);
     v2v_mem_free(self->source);
@@ -247,6 +252,9 @@ static enum v2v_status make(struct v2v_sampler *sampler, float *data, int64_t fr
     }
     V2V_TRY(v2v_recording_read(source->recording, data, frame - source->first));
     v2v_scaling_apply(&source->scaling, data, info->views * info->height * info->width);
+    if (sampler->image != NULL) {
+        (void)v2v_scaling_level(data, sampler->image, info->views, info->height, info->width);
+    }
 done:
     return rc;
 }

@@ -13,7 +13,8 @@ enum { BRANCHES = 2 };
  * thick structures falls by 0.04 dB at most. */
 #define SKIP_AUTO 0.085
 
-static const char *const keys[] = {"model.width", "model.features", "model.volume_scale", NULL};
+static const char *const keys[] = {"model.width", "model.features", "model.volume_scale",
+                                   "model.homogeneous", NULL};
 
 static struct v2v_model_spec spec_of(const struct v2v_network_spec *spec)
 {

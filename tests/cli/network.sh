@@ -34,6 +34,24 @@ says 'volume, 2 frames, 7 slices of 64 x 64'
 refuses 78 "'backconv' skips nothing" reconstruct --psf psf.h5 --weights backconv.h5 \
     --input recording.h5 -o out.h5 --skip auto
 
+# A homogeneous network takes brightness out: another gain, divided out again, changes nothing.
+for way in true false; do
+    works weights init --psf psf.h5 --width 4 --rule hash --seed 7 \
+        --set "model.homogeneous=$way" -o "homogeneous-$way.h5"
+    works weights info "homogeneous-$way.h5"
+    says "model.homogeneous=$way"
+    for gain in 0.03 3; do
+        works reconstruct --psf psf.h5 --weights "homogeneous-$way.h5" --input recording.h5 \
+            -o "$gain-$way.h5" --gain "$gain" --set model.homogeneous=false
+    done
+done
+# 1e-4 of the largest value, 18
+same 0.03-true.h5 3-true.h5 /volume 1.8e-3
+if command -v h5diff >/dev/null &&
+    h5diff -d 1.8e-3 0.03-false.h5 3-false.h5 /volume >/dev/null; then
+    fail 'a network that is not homogeneous does not see brightness'
+fi
+
 # A range of frames has the bits of the whole, and ends where the recording ends.
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o whole.h5
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o second.h5 --frames 1:5

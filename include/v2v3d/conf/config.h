@@ -171,6 +171,8 @@ struct v2v_config {
         int backend;                        /**< enum v2v_backend */
         int winograd, merge;                /**< how the network's convolutions are computed */
         double volume_scale;                /**< volume = this * the network's output */
+        int homogeneous;                    /**< bool: every frame is brought to one level and its
+                                                 volume back, io/scaling.h */
     } model;
     struct {
         int64_t width; /**< channels between its layers */

@@ -10,7 +10,8 @@
 extern "C" {
 #endif
 
-/** What the network sees is (counts - offset) * gain: one pair for a whole recording. */
+/** What the network sees is (counts - offset) * gain: one pair for a whole recording, but for
+ *  v2v_scaling_level. */
 struct v2v_scaling {
     double offset, gain;
     const struct v2v_calibration *calibration; /**< its shading is divided out; NULL: none */
@@ -29,6 +30,13 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
 /** x <- (x - offset) * gain / shading, in place. @kind Local. @param x with a calibration, all its
  *  views [v,y,x] */
 void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count);
+
+/** Bring a frame to a level of its own, for a network that is to be homogeneous in brightness:
+ *  x <- x * f, f = 0.2 / max(|mean|, mean noise of a view / 10), so that s x becomes what x becomes
+ *  (REFERENCE.md 1); an empty frame, or one that is not finite, is left as it is. In place.
+ *  @kind Local, deterministic. @param x [v,y,x] @param scratch [y,x] @return f, else 1
+ *  @cost a selection among the pixels of every view */
+double v2v_scaling_level(float *x, float *scratch, int64_t views, int64_t height, int64_t width);
 
 #ifdef __cplusplus
 }

@@ -164,6 +164,23 @@ static void a_weight_file_says_what_its_network_is(void **state)
     }
 }
 
+static void what_a_file_does_not_name_is_as_it_was_before_there_was_the_setting(void **state)
+{
+    (void)state;
+    struct v2v_weights_info info = {.method = "v2v", .settings = "model.width=8\n"};
+    struct v2v_config taken;
+    v2v_config_defaults(&taken);
+    taken.model.homogeneous = 1;
+    taken.model.features = 5;
+    assert_ok(v2v_network_adopt(&taken, &info, "w.h5"));
+    assert_int_equal(taken.model.width, 8);
+    assert_int_equal(taken.model.features, 4);
+    assert_int_equal(taken.model.homogeneous, 0);
+    snprintf(info.settings, sizeof info.settings, "model.homogeneous=true\n");
+    assert_ok(v2v_network_adopt(&taken, &info, "w.h5"));
+    assert_int_equal(taken.model.homogeneous, 1);
+}
+
 static void what_a_network_does_not_offer_is_refused(void **state)
 {
     (void)state;
@@ -194,6 +211,7 @@ int main(void)
         cmocka_unit_test(groups_share_out_the_arena),
         cmocka_unit_test(an_output_alone_has_the_bits_of_all_together),
         cmocka_unit_test(a_weight_file_says_what_its_network_is),
+        cmocka_unit_test(what_a_file_does_not_name_is_as_it_was_before_there_was_the_setting),
         cmocka_unit_test(what_a_network_does_not_offer_is_refused),
     };
     return cmocka_run_group_tests(tests, make_optics, drop_optics);

@@ -296,6 +296,34 @@ static void both_recordings_are_drawn_from(void **state)
     scene_fini(&scene);
 }
 
+static float brighter_by_frame(int t, int64_t i)
+{
+    return (float)(1 << t) * (float)(1 + i % 7);
+}
+
+/* Powers of two: the same bits. */
+static void frames_of_a_homogeneous_network_have_one_level(void **state)
+{
+    (void)state;
+    static float first[VIEWS * PIXELS], views[VIEWS * PIXELS];
+    struct scene scene;
+    setup(&scene);
+    scene.config.model.homogeneous = 1;
+    scene.height = scene.width = CROP; /* the crop is the frame */
+    scene_record(&scene, "recording.h5", brighter_by_frame);
+    struct v2v_sampler *sampler = create(&scene);
+    int64_t frames = 0;
+    assert_ok(v2v_sampler_draw(sampler, first, 0, 0));
+    for (int64_t step = 0; step < 20; step++) {
+        frames |= 1 << draw(&scene, step * BATCH, DRAW_FRAME, FRAMES);
+        assert_ok(v2v_sampler_draw(sampler, views, step, 0));
+        assert_memory_equal(first, views, sizeof views);
+    }
+    assert_true(frames > 2); /* more than one */
+    v2v_sampler_destroy(&sampler);
+    scene_fini(&scene);
+}
+
 /* The example of train.h. */
 static enum v2v_status header_example(struct v2v_train_report *report, struct scene *scene,
                                       const char *folder, struct v2v_comm *comm)
@@ -337,6 +365,7 @@ int main(void)
         cmocka_unit_test(the_window_leaves_the_halo_out),
         cmocka_unit_test(recordings_that_do_not_fit_are_refused),
         cmocka_unit_test(both_recordings_are_drawn_from),
+        cmocka_unit_test(frames_of_a_homogeneous_network_have_one_level),
         cmocka_unit_test(header_example_trains),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
