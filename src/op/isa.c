@@ -3,6 +3,7 @@
 #include "op/conv_backend.h"
 #include "op/x86/amx.h"
 #include "v2v3d/base/log.h"
+#include "v2v3d/op/tile_conv.h"
 
 #include <oneapi/dnnl/dnnl.h>
 #include <pthread.h>
@@ -79,6 +80,35 @@ void v2v_amx_pack_pixels(bf16 *to, const float *const row[AMX_DEPTH], int64_t pi
 {
     (void)to, (void)row, (void)pixels, (void)step;
     V2V_ASSERT(v2v_amx_usable());
+}
+
+int v2v_tile_conv_usable(void)
+{
+    return 0;
+}
+
+enum v2v_status v2v_tile_conv_create(struct v2v_tile_conv **conv,
+                                     const struct v2v_tile_conv_spec *spec)
+{
+    (void)spec;
+    *conv = NULL;
+    return V2V_FAIL(V2V_E_INTERNAL, "convolution: this processor has no instructions for bf16");
+}
+
+void v2v_tile_conv_destroy(struct v2v_tile_conv **conv)
+{
+    V2V_ASSERT(*conv == NULL);
+}
+
+void v2v_tile_conv_set_weights(struct v2v_tile_conv *conv, const float *weight, const float *bias)
+{
+    (void)conv, (void)weight, (void)bias;
+}
+
+void v2v_tile_conv_forward(struct v2v_tile_conv *conv, float *out, const float *in,
+                           const struct v2v_winograd_part *part)
+{
+    (void)conv, (void)out, (void)in, (void)part;
 }
 
 int v2v_kernel_set(void)

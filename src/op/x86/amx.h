@@ -63,6 +63,10 @@ struct amx_walk {
 void v2v_amx_multiply(float *sums, const bf16 *const values[2], const bf16 *weights,
                       const struct amx_walk *walk, int64_t blocks, int fresh);
 
+/* The same by AVX-512's instructions for bf16, without v2v_amx_begin. */
+void v2v_dot_multiply(float *sums, const bf16 *const values[2], const bf16 *weights,
+                      const struct amx_walk *walk, int64_t blocks, int fresh);
+
 /* Rows of what a product over pixels reads: of the left side 32 channels, `channel` numbers apart;
  * of the right side two halves of 16, as packed. A row has `steps` of 32 pixels. */
 struct amx_rows {
