@@ -11,6 +11,7 @@
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
+#include "v2v3d/op/tile_conv.h"
 #include "v2v3d/recon/recon.h"
 #include <math.h>
 #include <stdio.h>
@@ -101,8 +102,8 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
     /* where nothing can be skipped, auto is refused as any tolerance is */
     problem->skip =
         v2v_volumes_skip(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
-    if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32) {
-        v2v_log(V2V_LOG_WARNING, "nothing is skipped in bf16");
+    if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable()) {
+        v2v_log(V2V_LOG_WARNING, "nothing is skipped where bf16 is emulated");
     }
 done:
     return rc;
@@ -204,7 +205,8 @@ done:
 static void report_skipped(const struct work *work)
 {
     const double part = v2v_recon_computed_part(work->recon);
-    if (work->problem.skip > 0.0 && work->problem.precision == V2V_PRECISION_F32) {
+    if (work->problem.skip > 0.0 &&
+        (work->problem.precision == V2V_PRECISION_F32 || v2v_tile_conv_usable())) {
         v2v_log(V2V_LOG_INFO,
                 "computed %.1f %% of the tiles; the rest holds less light than %g of the "
                 "brightest, or than noise",

@@ -3,6 +3,7 @@
 #include "v2v/align_gather.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/layer.h"
+#include "v2v3d/op/tile_conv.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/optics/blocks.h"
 #include "v2v3d/tensor/bulk.h"
@@ -21,7 +22,8 @@ struct v2v_align_blocks {
         weight;      /* [out,channels,3,3]: of the blocks; their gradient too with winograd */
     float *gradient; /* of the blocks with gather, which borrows the weights; training */
     struct v2v_winograd *winograd;
-    struct v2v_align_gather *gather; /* in bf16, in winograd's place */
+    struct v2v_align_gather *gather; /* in bf16, in winograd's place .. */
+    struct v2v_tile_conv *tile_conv; /* .. or of listed tiles alone */
 };
 
 enum v2v_status v2v_align_blocks_create(struct v2v_align_blocks **blocks,
@@ -52,6 +54,7 @@ void v2v_align_blocks_destroy(struct v2v_align_blocks **blocks)
     }
     v2v_winograd_destroy(&(*blocks)->winograd);
     v2v_align_gather_destroy(&(*blocks)->gather);
+    v2v_tile_conv_destroy(&(*blocks)->tile_conv);
     v2v_blocks_fini(&(*blocks)->blocks);
     v2v_pool_give(&(*blocks)->weight);
     v2v_mem_free((*blocks)->gradient);
@@ -134,7 +137,6 @@ static enum v2v_status plan_gather(struct v2v_align_blocks *self, const struct v
     struct v2v_conv_spec conv = conv_spec(self, plan->like->height, plan->like->width);
     conv.training = plan->training != V2V_TRAINING_OFF;
     conv.out_form = plan->out_form;
-    v2v_align_gather_destroy(&self->gather);
     V2V_TRY(v2v_align_gather_create(&self->gather, &conv, plane, v2v_padded_pitch(plan->like)));
     if (conv.training && self->gradient == NULL) {
         V2V_TRY(V2V_ALLOC(self->gradient, "align_blocks.weights",
@@ -142,6 +144,23 @@ static enum v2v_status plan_gather(struct v2v_align_blocks *self, const struct v
     }
 done:
     return rc;
+}
+
+static enum v2v_status plan_listed(struct v2v_align_blocks *self, const struct v2v_plane *plane,
+                                   const struct v2v_align_conv_plan *plan)
+{
+    const struct v2v_padded *like = plan->like;
+    const struct v2v_tile_conv_spec spec = {.in = self->channels,
+                                            .out = self->spec.out,
+                                            .height = like->height,
+                                            .width = like->width,
+                                            .plane = plane,
+                                            .pitch = v2v_padded_pitch(like),
+                                            .out_pixels = plan->out_rows * like->width,
+                                            .slope = self->spec.slope,
+                                            .workspace = self->spec.method.workspace,
+                                            .pool = self->spec.method.pool};
+    return v2v_tile_conv_create(&self->tile_conv, &spec);
 }
 
 static int gathers(const struct v2v_align_blocks *self)
@@ -166,7 +185,11 @@ enum v2v_status v2v_align_blocks_plan(struct v2v_align_blocks *self,
             }
         }
     }
-    if (gathers(self)) {
+    v2v_align_gather_destroy(&self->gather);
+    v2v_tile_conv_destroy(&self->tile_conv);
+    if (plan->is_listed) {
+        V2V_TRY(plan_listed(self, plane, plan));
+    } else if (gathers(self)) {
         V2V_ASSERT(plan->out_rows == like->height);
         V2V_TRY(plan_gather(self, plane, plan));
     } else {
@@ -214,7 +237,9 @@ void v2v_align_blocks_set_weights(struct v2v_align_blocks *self, const float *we
         memset(merged + o * row, 0, (size_t)row * sizeof *merged);
         add_output(self, FULL_TO_BLOCKS, merged + o * row, (float *)(uintptr_t)(weight + o * full));
     }
-    if (gathers(self)) {
+    if (self->tile_conv != NULL) {
+        v2v_tile_conv_set_weights(self->tile_conv, merged, bias);
+    } else if (gathers(self)) {
         v2v_align_gather_set_weights(self->gather, merged, bias);
     } else {
         v2v_winograd_set_weights(self->winograd, merged, bias);
@@ -225,7 +250,9 @@ void v2v_align_blocks_forward(struct v2v_align_blocks *self, float *out,
                               const struct v2v_padded *features,
                               const struct v2v_winograd_part *part)
 {
-    if (gathers(self)) {
+    if (self->tile_conv != NULL) {
+        v2v_tile_conv_forward(self->tile_conv, out, features->data, part);
+    } else if (gathers(self)) {
         V2V_ASSERT(part == NULL);
         v2v_align_gather_forward(self->gather, out, features->data);
     } else if (part == NULL) {

@@ -31,7 +31,8 @@ struct v2v_align_conv_plan {
     const struct v2v_padded *like;
     int64_t out_rows; /* that the output array holds */
     int training;
-    int out_form; /* enum v2v_form */
+    int out_form;  /* enum v2v_form */
+    int is_listed; /* parts alone, in bf16 by v2v_tile_conv, blocked */
 };
 
 enum v2v_status v2v_align_conv_plan(struct v2v_align_conv *conv,

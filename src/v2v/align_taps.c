@@ -446,6 +446,30 @@ static void give_strip_listed(const struct v2v_align_taps *conv, const struct st
     }
 }
 
+/* Likewise blocked. */
+static void give_strip_listed_blocked(const struct v2v_align_taps *conv, const struct strip *strip,
+                                      float *out, const struct v2v_tiles *list, int64_t first)
+{
+    enum { TILE = V2V_TILE };
+    struct v2v_blocked image = {.data = out,
+                                .channels = conv->spec.out,
+                                .height = 1,
+                                .width = conv->out_rows * conv->width};
+#pragma omp parallel for schedule(static)
+    for (int64_t block = 0; block < v2v_blocked_count(image.channels); block++) {
+        int64_t o = block * V2V_BLOCKED_CHANNELS;
+        for (int64_t i = 0; i < strip->pixels; i++) {
+            const float *row[V2V_BLOCKED_CHANNELS] = {NULL};
+            for (int c = 0; c < V2V_BLOCKED_CHANNELS && o + c < image.channels; c++) {
+                row[c] = conv->strip + (o + c) * strip->pixels + i;
+            }
+            int64_t y = strip->y0 + i / strip->width, x = strip->x0 + i % strip->width;
+            int64_t tile = list->number[y / TILE * list->columns + x / TILE] - list->before[first];
+            v2v_blocked_set(&image, block, 0, (tile * TILE + y % TILE) * TILE + x % TILE, row, 1);
+        }
+    }
+}
+
 static void give_strip_blocked(const struct v2v_align_taps *conv, const struct strip *strip,
                                float *out)
 {
@@ -467,7 +491,9 @@ static void give_strip_blocked(const struct v2v_align_taps *conv, const struct s
 static void give(const struct v2v_align_taps *conv, const struct strip *strip, float *out,
                  const struct v2v_winograd_part *part)
 {
-    if (conv->out_form == V2V_FORM_BLOCKED) {
+    if (conv->out_form == V2V_FORM_BLOCKED && part != NULL) {
+        give_strip_listed_blocked(conv, strip, out, part->out_list, part->first_row);
+    } else if (conv->out_form == V2V_FORM_BLOCKED) {
         give_strip_blocked(conv, strip, out);
     } else if (part != NULL && part->out_list != NULL) {
         give_strip_listed(conv, strip, out, part->out_list, part->first_row);

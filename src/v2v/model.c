@@ -2,6 +2,7 @@
 
 #include "v2v/strips.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/op/tile_conv.h"
 #include "v2v3d/v2v/schema.h"
 
 #include <string.h>
@@ -56,7 +57,7 @@ static struct v2v_conv_method encoder_method(struct v2v_model *model)
 /* Do full-size layers compute strips of rows, and tiles alone? */
 static int streams(const struct v2v_model *model)
 {
-    return filters_minimally(model) && !model->training;
+    return (filters_minimally(model) || model->is_listed) && !model->training;
 }
 
 /* Declare the parameters of everything held; `shifts` NULL: the table of fields only. */
@@ -384,6 +385,7 @@ static enum v2v_status plan_unets(struct v2v_model *model, int64_t local, int64_
                                  .has_middle = local == 0,
                                  .counts_middle = v2v_slabs_index(model->slabs, local) == 0,
                                  .strip_floats = strip_floats,
+                                 .is_listed = model->is_listed,
                                  .training = model->training};
     int64_t need[BRANCHES] = {0}, slab_rows = size.slab.rows;
     for (int b = 0; b < BRANCHES; b++) {
@@ -437,6 +439,7 @@ done:
 struct economy {
     int64_t strip_floats; /* of all slabs */
     int shares;           /* the U-Nets' packed weights share memory */
+    int is_listed;        /* strips in bf16 */
 };
 
 /* Without training one view after the other goes through the encoder. */
@@ -447,6 +450,7 @@ static enum v2v_status plan(struct v2v_model *model, const struct economy *econo
     float *room = NULL;
     free_workspace(model);
     model->packed.shares = economy->shares;
+    model->is_listed = economy->is_listed;
     V2V_TRY(plan_slabs(model));
     int64_t rows = v2v_model_rows(model).count;
     V2V_TRY(V2V_ALLOC(room, "model.room", model->room + rows * model->room_a_row));
@@ -483,12 +487,20 @@ static int can_share(const struct v2v_model *model)
     return streams(model) && model->held == 1 && model->spec.branches == V2V_BRANCH_BOTH;
 }
 
+/* Strips and tiles in bf16: other sums than whole images have, which are rounded otherwise. */
+static int can_list(const struct v2v_model *model)
+{
+    return model->spec.precision != V2V_PRECISION_F32 && !model->training && v2v_tile_conv_usable();
+}
+
 /* One thing more to save memory by, at the price of time; 0: there is none. Smaller strips come
  * last: a scene's tiles in them read the weights more often. */
 static int save_more(struct v2v_model *model, struct economy *economy)
 {
     if (model->training == V2V_TRAINING_KEEPS) {
         model->training = V2V_TRAINING_LEAN;
+    } else if (!economy->is_listed && can_list(model)) {
+        economy->is_listed = 1;
     } else if (!economy->shares && can_share(model)) {
         economy->shares = 1;
     } else if (streams(model) && economy->strip_floats > V2V_STRIPS_LEAST_FLOATS) {
@@ -508,7 +520,9 @@ enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t 
     model->training = training ? V2V_TRAINING_KEEPS : V2V_TRAINING_OFF;
     int is_cut = v2v_model_slabs(model) > 1 && height * width >= large_frame;
     struct economy economy = {.strip_floats = V2V_STRIPS_FLOATS,
-                              .shares = is_cut && can_share(model)};
+                              .is_listed = model->spec.skip > 0.0 && can_list(model)};
+    model->is_listed = economy.is_listed;
+    economy.shares = is_cut && can_share(model);
     enum v2v_status rc = plan(model, &economy);
     while (rc == V2V_E_MEMORY && save_more(model, &economy)) {
         rc = plan(model, &economy);

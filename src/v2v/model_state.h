@@ -35,6 +35,7 @@ struct v2v_model {
     int64_t height, width;
     int64_t room, room_a_row; /* floats that a plan leaves to others */
     int training;             /* enum v2v_training */
+    int is_listed;            /* strips and tiles in bf16 */
     int64_t held;             /* slabs of this rank */
     struct v2v_model_slab *slab;
     struct v2v_padded *features, *dfeatures; /* [held] */

@@ -2,6 +2,8 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/op/blocked.h"
+#include "v2v3d/op/tile_conv.h"
 #include "v2v3d/op/winograd.h"
 #include "v2v3d/par/watchdog.h"
 
@@ -17,7 +19,8 @@ enum { TILE = V2V_TILE, STEPS = V2V_STRIPS_MOST + 1, UNIT = 8 * TILE };
 struct v2v_strips {
     struct v2v_strips_spec spec;
     int64_t steps;
-    struct v2v_winograd *filter[STEPS]; /* of each step; NULL: the alignment */
+    struct v2v_winograd *filter[STEPS]; /* of each step; NULL: the alignment, or in bf16 .. */
+    struct v2v_tile_conv *tile_conv[STEPS];
     struct v2v_tiles all;
     int64_t rows;        /* of the frame a strip, without those at its ends */
     int64_t held[STEPS]; /* rows of the strip behind each step */
@@ -44,14 +47,21 @@ static int64_t channels(const struct v2v_strips *self, int64_t i)
     return layer != NULL ? layer->out : layer_of(self, i + 1)->in;
 }
 
+/* Floats of a pixel of the strip behind step i; in bf16 strips are blocked. */
+static int64_t pixel_floats(const struct v2v_strips *self, int64_t i)
+{
+    int64_t count = channels(self, i);
+    return self->spec.in_bf16 ? v2v_blocked_floats(count, 1, 1) : count;
+}
+
 /* ---- plan ---- */
 
 static void choose_rows(struct v2v_strips *self)
 {
     int64_t height = self->spec.height, spare = self->spec.most_floats / self->spec.width, row = 0;
     for (int64_t i = 0; i < self->steps - 1; i++) {
-        spare -= channels(self, i) * 2 * margin(self, i);
-        row += channels(self, i);
+        spare -= pixel_floats(self, i) * 2 * margin(self, i);
+        row += pixel_floats(self, i);
     }
     int64_t most = v2v_within(spare / row / UNIT * UNIT, UNIT, height);
     int64_t strips = (height + most - 1) / most;
@@ -69,6 +79,27 @@ static struct v2v_strips laid_out(const struct v2v_strips_spec *spec)
     return strips;
 }
 
+static enum v2v_status create_tile_conv(struct v2v_strips *self, int64_t i,
+                                        const struct v2v_plane *plane)
+{
+    const struct v2v_layer *layer = layer_of(self, i);
+    int64_t width = self->spec.width;
+    struct v2v_tile_conv_spec spec = {.in = layer->in,
+                                      .out = layer->out,
+                                      .height = self->spec.height,
+                                      .width = width,
+                                      .plane = plane,
+                                      .pitch = width >> layer->upsample,
+                                      .half = layer->upsample,
+                                      .in_pixels = i > 0 ? self->held[i - 1] * width : 0,
+                                      .out_pixels = i < self->steps - 1 ? self->held[i] * width : 0,
+                                      .stride2 = layer->stride == 2,
+                                      .slope = layer->slope,
+                                      .workspace = self->spec.workspace,
+                                      .pool = self->spec.pool};
+    return v2v_tile_conv_create(&self->tile_conv[i], &spec);
+}
+
 static enum v2v_status create_layer(struct v2v_strips *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
@@ -82,6 +113,10 @@ static enum v2v_status create_layer(struct v2v_strips *self, int64_t i)
     for (int64_t c = 0; c < layer->in; c++) {
         plane[c] = (struct v2v_plane){
             .offset = c * rows * (width >> half), .y1 = height, .x1 = width, .owner = c};
+    }
+    if (self->spec.in_bf16) {
+        V2V_TRY(create_tile_conv(self, i, i > 0 ? NULL : plane));
+        goto done;
     }
     struct v2v_winograd_spec spec = {.in = layer->in,
                                      .out = layer->out,
@@ -110,7 +145,11 @@ enum v2v_status v2v_strips_create(struct v2v_strips **strips, const struct v2v_s
     *self = laid_out(spec);
     V2V_TRY(v2v_tiles_init(&self->all, spec->height, spec->width));
     if (spec->align != NULL) {
-        struct v2v_align_conv_plan plan = {.like = like, .out_rows = self->held[0]};
+        struct v2v_align_conv_plan plan = {.like = like,
+                                           .out_rows = self->held[0],
+                                           .out_form =
+                                               spec->in_bf16 ? V2V_FORM_BLOCKED : V2V_FORM_PLAIN,
+                                           .is_listed = spec->in_bf16};
         V2V_TRY(v2v_align_conv_plan(spec->align, &plan));
     }
     V2V_TRY(V2V_ALLOC(self->level, "strips", channels(self, self->steps - 1)));
@@ -136,6 +175,7 @@ void v2v_strips_destroy(struct v2v_strips **strips)
     }
     for (int i = 0; i < STEPS; i++) {
         v2v_winograd_destroy(&self->filter[i]);
+        v2v_tile_conv_destroy(&self->tile_conv[i]);
     }
     v2v_mem_free(self->level);
     v2v_tiles_fini(&self->all);
@@ -145,7 +185,7 @@ void v2v_strips_destroy(struct v2v_strips **strips)
 
 static int64_t strip_floats(const struct v2v_strips *self, int64_t i)
 {
-    return (channels(self, i) * self->held[i] * self->spec.width + 15) / 16 * 16;
+    return (pixel_floats(self, i) * self->held[i] * self->spec.width + 15) / 16 * 16;
 }
 
 int64_t v2v_strips_floats(const struct v2v_strips_spec *spec)
@@ -162,9 +202,13 @@ void v2v_strips_weights_changed(struct v2v_strips *self, const struct v2v_parame
 {
     for (int64_t i = self->spec.align != NULL; i < self->steps; i++) {
         const struct v2v_layer *layer = layer_of(self, i);
-        v2v_winograd_set_weights(
-            self->filter[i], v2v_parameter(parameters->fields, parameters->weights, layer->weight),
-            v2v_parameter(parameters->fields, parameters->weights, layer->bias));
+        const float *weight = v2v_parameter(parameters->fields, parameters->weights, layer->weight);
+        const float *bias = v2v_parameter(parameters->fields, parameters->weights, layer->bias);
+        if (self->spec.in_bf16) {
+            v2v_tile_conv_set_weights(self->tile_conv[i], weight, bias);
+        } else {
+            v2v_winograd_set_weights(self->filter[i], weight, bias);
+        }
     }
 }
 
@@ -196,7 +240,7 @@ static struct v2v_tiles_image behind(const struct v2v_strips *self,
     return image;
 }
 
-/* Floats of a strip's channel before a row of tiles of the frame. */
+/* Pixels of a strip before a row of tiles of the frame. */
 static int64_t offset_of(const struct v2v_strips *self, const struct v2v_scene *scene, int64_t row)
 {
     return scene != NULL ? scene->computed.before[row] * TILE * TILE
@@ -210,20 +254,24 @@ static void compute(const struct v2v_strips *self, const struct v2v_strips_data 
                     const struct v2v_scene *scene, const struct v2v_tiles_image *image,
                     const struct v2v_tiles_image *before)
 {
-    const struct v2v_tiles *list = scene != NULL ? &scene->computed : NULL;
-    const struct v2v_tiles *tiles = list != NULL ? list : &self->all;
+    const struct v2v_tiles *tiles = scene != NULL ? &scene->computed : &self->all;
+    const struct v2v_tiles *list = scene != NULL || self->spec.in_bf16 ? tiles : NULL;
     struct v2v_winograd_part part = {.run = tiles->run + tiles->first[image->first],
                                      .runs = tiles->first[image->last] - tiles->first[image->first],
                                      .first_row = image->begin,
                                      .in_list = i > 0 ? list : NULL,
                                      .out_list = i < self->steps - 1 ? list : NULL};
-    if (self->filter[i] == NULL) {
+    if (layer_of(self, i) == NULL) {
         v2v_align_conv_forward(self->spec.align, image->data, data->features, &part);
         return;
     }
     const float *in = i > 0 ? before->data : data->images;
     part.shift = i > 0 ? -offset_of(self, scene, before->begin) : 0;
-    v2v_winograd_forward_part(self->filter[i], image->data, in, &part);
+    if (self->spec.in_bf16) {
+        v2v_tile_conv_forward(self->tile_conv[i], image->data, in, &part);
+    } else {
+        v2v_winograd_forward_part(self->filter[i], image->data, in, &part);
+    }
 }
 
 /* Rows of the strip above that `image` begins with move there; the others are to be computed. */
@@ -235,11 +283,14 @@ static void keep_rows(const struct v2v_strips *self, const struct v2v_scene *sce
     }
     int64_t begin = offset_of(self, scene, image->begin);
     int64_t from = begin - offset_of(self, scene, above->begin);
-    int64_t floats = offset_of(self, scene, above->last) - begin;
+    int64_t pixels = offset_of(self, scene, above->last) - begin;
+    /* blocks of channels side by side, or channels */
+    int64_t size = self->spec.in_bf16 ? V2V_BLOCKED_CHANNELS / 2 : 1;
+    int64_t count = self->spec.in_bf16 ? v2v_blocked_count(image->channels) : image->channels;
 #pragma omp parallel for schedule(static)
-    for (int64_t c = 0; c < image->channels; c++) {
-        float *channel = image->data + c * image->rows_held * image->width;
-        memmove(channel, channel + from, (size_t)floats * sizeof *channel);
+    for (int64_t c = 0; c < count; c++) {
+        float *channel = image->data + c * image->rows_held * image->width * size;
+        memmove(channel, channel + from * size, (size_t)(pixels * size) * sizeof *channel);
     }
     image->first = above->last;
 }

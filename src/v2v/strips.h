@@ -1,4 +1,4 @@
-/* A chain of full-size layers by Winograd in strips of rows, for inference: what lies
+/* A chain of full-size layers, by Winograd or in bf16, in strips of rows, for inference: what lies
  * between the layers never exists for a large frame as a whole, nor where nothing asks for it. */
 #ifndef V2V3D_V2V_STRIPS_H
 #define V2V3D_V2V_STRIPS_H
@@ -25,6 +25,7 @@ struct v2v_strips_spec {
     int64_t layers;
     int64_t height, width; /* of the frame */
     int64_t most_floats;   /* of all strips */
+    int in_bf16;           /* 0: by Winograd; needs v2v_tile_conv_usable */
     struct v2v_workspace *workspace;
     struct v2v_pool *pool; /* of transformed weights; or NULL */
 };

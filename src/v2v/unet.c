@@ -74,7 +74,7 @@ done:
 /* The full-size layers whose output the next layer alone reads. */
 static const int handing_on[] = {INIT2, INIT4, UP4, FINAL0, FINAL2};
 
-/* These hand on blocked images where they can: in bf16, which has no strips. */
+/* These hand on blocked images where they can: in bf16, where there are no strips. */
 static void choose_forms(struct v2v_unet *unet)
 {
     const struct v2v_conv_method *method = &unet->spec.method;
@@ -82,11 +82,13 @@ static void choose_forms(struct v2v_unet *unet)
     for (int i = 0; i < LAYERS; i++) {
         unet->layer[i].in_form = unet->layer[i].out_form = V2V_FORM_PLAIN;
     }
+    if (v2v_unet_knows_scenes(unet)) {
+        return; /* strips have forms of their own */
+    }
     for (size_t i = 0; i < sizeof handing_on / sizeof *handing_on; i++) {
         struct v2v_layer *from = &unet->layer[handing_on[i]], *to = from + 1;
         if (v2v_layer_takes_blocked(from, method, training) &&
             v2v_layer_takes_blocked(to, method, training)) {
-            V2V_ASSERT(!v2v_unet_knows_scenes(unet)); /* float32 alone has strips */
             from->out_form = to->in_form = V2V_FORM_BLOCKED;
         }
     }
@@ -140,7 +142,7 @@ static int last_reader(int i)
 
 int v2v_unet_knows_scenes(const struct v2v_unet *unet)
 {
-    return unet->spec.method.winograd && !unet->size.training;
+    return (unet->spec.method.winograd || unet->size.is_listed) && !unet->size.training;
 }
 
 /* The chain that layer i is in; CHAINS: none. */
@@ -159,6 +161,7 @@ static struct v2v_strips_spec chain_spec(struct v2v_unet *unet, int chain)
                                    .height = v2v_slab_computed(&unet->size.slab),
                                    .width = unet->size.width,
                                    .most_floats = unet->size.strip_floats,
+                                   .in_bf16 = unet->size.is_listed,
                                    .workspace = unet->spec.method.workspace,
                                    .pool = unet->spec.method.pool};
     for (int i = chain_table[chain].first; i <= chain_table[chain].last; i++) {

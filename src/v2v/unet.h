@@ -33,6 +33,7 @@ struct v2v_unet_size {
     int has_middle;        /* 1: the layers of a quarter of the frame's sides and less, too */
     int counts_middle;     /* 1: their gradients are this U-Net's, not another rank's */
     int64_t strip_floats;  /* that strips of rows may take */
+    int is_listed;         /* 1: in bf16 full-size layers compute strips and a scene's tiles, too */
     int training;          /* enum v2v_training */
 };
 

@@ -147,7 +147,7 @@ static inline int64_t skip_count(const struct v2v_unet *unet, int k)
     return channels(unet, layer_table[DOWN4 - k].in) * in_pixels(unet, UP1 + k);
 }
 
-/* Can it compute a scene's tiles alone? Only by Winograd, and not in training. */
+/* Can it compute a scene's tiles alone? By Winograd, or planned so in bf16, and not in training. */
 int v2v_unet_knows_scenes(const struct v2v_unet *unet);
 
 #endif

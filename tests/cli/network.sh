@@ -119,6 +119,9 @@ bf16_by() # WORDS OF THE LOG
     works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o bf16.h5 --force \
         --precision bf16
     grep -q "convolutions in bf16: $1" stderr || fail "not in bf16 $1: $(cat stderr)"
+    works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o bf16.h5 --force \
+        --precision bf16 --skip auto
+    grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped tiles: $(cat stderr)"
 }
 if offers 'by the tile unit'; then
     bf16_by 'by the tile unit'
@@ -141,6 +144,10 @@ if grep -qw avx512bw /proc/cpuinfo; then
     works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o emulated.h5 \
         --precision bf16-always
     grep -q 'convolutions in bf16: emulated' stderr || fail "no bf16: $(cat stderr)"
+    works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped16.h5 \
+        --precision bf16-always --skip auto
+    grep -q 'nothing is skipped where bf16 is emulated' stderr || fail "no warning: $(cat stderr)"
+    same emulated.h5 unskipped16.h5 /volume
 fi
 export DNNL_MAX_CPU_ISA=AVX2
 refuses 78 'bf16-always: the processors of' reconstruct --psf psf.h5 --weights w.h5 \

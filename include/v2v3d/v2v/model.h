@@ -50,7 +50,8 @@ struct v2v_model_spec {
                               reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
     double skip;         /**< tiles whose light is below this part of the brightest are not
-                              computed; 0: all are. By Winograd, and not in training */
+                              computed; 0: all are. By Winograd, or in bf16 where
+                              v2v_tile_conv_usable, and not in training */
     int64_t slabs;       /**< of rows that a frame is cut into; 0 and 1: it is not. Results depend
                               on their number by round-off, and not on who computes them */
     const struct v2v_comm *shard; /**< ranks that compute one slab each; NULL: this one all. It has
@@ -80,10 +81,10 @@ void v2v_model_describe_work(struct v2v_grid_work *work, const struct v2v_model_
 
 /** Create primitives and workspace for frames of [height,width], multiples of V2V_MODEL_GRID; again
  *  with another size replaces the plan. `training`: keep what backward needs. Without training,
- *  Winograd computes full-size layers in strips of rows; where memory is limited, or a
- *  large frame is cut into slabs, it packs the weights of one branch at a time, for every frame,
- *  and where that is not enough the strips are smaller. Training where memory is limited transforms
- *  inputs again that it would keep.
+ *  Winograd computes full-size layers in strips of rows, and so does bf16 with a tolerance of
+ *  skipping or where memory is limited; where it is, or a large frame is cut into slabs, one
+ *  branch's weights at a time are packed, for every frame, and where that is not enough the strips
+ *  are smaller. Training where memory is limited transforms inputs again that it would keep.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_INTERNAL */
 enum v2v_status v2v_model_plan(struct v2v_model *model, int64_t height, int64_t width,
                                int training) V2V_MUST_CHECK;
