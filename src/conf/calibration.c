@@ -9,8 +9,6 @@
 #include <yaml.h>
 
 enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64, MOST_SHADING = 3 };
-#define LEAST_GAIN 1e-3
-#define MOST_GAIN 1e3
 
 /* What a file says of a view. */
 struct quantity {
@@ -27,7 +25,7 @@ struct quantity {
 #define PIXELS(name, count, meaning) QUANTITY(name, count, -MOST_PIXELS, MOST_PIXELS, meaning)
 
 static const struct quantity table[] = {
-    QUANTITY(gain, 1, LEAST_GAIN, MOST_GAIN, "of the view"),
+    QUANTITY(gain, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
     PIXELS(shift, 2, "y, x: pixels"),
     PIXELS(slope, 2, "y, x: pixels from the middle slice to the last"),
     PIXELS(distortion_y, V2V_FIELD_TERMS,

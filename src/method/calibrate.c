@@ -7,6 +7,7 @@
 #include "v2v3d/base/field.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
@@ -18,9 +19,9 @@
  * little. */
 static const double weights[] = {0.8, 0.2, 0.05};
 enum { WEIGHTS = sizeof weights / sizeof *weights };
-enum { NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
-/* Iterations that tell shifts of pixels, of their hundredths, and the last part of a residual. */
-enum { COARSE = 12, FINE = 20, LAST = 40 };
+/* Iterations that tell shifts of pixels, of their hundredths, and the last part of a residual; and
+ * after which the volume stands still. */
+enum { COARSE = 12, FINE = 20, LAST = 40, SETTLED = 60 };
 
 /* Pixels of the judged square's side. */
 enum { SIDE = 160 };
@@ -30,6 +31,13 @@ static const double least_lowered = 0.03;
 
 /* Rounds end when no view moves by more, pixels. */
 static const double still = 0.03;
+
+/* Gains from all views: rounds, and what ends them: the largest change of a logarithm. */
+enum { GAIN_ROUNDS = 6 };
+static const double steady = 1e-3;
+
+/* Of the noise that is added to predictions. */
+enum { SEED = 1 };
 
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
@@ -56,13 +64,14 @@ struct calibrator {
     struct v2v_psf_file psf; /* as calibrated so far */
     float *undistorted;      /* [v,y,x] */
     float *volume, *deep;    /* [slices of this rank,y,x]; the latter weighted by depth */
-    float *predicted[2];     /* [2,y,x] of either */
+    float *predicted[2];     /* [v,y,x] of either */
     float *scratch;          /* [y,x] */
     double (*parallax)[2];   /* [v] */
     struct v2v_registration *registration; /* [v] */
     struct v2v_registration_images images;
     struct v2v_calibration *calibration;
     struct v2v_anderson *anderson;
+    double *gain;                  /* [v]: logarithms of a step */
     double *at, *to;               /* all numbers of all views: before and after a step */
     struct v2v_part rows, columns; /* judged: the frame but for its margin */
     struct v2v_square busiest;
@@ -83,13 +92,14 @@ static enum v2v_status take_memory(struct calibrator *self)
     V2V_TRY(V2V_ALLOC(self->deep, "calibrate.volume", slices));
     for (int i = 0; i < 2; i++) {
         V2V_TRY(V2V_ALLOC(self->predicted[i], "calibrate.predicted",
-                          v2v_mem_product(2, self->pixels, 1)));
+                          v2v_mem_product(self->count, self->pixels, 1)));
     }
     V2V_TRY(V2V_ALLOC(self->scratch, "calibrate.scratch", self->pixels));
     V2V_TRY(V2V_ALLOC(self->parallax, "calibrate.parallax", self->count));
-    V2V_TRY(v2v_anderson_create(&self->anderson, self->count * NUMBERS));
-    V2V_TRY(V2V_ALLOC(self->at, "calibrate.numbers", self->count * NUMBERS));
-    V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", self->count * NUMBERS));
+    V2V_TRY(v2v_anderson_create(&self->anderson, self->count * V2V_REGISTER_NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->at, "calibrate.numbers", self->count * V2V_REGISTER_NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", self->count * V2V_REGISTER_NUMBERS));
+    V2V_TRY(V2V_ALLOC(self->gain, "calibrate.numbers", self->count));
     V2V_TRY(V2V_ALLOC(self->registration, "calibrate.equations", self->count));
     V2V_TRY(
         v2v_registration_images_init(&self->images, self->problem->height, self->problem->width));
@@ -100,6 +110,7 @@ done:
 static void release_memory(struct calibrator *self)
 {
     v2v_registration_images_fini(&self->images);
+    v2v_mem_free(self->gain);
     v2v_mem_free(self->to);
     v2v_mem_free(self->at);
     v2v_anderson_destroy(&self->anderson);
@@ -213,24 +224,31 @@ done:
     return rc;
 }
 
+/** From where the numbers were, `self->at`, by a step to where they are, mixed with the steps
+ *  before; what all views share is taken out. Collective(comm). */
+static void mix(struct calibrator *self)
+{
+    struct v2v_calibration *const now = self->calibration;
+    v2v_registration_fix_modes(now, self->parallax);
+    v2v_registration_to_numbers(self->to, now);
+    v2v_anderson_step(self->anderson, self->at, self->to);
+    v2v_registration_from_numbers(now, self->at);
+    v2v_par_broadcast(self->comm, now->view, self->count * (int64_t)sizeof *now->view, 0);
+}
+
 /** Steps of a stage; each ends with a look, the last one for the next stage. Collective(comm). */
 static enum v2v_status run_stage(struct calibrator *self, const struct stage *stage,
                                  int64_t *rounds)
 {
     enum v2v_status rc = V2V_OK;
     const struct stage *const next = stage + (stage < &stages[STAGES - 1]);
-    struct v2v_view_calibration *const now = self->calibration->view;
     double moved = INFINITY;
     v2v_anderson_restart(self->anderson);
     for (int r = 1; r <= stage->rounds && moved > still; r++) {
-        memcpy(self->at, now, (size_t)self->count * sizeof *now);
+        v2v_registration_to_numbers(self->at, self->calibration);
         moved = v2v_registration_step(self->calibration, self->registration, stage->terms,
                                       stage->smoothing);
-        v2v_registration_fix_modes(self->calibration, self->parallax);
-        memcpy(self->to, now, (size_t)self->count * sizeof *now);
-        v2v_anderson_step(self->anderson, self->at, self->to);
-        memcpy(now, self->at, (size_t)self->count * sizeof *now);
-        v2v_par_broadcast(self->comm, now, self->count * (int64_t)sizeof *now, 0);
+        mix(self);
         v2v_par_broadcast(self->comm, &moved, sizeof moved, 0);
         const int is_last = r == stage->rounds || moved <= still;
         V2V_TRY(look(self, is_last ? next : stage));
@@ -310,6 +328,76 @@ done:
     return rc;
 }
 
+/** Gains by how the volume of all views shows them, less how the volume of what that shows, with
+ *  noise, shows it in turn. @return *moved: the largest change of a logarithm. Collective(comm). */
+static enum v2v_status step_of_gains(struct calibrator *self, double *moved)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_problem problem = *self->problem;
+    struct v2v_left_out *all = NULL;
+    unsigned char *is_left_out = NULL;
+    self->config.deconv.iterations = SETTLED;
+    problem.config = &self->config;
+    problem.psf = &self->psf;
+    v2v_watchdog_beat("calibrate: gains by all views");
+    rc = apply(self);
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(is_left_out, "calibrate.fold", self->count);
+    }
+    V2V_TRY(v2v_par_agree(self->comm, rc));
+    V2V_TRY(v2v_left_out_create(&all, &v2v_estimator_tv, &problem, is_left_out, 1, self->comm));
+    for (int of_itself = 0; of_itself < 2; of_itself++) {
+        float *const predicted = self->predicted[of_itself];
+        V2V_TRY(v2v_left_out_run(all, self->volume, self->undistorted));
+        v2v_left_out_predict(all, predicted, self->volume);
+        for (int64_t v = 0; v < self->count; v++) {
+            const int64_t at = v * self->pixels;
+            const float *seen = of_itself ? self->predicted[0] : self->undistorted;
+            const double gain = log(v2v_registration_brightness(
+                seen + at, predicted + at, self->problem->width, self->rows, self->columns));
+            self->gain[v] = of_itself ? self->gain[v] - gain : gain;
+        }
+        const double noise = v2v_tv_noise(all->estimator);
+        for (int64_t i = 0; i < self->count * self->pixels; i++) {
+            self->undistorted[i] =
+                predicted[i] + (float)(noise * v2v_random_normal(SEED, 0, (uint64_t)i));
+        }
+    }
+    double mean = 0.0;
+    for (int64_t v = 0; v < self->count; v++) {
+        self->gain[v] = fmin(fmax(self->gain[v], -log(2.0)), log(2.0));
+        mean += self->gain[v] / (double)self->count;
+    }
+    *moved = 0.0;
+    for (int64_t v = 0; v < self->count; v++) {
+        self->calibration->view[v].gain *= exp(self->gain[v] - mean);
+        *moved = fmax(*moved, fabs(self->gain[v] - mean));
+    }
+done:
+    v2v_left_out_destroy(&all);
+    v2v_mem_free(is_left_out);
+    return rc;
+}
+
+/** They end with a look. Collective(comm). */
+static enum v2v_status find_gains(struct calibrator *self, int64_t *rounds)
+{
+    enum v2v_status rc = V2V_OK;
+    double moved = INFINITY;
+    v2v_anderson_restart(self->anderson);
+    for (int r = 0; r < GAIN_ROUNDS && moved > steady; r++) {
+        v2v_registration_to_numbers(self->at, self->calibration);
+        V2V_TRY(step_of_gains(self, &moved));
+        mix(self);
+        v2v_par_broadcast(self->comm, &moved, sizeof moved, 0);
+        ++*rounds;
+        v2v_log(V2V_LOG_DEBUG, "gains by all views: moved by %.4f", moved);
+    }
+    V2V_TRY(look(self, &stages[STAGES - 1]));
+done:
+    return rc;
+}
+
 static enum v2v_status find(struct calibrator *self, struct v2v_calibration_report *report)
 {
     enum v2v_status rc = V2V_OK;
@@ -324,6 +412,7 @@ static enum v2v_status find(struct calibrator *self, struct v2v_calibration_repo
     V2V_TRY(run_stages(self, report, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, &stages[FIRST_FINE]));
     V2V_TRY(run_stages(self, report, FIRST_FINE, STAGES));
+    V2V_TRY(find_gains(self, &report->rounds));
     report->weight = self->config.deconv.lambda.value;
     report->frame_after = self->frame;
     report->heldout_after = self->square;

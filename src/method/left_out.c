@@ -67,10 +67,12 @@ static enum v2v_status plan_prediction(struct v2v_left_out *self, const struct v
                                        const struct v2v_comm *shard)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t count = self->views - self->used;
-    struct v2v_psf_file left_out = {0};
-    V2V_TRY(v2v_par_agree(shard, choose_psf(&left_out, psf, self->view + self->used, count)));
-    V2V_TRY(v2v_projector_create(&self->projector, &left_out, self->height, self->width,
+    const int64_t first = self->used < self->views ? self->used : 0;
+    const int64_t count = self->views - first;
+    struct v2v_psf_file predicted = {0};
+    self->predicted = count;
+    V2V_TRY(v2v_par_agree(shard, choose_psf(&predicted, psf, self->view + first, count)));
+    V2V_TRY(v2v_projector_create(&self->projector, &predicted, self->height, self->width,
                                  V2V_SPLIT_SLABS, shard));
     const struct v2v_projector_share share = v2v_projector_share(self->projector);
     rc = V2V_ALLOC(self->volume, "left_out.volume",
@@ -81,7 +83,7 @@ static enum v2v_status plan_prediction(struct v2v_left_out *self, const struct v
     }
     V2V_TRY(v2v_par_agree(shard, rc));
 done:
-    v2v_psf_file_fini(&left_out);
+    v2v_psf_file_fini(&predicted);
     return rc;
 }
 
@@ -104,7 +106,7 @@ enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
     own.psf = &self->psf;
     V2V_TRY(v2v_estimator_create(&self->estimator, ops, &own, shard));
     V2V_ASSERT(self->estimator->height == self->height && self->estimator->width == self->width);
-    if (predicts && self->used < self->views) {
+    if (predicts) {
         V2V_TRY(plan_prediction(self, problem->psf, shard));
     }
 done:
@@ -164,7 +166,7 @@ enum v2v_status v2v_left_out_run(struct v2v_left_out *self, float *slices, const
 
 void v2v_left_out_predict(struct v2v_left_out *self, float *predicted, const float *slices)
 {
-    const int64_t count = self->views - self->used;
+    const int64_t count = self->predicted;
     V2V_ASSERT(self->projector != NULL);
     v2v_projector_from_slices(self->projector, self->volume, slices);
     v2v_projector_forward(self->projector, self->rows, self->volume, NULL, count, 1.0f);

@@ -166,6 +166,20 @@ void v2v_registration_compare(struct v2v_registration *registration,
     }
 }
 
+double v2v_registration_brightness(const float *recorded, const float *prediction, int64_t width,
+                                   struct v2v_part rows, struct v2v_part columns)
+{
+    double product = 0.0, squares = 0.0;
+    for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
+        for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
+            const double p = (double)prediction[y * width + x];
+            product += p * (double)recorded[y * width + x];
+            squares += p * p;
+        }
+    }
+    return product > 0.0 ? product / squares : 1.0;
+}
+
 /* Unknowns of `terms`. */
 static int list_unknowns(int list[UNKNOWNS], unsigned terms)
 {
@@ -255,6 +269,24 @@ double v2v_registration_step(struct v2v_calibration *calibration,
         farthest = fmax(farthest, move(&calibration->view[v], x));
     }
     return farthest;
+}
+
+void v2v_registration_to_numbers(double *numbers, const struct v2v_calibration *calibration)
+{
+    for (int64_t v = 0; v < calibration->views; v++) {
+        struct v2v_view_calibration view = calibration->view[v];
+        view.gain = log(view.gain);
+        memcpy(numbers + v * V2V_REGISTER_NUMBERS, &view, sizeof view);
+    }
+}
+
+void v2v_registration_from_numbers(struct v2v_calibration *calibration, const double *numbers)
+{
+    for (int64_t v = 0; v < calibration->views; v++) {
+        struct v2v_view_calibration *view = &calibration->view[v];
+        memcpy(view, numbers + v * V2V_REGISTER_NUMBERS, sizeof *view);
+        view->gain = fmin(fmax(exp(view->gain), V2V_LEAST_GAIN), V2V_MOST_GAIN);
+    }
 }
 
 /* What is `of_first` in the first view, in view v. */

@@ -21,6 +21,8 @@ enum {
     V2V_REGISTER_UNKNOWNS = V2V_REGISTER_SLOPES + 2
 };
 
+enum { V2V_REGISTER_NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
+
 /** Squares of what is missed, of the squares of what is there. */
 struct v2v_missed {
     double squares, of;
@@ -68,6 +70,17 @@ void v2v_registration_compare(struct v2v_registration *registration,
 double v2v_registration_step(struct v2v_calibration *calibration,
                              const struct v2v_registration *registration, unsigned terms,
                              int smoothing);
+
+/** The factor of a prediction that misses least of a view; 1 where nothing is predicted, or nothing
+ *  of it is seen. @kind Local. */
+double v2v_registration_brightness(const float *recorded, const float *prediction, int64_t width,
+                                   struct v2v_part rows, struct v2v_part columns);
+
+/** All numbers of all views [views][V2V_REGISTER_NUMBERS], to mix steps of: gains as logarithms,
+ *  and back within the bounds of gains, so that no mixture has one that is not positive.
+ *  @kind Local. */
+void v2v_registration_to_numbers(double *numbers, const struct v2v_calibration *calibration);
+void v2v_registration_from_numbers(struct v2v_calibration *calibration, const double *numbers);
 
 /** Take out what views cannot tell: gain, shift, slope and fields that all views share, and
  *  displacements in proportion to `parallax`, which move and bend the volume in depth.

@@ -10,6 +10,10 @@
 extern "C" {
 #endif
 
+/** Bounds of a view's gain. */
+#define V2V_LEAST_GAIN 1e-3
+#define V2V_MOST_GAIN 1e3
+
 /** How the views of a microscope differ from what its PSFs say, in a YAML file. A view shows
  *      gain * exp(shading) * (its projection, displaced by shift + slope * depth)
  *  displaced by distortion, with depth -1 in the first slice, 1 in the last one, and shading and

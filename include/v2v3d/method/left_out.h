@@ -16,7 +16,8 @@ struct v2v_left_out {
     int64_t used;                 /**< how many of the views are */
     int32_t *view;                /**< [views] those that are used, then those left out */
     struct v2v_estimator *estimator;
-    struct v2v_projector *projector; /**< onto those left out; NULL: nothing is predicted */
+    int64_t predicted;               /**< views: those left out, or all where none is */
+    struct v2v_projector *projector; /**< onto these; NULL: nothing is predicted */
     struct v2v_psf_file psf;         /**< of those that are used */
     float *recorded;                 /**< [used,y,x] */
     float *volume, *rows;            /**< the projector's share of both */
@@ -52,9 +53,9 @@ void v2v_left_out_destroy(struct v2v_left_out **left_out);
 enum v2v_status v2v_left_out_run(struct v2v_left_out *left_out, float *slices,
                                  const float *views) V2V_MUST_CHECK;
 
-/** What a volume shows in the views left out, in their order. @kind Collective(shard), no
- *  allocation. @param predicted [views - used,y,x] out, whole on all ranks @param slices as above
- */
+/** What a volume shows in the views left out, in their order, or in all where none is.
+ *  @kind Collective(shard), no allocation. @param predicted [predicted,y,x] out, whole on all ranks
+ *  @param slices as above */
 void v2v_left_out_predict(struct v2v_left_out *left_out, float *predicted, const float *slices);
 
 #ifdef __cplusplus

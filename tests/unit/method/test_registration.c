@@ -1,4 +1,5 @@
 /* A view that is its prediction moved: the equations say by how much. */
+#include "method/anderson.h"
 #include "method/registration.h"
 #include "support.h"
 
@@ -158,6 +159,56 @@ static void what_views_cannot_tell_is_taken_out(void **state)
     }
 }
 
+static void a_prediction_is_told_its_factor(void **state)
+{
+    (void)state;
+    static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
+    const struct v2v_view_calibration view = {.gain = 1.0}, brighter = {.gain = 1.25};
+    const struct v2v_part rows = v2v_registration_judged(HEIGHT);
+    const struct v2v_part columns = v2v_registration_judged(WIDTH);
+    show(predicted, deep, &view);
+    show(seen, deep, &brighter);
+    /* pixels are rounded to float32, independently of each other */
+    assert_true(fabs(v2v_registration_brightness(seen, predicted, WIDTH, rows, columns) - 1.25) <
+                1.25 * 6e-8);
+    memset(seen, 0, sizeof seen);
+    assert_true(v2v_registration_brightness(seen, predicted, WIDTH, rows, columns) == 1.0);
+    assert_true(v2v_registration_brightness(predicted, seen, WIDTH, rows, columns) == 1.0);
+}
+
+/* Gains fall from 1 to 0.5 and from there to 0.1: the secant through both steps ends at -1.5. */
+static void no_mixture_has_a_gain_that_is_not_positive(void **state)
+{
+    (void)state;
+    static const double at[2] = {1.0, 0.5}, to[2] = {0.5, 0.1};
+    struct v2v_view_calibration view = {.gain = 1.0};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view};
+    struct v2v_anderson *plain = NULL, *mixed = NULL;
+    double x[V2V_REGISTER_NUMBERS], g[V2V_REGISTER_NUMBERS], gain = 0.0;
+    assert_ok(v2v_anderson_create(&plain, 1));
+    assert_ok(v2v_anderson_create(&mixed, V2V_REGISTER_NUMBERS));
+    for (int k = 0; k < 2; k++) {
+        gain = at[k];
+        v2v_anderson_step(plain, &gain, &to[k]);
+        view = (struct v2v_view_calibration){.gain = at[k], .shift = {0.25, -0.5}};
+        v2v_registration_to_numbers(x, &c);
+        view.gain = to[k];
+        v2v_registration_to_numbers(g, &c);
+        v2v_anderson_step(mixed, x, g);
+        v2v_registration_from_numbers(&c, x);
+    }
+    assert_true(fabs(gain + 1.5) < 1e-12);
+    assert_true(view.gain > 0.0 && view.shift[0] == 0.25 && view.shift[1] == -0.5);
+    for (int sign = -1; sign <= 1; sign += 2) { /* whose exponentials are 0 and infinite */
+        v2v_registration_to_numbers(x, &c);
+        x[0] = sign * 1e4;
+        v2v_registration_from_numbers(&c, x);
+        assert_true(view.gain == (sign < 0 ? V2V_LEAST_GAIN : V2V_MOST_GAIN));
+    }
+    v2v_anderson_destroy(&mixed);
+    v2v_anderson_destroy(&plain);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -165,6 +216,8 @@ int main(void)
         cmocka_unit_test(what_is_not_asked_for_stays),
         cmocka_unit_test(a_dark_view_stays_where_it_is),
         cmocka_unit_test(what_views_cannot_tell_is_taken_out),
+        cmocka_unit_test(a_prediction_is_told_its_factor),
+        cmocka_unit_test(no_mixture_has_a_gain_that_is_not_positive),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
