@@ -74,22 +74,17 @@ done:
 }
 
 /* A volume of the views of all folds but one, and that one predicted. */
-static enum v2v_status leave_out(struct trial *trial, int64_t fold, int64_t folds)
+static enum v2v_status leave_out(struct trial *trial, int64_t fold)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t views = trial->psf.views, pixels = trial->problem.height * trial->problem.width;
     struct v2v_left_out *part = NULL;
-    unsigned char *is_left_out = NULL;
     float *volume = NULL, *predicted = NULL;
-    V2V_TRY(V2V_ALLOC(is_left_out, "heldout.fold", views));
-    for (int64_t v = 0; v < views; v++) {
-        is_left_out[v] = v % folds == fold;
-    }
     V2V_TRY(V2V_ALLOC(volume, "heldout.volume", v2v_mem_product(trial->psf.slices, pixels, 1)));
     V2V_TRY(V2V_ALLOC(predicted, "heldout.views", v2v_mem_product(views, pixels, 1)));
     v2v_watchdog_beat("a volume of some views");
-    V2V_TRY(v2v_left_out_create(&part, trial->ops, &trial->problem, is_left_out, 1,
-                                trial->session->world));
+    V2V_TRY(v2v_left_out_create(&part, trial->ops, &trial->problem, v2v_left_out_fold(views, fold),
+                                1, trial->session->world));
     V2V_TRY(v2v_left_out_run(part, volume, trial->seen));
     v2v_left_out_predict(part, predicted, volume);
     for (int64_t k = part->used; k < views; k++) {
@@ -99,7 +94,6 @@ done:
     v2v_left_out_destroy(&part);
     v2v_mem_free(predicted);
     v2v_mem_free(volume);
-    v2v_mem_free(is_left_out);
     return rc;
 }
 
@@ -194,7 +188,7 @@ enum v2v_status v2v_heldout_of(struct v2v_heldout *heldout, const char *psf, con
         const int64_t folds = v2v_left_out_folds(trial.psf.views);
         for (int64_t fold = 0; fold < folds; fold++) {
             if (is_judged(fold, folds)) {
-                V2V_TRY(leave_out(&trial, fold, folds));
+                V2V_TRY(leave_out(&trial, fold));
             }
         }
     }

@@ -7,6 +7,7 @@
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/eval/uncertainty.h"
 #include "v2v3d/method/left_out.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 
@@ -198,30 +199,25 @@ static int volumes_of(const struct judge *self, int64_t step)
     return step < self->folds ? 1 : self->job->writer != NULL ? VOLUMES : HALVES;
 }
 
-/** Does volume k of a step not see view v? */
-static int is_left_out(const struct judge *self, int64_t step, int k, int64_t v)
+/** What volume k of a step does not see. */
+static struct v2v_left_out_views without(const struct judge *self, int64_t step, int k)
 {
-    return step < self->folds ? v % self->folds == step : k < HALVES && v % HALVES != k;
+    const int64_t views = self->out->views;
+    return step < self->folds ? v2v_left_out_fold(views, step)
+           : k < HALVES       ? (struct v2v_left_out_views){HALVES - 1 - k, HALVES, views}
+                              : (struct v2v_left_out_views){0};
 }
 
 /** Collective(shard): estimators of a fold, or after the folds of both halves. */
 static enum v2v_status begin(struct judge *self, int64_t step)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_comm *shard = self->grid.shard;
-    const int64_t views = self->out->views;
-    unsigned char *left_out = NULL;
-    V2V_TRY(v2v_par_agree(shard, V2V_ALLOC(left_out, "eval.views", views)));
     for (int k = 0; k < volumes_of(self, step); k++) {
-        for (int64_t v = 0; v < views; v++) {
-            left_out[v] = is_left_out(self, step, k, v) != 0;
-        }
         v2v_watchdog_beat("estimators of some views");
-        V2V_TRY(v2v_left_out_create(&self->part[k], self->ops, &self->problem, left_out,
-                                    step < self->folds, shard));
+        V2V_TRY(v2v_left_out_create(&self->part[k], self->ops, &self->problem,
+                                    without(self, step, k), step < self->folds, self->grid.shard));
     }
 done:
-    v2v_mem_free(left_out);
     return rc;
 }
 
@@ -327,7 +323,7 @@ static enum v2v_status settle(struct judge *self)
     }
     V2V_TRY(
         V2V_ALLOC(self->views, "eval.views", v2v_mem_product(views, info->height, info->width)));
-    if (self->ops->is_open(&self->config)) {
+    if (self->ops->is_open != NULL && self->ops->is_open(&self->config)) {
         V2V_TRY(load(self, 0));
         V2V_TRY(self->ops->settle(&self->config, &self->problem, self->views));
     }
@@ -361,6 +357,20 @@ static void fini(struct judge *self)
     v2v_grid_destroy(&self->grid);
 }
 
+/** Local. */
+static enum v2v_status find_estimator(struct judge *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *network = NULL;
+    if (self->job->weights == NULL) {
+        return v2v_estimator_find(&self->ops, "tv");
+    }
+    V2V_TRY(v2v_network_find(&network, self->config.model.method));
+    self->ops = v2v_estimator_of_network(network);
+done:
+    return rc;
+}
+
 enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
                                    const struct v2v_consistency_job *job, struct v2v_comm *world)
 {
@@ -380,7 +390,7 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
                                         .width = info->width,
                                         .precision = V2V_PRECISION_F32};
     self.folds = v2v_left_out_folds(job->psf->views);
-    rc = v2v_estimator_find(&self.ops, job->weights != NULL ? "unrolled" : "tv");
+    rc = find_estimator(&self);
     if (rc == V2V_OK) {
         rc = settle(&self);
     }

@@ -71,7 +71,7 @@ struct calibrator {
     struct v2v_registration_images images;
     struct v2v_calibration *calibration;
     struct v2v_anderson *anderson;
-    double *gain;                  /* [v]: logarithms of a step */
+    double *gain, *bias;           /* [v]: logarithms: of a step, and what tv has of it by itself */
     double *at, *to;               /* all numbers of all views: before and after a step */
     struct v2v_part rows, columns; /* judged: the frame but for its margin */
     struct v2v_square busiest;
@@ -100,6 +100,7 @@ static enum v2v_status take_memory(struct calibrator *self)
     V2V_TRY(V2V_ALLOC(self->at, "calibrate.numbers", self->count * V2V_REGISTER_NUMBERS));
     V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", self->count * V2V_REGISTER_NUMBERS));
     V2V_TRY(V2V_ALLOC(self->gain, "calibrate.numbers", self->count));
+    V2V_TRY(V2V_ALLOC(self->bias, "calibrate.numbers", self->count));
     V2V_TRY(V2V_ALLOC(self->registration, "calibrate.equations", self->count));
     V2V_TRY(
         v2v_registration_images_init(&self->images, self->problem->height, self->problem->width));
@@ -110,6 +111,7 @@ done:
 static void release_memory(struct calibrator *self)
 {
     v2v_registration_images_fini(&self->images);
+    v2v_mem_free(self->bias);
     v2v_mem_free(self->gain);
     v2v_mem_free(self->to);
     v2v_mem_free(self->at);
@@ -153,25 +155,26 @@ static void weight_by_depth(const struct calibrator *self, struct v2v_part slice
     }
 }
 
+/** Of some views, as calibrated so far. Collective(comm). */
+static enum v2v_status leave_out(struct calibrator *self, struct v2v_left_out **left_out,
+                                 struct v2v_left_out_views without, int iterations)
+{
+    struct v2v_problem problem = *self->problem;
+    self->config.deconv.iterations = iterations;
+    problem.config = &self->config;
+    problem.psf = &self->psf;
+    return v2v_left_out_create(left_out, &v2v_estimator_tv, &problem, without, 1, self->comm);
+}
+
 /* Predictions of a fold, from the volume of the other views, against what was recorded.
  * Collective(comm). */
 static enum v2v_status look_at_fold(struct calibrator *self, int64_t fold,
                                     const struct stage *stage)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_problem problem = *self->problem;
     struct v2v_left_out *left_out = NULL;
-    unsigned char *is_left_out = NULL;
-    self->config.deconv.iterations = stage->iterations;
-    problem.config = &self->config;
-    problem.psf = &self->psf;
     v2v_watchdog_beat("calibrate: views left out");
-    V2V_TRY(v2v_par_agree(self->comm, V2V_ALLOC(is_left_out, "calibrate.fold", self->count)));
-    for (int64_t v = 0; v < self->count; v++) {
-        is_left_out[v] = v % v2v_left_out_folds(self->count) == fold;
-    }
-    V2V_TRY(
-        v2v_left_out_create(&left_out, &v2v_estimator_tv, &problem, is_left_out, 1, self->comm));
+    V2V_TRY(leave_out(self, &left_out, v2v_left_out_fold(self->count, fold), stage->iterations));
     V2V_TRY(v2v_left_out_run(left_out, self->volume, self->undistorted));
     weight_by_depth(self, left_out->estimator->slices);
     v2v_left_out_predict(left_out, self->predicted[0], self->volume);
@@ -194,7 +197,6 @@ static enum v2v_status look_at_fold(struct calibrator *self, int64_t fold,
     }
 done:
     v2v_left_out_destroy(&left_out);
-    v2v_mem_free(is_left_out);
     return rc;
 }
 
@@ -328,54 +330,63 @@ done:
     return rc;
 }
 
+/** Logarithms of how bright the views `seen` are by what the volume of `views` shows: `predicted`.
+ *  Collective(comm). */
+static enum v2v_status show(struct calibrator *self, struct v2v_left_out *all, double *brightness,
+                            float *predicted, const float *views, const float *seen)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_left_out_run(all, self->volume, views));
+    v2v_left_out_predict(all, predicted, self->volume);
+    for (int64_t v = 0; v < self->count; v++) {
+        const int64_t at = v * self->pixels;
+        brightness[v] = log(v2v_registration_brightness(
+            seen + at, predicted + at, self->problem->width, self->rows, self->columns));
+    }
+done:
+    return rc;
+}
+
+/* to = from + noise, all views */
+static void add_noise(const struct calibrator *self, float *to, const float *from, double noise)
+{
+    for (int64_t i = 0; i < self->count * self->pixels; i++) {
+        to[i] = from[i] + (float)(noise * v2v_random_normal(SEED, 0, (uint64_t)i));
+    }
+}
+
+/* Gains by the step less its bias; returns the largest change of a logarithm. */
+static double take_gains(struct calibrator *self)
+{
+    double *const gain = self->gain;
+    double mean = 0.0, moved = 0.0;
+    for (int64_t v = 0; v < self->count; v++) {
+        gain[v] = fmin(fmax(gain[v] - self->bias[v], -log(2.0)), log(2.0));
+        mean += gain[v] / (double)self->count;
+    }
+    for (int64_t v = 0; v < self->count; v++) {
+        self->calibration->view[v].gain *= exp(gain[v] - mean);
+        moved = fmax(moved, fabs(gain[v] - mean));
+    }
+    return moved;
+}
+
 /** Gains by how the volume of all views shows them, less how the volume of what that shows, with
  *  noise, shows it in turn. @return *moved: the largest change of a logarithm. Collective(comm). */
 static enum v2v_status step_of_gains(struct calibrator *self, double *moved)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_problem problem = *self->problem;
     struct v2v_left_out *all = NULL;
-    unsigned char *is_left_out = NULL;
-    self->config.deconv.iterations = SETTLED;
-    problem.config = &self->config;
-    problem.psf = &self->psf;
+    float *const views = self->undistorted, *const predicted = self->predicted[0];
     v2v_watchdog_beat("calibrate: gains by all views");
-    rc = apply(self);
-    if (rc == V2V_OK) {
-        rc = V2V_ALLOC(is_left_out, "calibrate.fold", self->count);
-    }
-    V2V_TRY(v2v_par_agree(self->comm, rc));
-    V2V_TRY(v2v_left_out_create(&all, &v2v_estimator_tv, &problem, is_left_out, 1, self->comm));
-    for (int of_itself = 0; of_itself < 2; of_itself++) {
-        float *const predicted = self->predicted[of_itself];
-        V2V_TRY(v2v_left_out_run(all, self->volume, self->undistorted));
-        v2v_left_out_predict(all, predicted, self->volume);
-        for (int64_t v = 0; v < self->count; v++) {
-            const int64_t at = v * self->pixels;
-            const float *seen = of_itself ? self->predicted[0] : self->undistorted;
-            const double gain = log(v2v_registration_brightness(
-                seen + at, predicted + at, self->problem->width, self->rows, self->columns));
-            self->gain[v] = of_itself ? self->gain[v] - gain : gain;
-        }
-        const double noise = v2v_tv_noise(all->estimator);
-        for (int64_t i = 0; i < self->count * self->pixels; i++) {
-            self->undistorted[i] =
-                predicted[i] + (float)(noise * v2v_random_normal(SEED, 0, (uint64_t)i));
-        }
-    }
-    double mean = 0.0;
-    for (int64_t v = 0; v < self->count; v++) {
-        self->gain[v] = fmin(fmax(self->gain[v], -log(2.0)), log(2.0));
-        mean += self->gain[v] / (double)self->count;
-    }
-    *moved = 0.0;
-    for (int64_t v = 0; v < self->count; v++) {
-        self->calibration->view[v].gain *= exp(self->gain[v] - mean);
-        *moved = fmax(*moved, fabs(self->gain[v] - mean));
-    }
+    V2V_TRY(v2v_par_agree(self->comm, apply(self)));
+    V2V_TRY(leave_out(self, &all, (struct v2v_left_out_views){0}, SETTLED));
+    V2V_TRY(show(self, all, self->gain, predicted, views, views));
+    add_noise(self, views, predicted, v2v_tv_noise(all->estimator));
+    V2V_TRY(show(self, all, self->bias, self->predicted[1], views, predicted));
+    *moved = take_gains(self);
 done:
     v2v_left_out_destroy(&all);
-    v2v_mem_free(is_left_out);
     return rc;
 }
 

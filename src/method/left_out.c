@@ -14,6 +14,16 @@ int64_t v2v_left_out_folds(int64_t views)
     return views > FEW_VIEWS ? v2v_parts(views, 2) : views;
 }
 
+struct v2v_left_out_views v2v_left_out_fold(int64_t views, int64_t fold)
+{
+    return (struct v2v_left_out_views){fold, v2v_left_out_folds(views), views};
+}
+
+static int is_left_out(const struct v2v_left_out_views *without, int64_t view)
+{
+    return view < without->end && view % without->every == without->first;
+}
+
 /* The views of `list` out of data [views,size], one after the other. */
 static void gather(float *to, const float *data, const int32_t *list, int64_t count, int64_t size)
 {
@@ -39,18 +49,18 @@ done:
 
 /** Local. */
 static enum v2v_status take_memory(struct v2v_left_out *self, const struct v2v_problem *problem,
-                                   const unsigned char *is_left_out)
+                                   const struct v2v_left_out_views *without)
 {
     enum v2v_status rc = V2V_OK;
     int64_t left_out = 0;
     V2V_TRY(V2V_ALLOC(self->view, "left_out.views", self->views));
     for (int32_t v = 0; v < self->views; v++) {
-        if (!is_left_out[v]) {
+        if (!is_left_out(without, v)) {
             self->view[self->used++] = v;
         }
     }
     for (int32_t v = 0; v < self->views; v++) {
-        if (is_left_out[v]) {
+        if (is_left_out(without, v)) {
             self->view[self->used + left_out++] = v;
         }
     }
@@ -90,7 +100,7 @@ done:
 enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
                                     const struct v2v_problem *problem,
-                                    const unsigned char *is_left_out, int predicts,
+                                    struct v2v_left_out_views without, int predicts,
                                     const struct v2v_comm *shard)
 {
     enum v2v_status rc = V2V_OK;
@@ -100,7 +110,7 @@ enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
     if (rc == V2V_OK) {
         *self = (struct v2v_left_out){
             .views = problem->psf->views, .height = problem->height, .width = problem->width};
-        rc = take_memory(self, problem, is_left_out);
+        rc = take_memory(self, problem, &without);
     }
     V2V_TRY(v2v_par_agree(shard, rc));
     own.psf = &self->psf;
@@ -117,29 +127,14 @@ done:
     return rc;
 }
 
-static int is_of_choice(int64_t views, int64_t view, int64_t choice)
-{
-    const int64_t count = views > FEW_VIEWS ? V2V_LEFT_OUT_MOST : 1;
-    const int64_t every = views / count; /* above the number of choices */
-    return view % every == every - 1 - choice && view / every < count;
-}
-
 enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
                                     const struct v2v_problem *problem, int64_t choice)
 {
-    enum v2v_status rc = V2V_OK;
-    const int64_t views = problem->psf->views;
-    unsigned char *is_left_out = NULL;
-    *left_out = NULL;
-    V2V_TRY(V2V_ALLOC(is_left_out, "left_out.choice", views));
-    for (int64_t v = 0; v < views; v++) {
-        is_left_out[v] = is_of_choice(views, v, choice) != 0;
-    }
-    V2V_TRY(v2v_left_out_create(left_out, ops, problem, is_left_out, 1, NULL));
-done:
-    v2v_mem_free(is_left_out);
-    return rc;
+    const int64_t views = problem->psf->views, count = views > FEW_VIEWS ? V2V_LEFT_OUT_MOST : 1;
+    const int64_t every = views / count; /* above the number of choices */
+    const struct v2v_left_out_views without = {every - 1 - choice, every, every * count};
+    return v2v_left_out_create(left_out, ops, problem, without, 1, NULL);
 }
 
 void v2v_left_out_destroy(struct v2v_left_out **left_out)

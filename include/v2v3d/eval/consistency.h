@@ -46,12 +46,12 @@ struct v2v_consistency {
 };
 
 struct v2v_consistency_job {
-    const struct v2v_config *config; /**< deconv.lambda, depth, tolerance; parallel */
+    const struct v2v_config *config; /**< deconv.lambda, depth, tolerance; parallel; model */
     const struct v2v_psf_file *psf;
     struct v2v_recording *recording;
     const struct v2v_scaling *scaling;
-    const char *weights; /**< of a network that takes any views: volumes are that estimator's; NULL:
-                              by total variation alone */
+    const char *weights; /**< of the model, a network that takes any views: volumes are its
+                              estimator's; NULL: by total variation alone */
     int64_t frames;      /**< at most */
     /** MEAN and UNCERTAINTY of the frames judged, which are marked done; NULL: not written. The
      *  mean is the volume of all views, the uncertainty v2v_uncertainty_of's. HDF5, of all frames.

@@ -23,19 +23,25 @@ struct v2v_left_out {
     float *volume, *rows;            /**< the projector's share of both */
 };
 
+/** Which ones: first, first + every, .. below end. None: all 0. */
+struct v2v_left_out_views {
+    int64_t first, every, end;
+};
+
 /** Folds that leave every view out once: view v is of fold v mod folds. Two views a fold, as far
  *  apart as their list allows; of six or fewer each by itself. @kind Local. */
 int64_t v2v_left_out_folds(int64_t views);
+struct v2v_left_out_views v2v_left_out_fold(int64_t views, int64_t fold);
 
 /** @kind   Collective(problem's shard)
  *  @param  ops a method that takes frames of any size @param problem of all views
- *  @param  is_left_out [views] bool; one view is used at least
+ *  @param  without what is left out; one view is used at least
  *  @param  predicts bool: v2v_left_out_predict will be called
  *  @return as v2v_estimator_create; agreed */
 enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
                                     const struct v2v_problem *problem,
-                                    const unsigned char *is_left_out, int predicts,
+                                    struct v2v_left_out_views without, int predicts,
                                     const struct v2v_comm *shard) V2V_MUST_CHECK;
 /** The same on one rank, with one of two choices of views left out, which are spread over all:
  *  three of many views, one of six or fewer. @kind Local. @param problem of three views or more */
