@@ -56,8 +56,7 @@ enum v2v_status v2v_correction_create(struct v2v_correction **correction,
     *self = (struct v2v_correction){.network = network, .y = axis_of(height), .x = axis_of(width)};
     const struct v2v_network_plan plan = {.height = self->y.tile, .width = self->x.tile};
     const int64_t voxels = v2v_mem_product(network->slices, plan.height, plan.width);
-    V2V_TRY(V2V_ALLOC(self->features, "correction.tile",
-                      v2v_mem_product(DEPTH_NET_FEATURES, voxels, 1)));
+    V2V_TRY(V2V_ALLOC(self->features, "correction.tile", v2v_mem_product(V2V_FEATURES, voxels, 1)));
     V2V_TRY(V2V_ALLOC(self->volume, "correction.tile", voxels));
     if (voxels > 0) {
         V2V_TRY(network->ops->plan(network, &plan));
@@ -93,7 +92,7 @@ static void take(const struct v2v_correction *self, const float *features, int64
                  int64_t left)
 {
     const struct axis *y = &self->y, *x = &self->x;
-    const int64_t planes = DEPTH_NET_FEATURES * self->network->slices;
+    const int64_t planes = V2V_FEATURES * self->network->slices;
 #pragma omp parallel for schedule(static)
     for (int64_t row = 0; row < planes * y->tile; row++) {
         const int64_t plane = row / y->tile, line = top + row % y->tile;

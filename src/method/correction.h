@@ -21,7 +21,7 @@ int64_t v2v_correction_bytes(int64_t slices);
 
 /** The network's volume, none below zero. Of frames with an odd side the last line keeps the first
  *  feature, for the network pools pixels by two. @kind Local, no allocation.
- *  @param volume [z,height,width] out @param features [DEPTH_NET_FEATURES,z,height,width] */
+ *  @param volume [z,height,width] out @param features [V2V_FEATURES,z,height,width] */
 void v2v_correction_run(struct v2v_correction *correction, float *volume, const float *features);
 
 #endif

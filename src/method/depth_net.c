@@ -38,7 +38,7 @@ static const struct wire wires[WIRES] = {{0, 1, 0, 4}, {1, 2, 0, 4},  {2, 3, 0, 
                                          {1, 4, 0, 2}, {3, 4, 16, 2}, {4, 5, 0, 0}};
 
 /* Slices that the first layer sees of each feature, to either side. */
-static const int64_t reach[DEPTH_NET_FEATURES] = {2, 1, 1};
+static const int64_t reach[V2V_FEATURES] = {2, 1, 1};
 
 static const float no_bias[MOST_CHANNELS];
 static const char *const keys[] = {"deconv.lambda",     "deconv.depth",     "deconv.tolerance",
@@ -84,7 +84,7 @@ static enum v2v_status create(struct v2v_network *network, const struct v2v_netw
     struct depth_net *self = NULL;
     V2V_TRY(V2V_ALLOC(self, "depth_net", 1));
     network->self = self;
-    network->inputs = DEPTH_NET_FEATURES * spec->slices;
+    network->inputs = V2V_FEATURES * spec->slices;
     self->slices = spec->slices;
     self->method = (struct v2v_conv_method){.backend = spec->config->model.backend,
                                             .winograd = spec->config->model.winograd,
@@ -131,7 +131,7 @@ static void destroy(struct v2v_network *network)
 static void describe_work(struct v2v_grid_work *work, const struct v2v_network_spec *spec,
                           int64_t height, int64_t width)
 {
-    int64_t quarters = 4 * (DEPTH_NET_FEATURES + 2); /* of a float for every voxel */
+    int64_t quarters = 4 * (V2V_FEATURES + 2); /* of a float for every voxel */
     for (int i = 0; i < LAYERS; i++) {
         quarters += (sizes[i].in + sizes[i].out) * (sizes[i].half ? 1 : 4);
     }
@@ -234,7 +234,7 @@ static void gather_features(const struct depth_net *self, const float *features)
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->slices; z++) {
         float *to = layer->in + z * INPUTS * pixels;
-        for (int f = 0; f < DEPTH_NET_FEATURES; f++) {
+        for (int f = 0; f < V2V_FEATURES; f++) {
             for (int64_t d = -reach[f]; d <= reach[f]; d++, to += pixels) {
                 memcpy(to, features + (f * self->slices + neighbour(self, z, d)) * pixels,
                        (size_t)pixels * sizeof *to);

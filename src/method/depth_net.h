@@ -7,14 +7,13 @@
  *  power of two; weights of the last layer of zero give the first feature.
  *
  *  In the interface of nn/network.h, the "views" of a frame are its features, volumes each:
- *  [DEPTH_NET_FEATURES,slices,y,x], of which the first one is corrected. Sides are even.
+ *  [V2V_FEATURES,slices,y,x], of which the first one is corrected. Sides are even.
  */
 #ifndef V2V3D_METHOD_DEPTH_NET_H
 #define V2V3D_METHOD_DEPTH_NET_H
 
+#include "method/features.h"
 #include "v2v3d/nn/network.h"
-
-enum { DEPTH_NET_FEATURES = 3 };
 
 /* A tile with so many pixels around it has its values in the whole; it begins at even pixels. */
 enum { DEPTH_NET_HALO = 8 };

@@ -107,7 +107,7 @@ void v2v_features_of_volume(struct v2v_features *features, float *out, const flo
     const int64_t voxels = self->slices * self->height * self->width;
     const int64_t whole = self->slices * self->torus.height * self->torus.width;
     cut(self, out, volume, self->slices);
-    v2v_data_step_project(self->step, self->image, volume);
+    v2v_data_step_project(self->step, self->image, volume); /* which may be self->volume */
     miss(self, views);
     v2v_data_step_begin_torus(self->step, self->image);
     for (int k = 1; k < V2V_FEATURES; k++) {
@@ -125,6 +125,9 @@ enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out,
     enum v2v_status rc = V2V_OK;
     const struct v2v_estimator *tv = features->estimator;
     V2V_TRY(tv->ops->run(features->estimator, &out, views, NULL)); /* f0, which is cut again */
+    if (volume == NULL) {
+        volume = features->volume;
+    }
     v2v_tv_torus_volume(tv, volume);
     *noise = v2v_tv_noise(tv);
     if (*noise > 0.0) {

@@ -131,7 +131,7 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
     v2v_features_simulate(self->features, self->views, self->flipped, noise,
                           (uint64_t)self->config->train.seed,
                           v2v_random_fnv1a64("lessons") + (uint64_t)number);
-    V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &again, self->views));
+    V2V_TRY(v2v_features_of_views(self->features, images, NULL, &again, self->views));
     const double error = normalize(images, slices, pixels);
     v2v_log(V2V_LOG_DEBUG, "lesson %lld, from frame %lld: noise %.3g, error %.3g",
             (long long)number, (long long)t, noise, error);

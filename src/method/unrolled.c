@@ -15,8 +15,7 @@ struct unrolled {
     struct v2v_correction *correction;
     double strength; /* of the correction: 0 .. 1 */
     int64_t voxels;
-    float *found;  /* [feature,z,y,x] */
-    float *volume; /* [z,torus] */
+    float *found; /* [feature,z,y,x] */
 };
 
 static int is_open(const struct v2v_config *config)
@@ -43,7 +42,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
     const int64_t torus_pixels = v2v_mem_product(torus.height, torus.width, 1);
     const int64_t floats =
-        v2v_mem_product(2 * psf->slices + psf->views, torus_pixels, 1) +
+        v2v_mem_product(psf->slices + psf->views, torus_pixels, 1) +
         v2v_mem_product(V2V_FEATURES * psf->slices, problem->height, problem->width);
     V2V_TRY(v2v_estimator_tv.describe_work(work, problem));
     work->bytes = v2v_mem_bytes(floats, work->bytes) + v2v_correction_bytes(psf->slices);
@@ -62,14 +61,11 @@ static enum v2v_status plan(struct unrolled *self, const struct v2v_problem *pro
                                   &self->network->schema.fields));
     V2V_TRY(v2v_features_create(&self->features, problem));
     V2V_TRY(v2v_correction_create(&self->correction, self->network, height, width));
-    const struct v2v_torus torus = v2v_features_torus(self->features);
     const struct v2v_number *strength = &problem->config->recon.strength;
     self->strength = strength->mode == V2V_NUMBER_GIVEN ? strength->value : 1.0;
     self->voxels = v2v_mem_product(slices, height, width);
     V2V_TRY(V2V_ALLOC(self->found, "unrolled.features",
                       v2v_mem_product(V2V_FEATURES * slices, height, width)));
-    V2V_TRY(V2V_ALLOC(self->volume, "unrolled.volume",
-                      v2v_mem_product(slices, torus.height, torus.width)));
 done:
     return rc;
 }
@@ -93,7 +89,6 @@ static void destroy(struct v2v_estimator *estimator)
         v2v_network_destroy(&self->network);
         v2v_features_destroy(&self->features);
         v2v_mem_free(self->found);
-        v2v_mem_free(self->volume);
         v2v_mem_free(self);
     }
 }
@@ -120,7 +115,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     struct unrolled *self = estimator->self;
     double noise = 0.0;
     (void)monitor; /* the iterations under it are another method's */
-    rc = v2v_features_of_views(self->features, self->found, self->volume, &noise, views);
+    rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     v2v_correction_run(self->correction, volume[0], self->found);
     if (self->strength < 1.0) {

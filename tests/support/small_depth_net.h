@@ -23,7 +23,7 @@ static inline void small_depth_net_init(struct small_depth_net *net, int64_t sli
     struct v2v_network *network = &net->network;
     v2v_config_defaults(&net->config);
     const struct v2v_network_spec spec = {.config = &net->config,
-                                          .views = DEPTH_NET_FEATURES * slices,
+                                          .views = V2V_FEATURES * slices,
                                           .slices = slices,
                                           .outputs = V2V_NETWORK_ALL};
     const struct v2v_network_plan plan = {.height = height, .width = width, .training = 1};

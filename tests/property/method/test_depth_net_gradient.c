@@ -30,7 +30,7 @@ static void setup(struct trial *t, int is_smooth, int64_t slices, int64_t height
 {
     *t = (struct trial){
         .voxels = slices * height * width, .is_smooth = is_smooth, .spoilt = -1, .factor = -1.0f};
-    t->features = small_draw(DEPTH_NET_FEATURES * t->voxels, 1, 1.0);
+    t->features = small_draw(V2V_FEATURES * t->voxels, 1, 1.0);
     t->volume = small_draw(t->voxels, 2, 1.0);
     t->dvolume = small_draw(t->voxels, 3, 1.0);
     small_depth_net_init(&t->net, slices, height, width);
@@ -39,7 +39,7 @@ static void setup(struct trial *t, int is_smooth, int64_t slices, int64_t height
         t->net.network.weights[last->offset + i] *= 10.0f;
     }
     if (is_smooth) {
-        lift(t->features, DEPTH_NET_FEATURES * t->voxels);
+        lift(t->features, V2V_FEATURES * t->voxels);
         lift(t->net.network.weights, t->net.network.schema.fields.total);
     }
 }

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-enum { SLICES = 2, FEATURES = DEPTH_NET_FEATURES };
+enum { SLICES = 2, FEATURES = V2V_FEATURES };
 
 /* Products that a voxel's sum has, of all layers. */
 static const double terms = 9 * (11 + 16 + 16 + 32 + 48 + 16);

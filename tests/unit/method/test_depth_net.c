@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-enum { FEATURES = DEPTH_NET_FEATURES, MOST_SLICES = 5, MOST_PIXELS = 48 * 48 };
+enum { FEATURES = V2V_FEATURES, MOST_SLICES = 5, MOST_PIXELS = 48 * 48 };
 enum { MOST_VOXELS = MOST_SLICES * MOST_PIXELS, MOST_INPUTS = 48 };
 
 /* Products that a voxel's sum has, of all layers. */
