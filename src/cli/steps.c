@@ -134,10 +134,10 @@ static enum v2v_status read_weights_info(const struct v2v_session *session,
                                          const struct v2v_network_ops **ops, const char *path)
 {
     enum v2v_status rc = v2v_weights_file_info(info, path);
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_network_of_weights(ops, info, path));
-done:
-    return rc;
+    if (rc == V2V_OK) {
+        rc = v2v_network_of_weights(ops, info, path);
+    }
+    return v2v_par_agree(session->world, rc);
 }
 
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,

@@ -34,6 +34,25 @@ says 'volume, 2 frames, 7 slices of 64 x 64'
 refuses 78 "'backconv' skips nothing" reconstruct --psf psf.h5 --weights backconv.h5 \
     --input recording.h5 -o out.h5 --skip auto
 
+# A correction of no strength is total variation; of all strength it is not, with any weights.
+works weights init --psf psf.h5 --set model.method=unrolled --rule he --seed 3 -o unrolled.h5
+works deconvolve --psf psf.h5 --input recording.h5 -o tv.h5
+for strength in 0 1; do
+    works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording.h5 \
+        -o "strength-$strength.h5" --set recon.neighbours=0 --strength "$strength"
+done
+same strength-0.h5 tv.h5 /volume
+if command -v h5diff >/dev/null && h5diff strength-1.h5 tv.h5 /volume >/dev/null; then
+    fail 'a correction of strength 1 corrects nothing'
+fi
+works evaluate --volume tv.h5 --psf psf.h5 --input recording.h5 --json
+mv stdout uncorrected.json
+works evaluate --volume tv.h5 --psf psf.h5 --input recording.h5 --weights unrolled.h5 \
+    --set recon.strength=1 --json
+cmp -s stdout uncorrected.json && fail 'evaluate does not correct by the weights'
+refuses 65 "w.h5: the network 'v2v' cannot do without some of its views" evaluate --volume tv.h5 \
+    --psf psf.h5 --input recording.h5 --weights w.h5
+
 # A homogeneous network takes brightness out: another gain, divided out again, changes nothing.
 for way in true false; do
     works weights init --psf psf.h5 --width 4 --rule hash --seed 7 \
