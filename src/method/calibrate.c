@@ -148,7 +148,7 @@ done:
 static void weight_by_depth(const struct calibrator *self, struct v2v_part slices)
 {
     for (int64_t z = 0; z < slices.count; z++) {
-        const float depth = (float)v2v_field_place(slices.first + z, self->problem->psf->slices);
+        const float depth = (float)v2v_line_place(slices.first + z, self->problem->psf->slices);
         for (int64_t i = 0; i < self->pixels; i++) {
             self->deep[z * self->pixels + i] = depth * self->volume[z * self->pixels + i];
         }

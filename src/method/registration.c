@@ -6,9 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Pixels from the frame's edge, that PSFs are reckoned to reach. */
-enum { MARGIN = 24 };
-
 /* Of the largest diagonal element, what a pivot must have. */
 static const double least_pivot = 1e-10;
 
@@ -41,7 +38,7 @@ void v2v_registration_images_fini(struct v2v_registration_images *images)
 
 struct v2v_part v2v_registration_judged(int64_t side)
 {
-    const int64_t margin = v2v_smaller(MARGIN, (side - 1) / 4);
+    const int64_t margin = v2v_field_margin(side);
     return (struct v2v_part){margin, side - 2 * margin};
 }
 

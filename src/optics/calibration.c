@@ -20,7 +20,7 @@ enum { ALIGNED_FLOATS = 32 };
 /* Depth of a slice: -1 for the first, 1 for the last. */
 static double depth_of(int64_t z, int64_t slices)
 {
-    return v2v_field_place(z, slices);
+    return v2v_line_place(z, slices);
 }
 
 /* How far the window must grow on every side. */

@@ -1,6 +1,8 @@
 #ifndef V2V3D_BASE_FIELD_H
 #define V2V3D_BASE_FIELD_H
 
+#include "v2v3d/base/bounds.h"
+
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -11,10 +13,27 @@ extern "C" {
  *  at one edge of the image to 1 at the other. What is constant belongs elsewhere. */
 enum { V2V_FIELD_TERMS = 9 };
 
-/** Where pixel i of a side is, -1 .. 1. @kind Local. */
+/** Pixels from the edge in which a field goes on as it is where they begin: fields are fitted to
+ *  what lies inside, and their third powers, continued, would leave all bounds. */
+enum { V2V_FIELD_MARGIN = 24 };
+
+/** Of a side: fewer where it is short. @kind Local. */
+static inline int64_t v2v_field_margin(int64_t side)
+{
+    return v2v_smaller(V2V_FIELD_MARGIN, (side - 1) / 4);
+}
+
+/** Where item i of a line is, -1 .. 1. @kind Local. */
+static inline double v2v_line_place(int64_t i, int64_t count)
+{
+    return count > 1 ? 2.0 * (double)i / (double)(count - 1) - 1.0 : 0.0;
+}
+
+/** Where pixel i of a side takes its field from, -1 .. 1: within the margins. @kind Local. */
 static inline double v2v_field_place(int64_t i, int64_t side)
 {
-    return side > 1 ? 2.0 * (double)i / (double)(side - 1) - 1.0 : 0.0;
+    const int64_t margin = v2v_field_margin(side);
+    return v2v_line_place(v2v_within(i, margin, side - 1 - margin), side);
 }
 
 /** The terms at a place: x, y, x x, x y, y y, x x x, x x y, x y y, y y y. @kind Local. */
