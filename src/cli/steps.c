@@ -5,6 +5,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/io/file_sum.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
@@ -14,15 +15,34 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 int v2v_step_on_root(const struct v2v_session *session)
 {
     return v2v_comm_rank(session->world) == 0;
 }
 
+/* Frames that an interrupted run finished are not thrown away unasked. Rank-0. */
+static enum v2v_status keep_frames(const char *path)
+{
+    struct v2v_volume_left left;
+    v2v_volume_left(&left, path, NULL);
+    if (left.done == 0) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_USAGE,
+                    "%s: an interrupted run left %" PRId64 " of %" PRId64
+                    " frames; --resume goes on with them, --force discards them",
+                    path, left.done, left.frames);
+}
+
 enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
                                 const char *const *inputs, int64_t count)
+{
+    return v2v_step_output_or_resume(session, path, inputs, count, 0);
+}
+
+enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, const char *path,
+                                          const char *const *inputs, int64_t count, int resume)
 {
     enum v2v_status rc = V2V_OK;
     enum { MOST = 64 };
@@ -34,7 +54,10 @@ enum v2v_status v2v_step_output(const struct v2v_session *session, const char *p
         }
     }
     if (v2v_step_on_root(session)) {
-        rc = v2v_file_check_output(path, session->force, given, n);
+        rc = v2v_file_check_output(path, session->force || resume, given, n);
+        if (rc == V2V_OK && !session->force && !resume) {
+            rc = keep_frames(path);
+        }
     }
     return v2v_par_agree(session->world, rc);
 }
@@ -326,11 +349,10 @@ done:
 
 /* Everything the voxels depend on, as text; to be freed with free(). */
 static enum v2v_status task_text(char **text, const struct v2v_provenance *provenance,
-                                 const struct v2v_session *session, const char *recording)
+                                 const struct v2v_session *session, uint64_t recording)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_config config, defaults;
-    struct stat state;
     size_t bytes = 0;
     FILE *stream = open_memstream(text, &bytes);
     if (stream == NULL) {
@@ -353,9 +375,9 @@ static enum v2v_status task_text(char **text, const struct v2v_provenance *prove
                     item->number);
         }
     }
-    if (stat(recording, &state) == 0) {
-        fprintf(stream, "%lld bytes, changed %lld.%09ld\n", (long long)state.st_size,
-                (long long)state.st_mtim.tv_sec, state.st_mtim.tv_nsec);
+    fprintf(stream, "recording %016" PRIx64 "\n", recording);
+    if (session->calibration.views > 0) {
+        v2v_calibration_print(&session->calibration, stream);
     }
     if (fclose(stream) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the task's text"));
@@ -370,9 +392,11 @@ enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
 {
     enum v2v_status rc = V2V_OK;
     char *text = NULL;
+    uint64_t sum = 0;
+    V2V_TRY(v2v_file_sum(&sum, recording, session->world));
     add_number(provenance, "first_frame", (double)first_frame);
     if (v2v_step_on_root(session)) { /* the other ranks' attributes are not written */
-        rc = task_text(&text, provenance, session, recording);
+        rc = task_text(&text, provenance, session, sum);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     snprintf(provenance->task, sizeof provenance->task, "%016" PRIx64,

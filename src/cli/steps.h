@@ -16,10 +16,17 @@
 /** Is this the rank that prints? @kind Local */
 int v2v_step_on_root(const struct v2v_session *session);
 
-/** Refuse an output that exists (without --force), is one of the inputs (NULLs are skipped), or
- *  lies where nothing can be written. Rank 0 looks. @kind Collective(world), agreed */
+/** Refuse an output that exists or of which an interrupted run finished frames (without --force),
+ *  is one of the inputs (NULLs are skipped), or lies where nothing can be written. Rank 0 looks.
+ *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
                                 const char *const *inputs, int64_t count) V2V_MUST_CHECK;
+
+/** Likewise where `resume` says that what is there is to be gone on with.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, const char *path,
+                                          const char *const *inputs, int64_t count,
+                                          int resume) V2V_MUST_CHECK;
 
 /** Does the name end in one of .h5 .hdf5, or .tif .tiff? @kind Local */
 int v2v_step_is_hdf5_name(const char *path);
@@ -94,7 +101,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
                                     const struct v2v_scaling *scaling) V2V_MUST_CHECK;
 
 /** Add which frame of the recording is the first, and `task` (V2V_VOLUME_TASK): a hash of what was
- *  added so far, the recording's name, size and time of change, and the frame. Ranks, threads and
+ *  added so far, the recording's bytes, the calibration, and the frame. Ranks, threads and
  *  the rest of the configuration's section `parallel` are not in it: they don't change what is
  *  computed. @kind Collective(world), agreed */
 enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,

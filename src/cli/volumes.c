@@ -27,6 +27,8 @@ struct work {
     struct v2v_scaling scaling;
     struct v2v_problem problem;
     struct v2v_recon *recon;
+    struct v2v_volume_info info;
+    unsigned datasets;
     struct v2v_provenance provenance;
     struct v2v_volume_writer *writer;
 };
@@ -68,17 +70,6 @@ static enum v2v_status check(struct work *work, const struct v2v_session *sessio
                         given->output);
     }
     return parse_frames(&work->frames, given->frames);
-}
-
-/* Outputs get their names only when they are complete. Collective. */
-static int is_done(const struct v2v_volumes *given, const struct v2v_session *session)
-{
-    int done = given->resume && v2v_file_exists(given->output);
-    v2v_par_broadcast(session->world, &done, sizeof done, 0);
-    if (done) {
-        v2v_log(V2V_LOG_INFO, "%s is complete already", given->output);
-    }
-    return done;
 }
 
 /* The weights, and what convolutions compute in; what was decided against is not what the volume's
@@ -172,9 +163,6 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
         V2V_TRY(settle_network(work, session));
     }
     V2V_TRY(settle_by_frame(work, session, &input));
-    V2V_TRY(v2v_recon_create(&work->recon, work->ops, &work->problem,
-                             v2v_smaller(info->frames - work->frames.first, work->frames.count),
-                             session->world));
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
@@ -182,24 +170,78 @@ done:
     return rc;
 }
 
-static enum v2v_status open_output(struct work *work, const struct v2v_session *session)
+/* What the output will be, and of which task. Collective. */
+static enum v2v_status describe(struct work *work, const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
-    struct v2v_provenance *provenance = &work->provenance;
-    const struct v2v_volume_info info =
-        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
-    unsigned datasets = 1u << V2V_VOLUME_MEAN;
+    work->info = v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+    work->datasets = 1u << V2V_VOLUME_MEAN;
     if (given->branches) {
-        datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
+        work->datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
     }
-    V2V_TRY(v2v_provenance_init(provenance, session, &work->psf, given->weights, &work->scaling));
-    V2V_TRY(v2v_provenance_task(provenance, session, given->input, work->frames.first));
-    V2V_TRY((given->resume ? v2v_volume_resume : v2v_volume_create)(
-        &work->writer, given->output, &info, datasets, provenance->item, provenance->count,
-        session->world));
+    V2V_TRY(v2v_provenance_init(&work->provenance, session, &work->psf, given->weights,
+                                &work->scaling));
+    V2V_TRY(v2v_provenance_task(&work->provenance, session, given->input, work->frames.first));
 done:
     return rc;
+}
+
+/* With --resume: is the output complete already? One of another task, or a damaged one, is never
+ * taken for it. Collective. */
+static enum v2v_status meet_output(int *is_complete, const struct work *work,
+                                   const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *const output = work->given->output;
+    const struct v2v_provenance *provenance = &work->provenance;
+    char reason[512];
+    int there = v2v_file_exists(output);
+    *is_complete = 0;
+    v2v_par_broadcast(session->world, &there, sizeof there, 0);
+    if (!work->given->resume || !there) {
+        return V2V_OK;
+    }
+    rc = v2v_volume_check(output, &work->info, work->datasets, provenance->item, provenance->count,
+                          session->world);
+    snprintf(reason, sizeof reason, "%s", v2v_status_message());
+    if (rc == V2V_E_INPUT && session->force) {
+        v2v_log(V2V_LOG_WARNING, "%s; it is made anew", reason);
+        return V2V_OK;
+    }
+    if (rc == V2V_E_INPUT) {
+        V2V_TRY(V2V_FAIL(rc, "%s; --force makes it anew", reason));
+    }
+    V2V_TRY(rc);
+    *is_complete = 1;
+    v2v_log(V2V_LOG_INFO, "%s is complete already", output);
+done:
+    return rc;
+}
+
+/* With --resume: frames of another task are not thrown away unasked. Collective. */
+static enum v2v_status meet_frames(const struct work *work, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume_left left = {0};
+    if (work->given->resume && !session->force && v2v_step_on_root(session)) {
+        v2v_volume_left(&left, work->given->output, work->provenance.task);
+    }
+    if (left.done > 0 && !left.is_same) {
+        rc = V2V_FAIL(V2V_E_INPUT,
+                      "%s: the %lld of %lld frames that an interrupted run left are of another "
+                      "task: inputs, settings or program differ; --force discards them",
+                      work->given->output, (long long)left.done, (long long)left.frames);
+    }
+    return v2v_par_agree(session->world, rc);
+}
+
+static enum v2v_status open_output(struct work *work, const struct v2v_session *session)
+{
+    const struct v2v_provenance *provenance = &work->provenance;
+    return (work->given->resume ? v2v_volume_resume : v2v_volume_create)(
+        &work->writer, work->given->output, &work->info, work->datasets, provenance->item,
+        provenance->count, session->world);
 }
 
 static void report_skipped(const struct work *work)
@@ -291,12 +333,26 @@ static void report_quality(struct work *work, const struct v2v_session *session)
     log_match(&match, work->frames.first);
 }
 
-static void close_all(struct work *work, enum v2v_status rc)
+/* A failed run keeps the frames that it finished, and says so. Collective. */
+static void keep_frames(struct work *work, const struct v2v_session *session)
 {
-    if (rc == V2V_STOPPED || rc == V2V_E_IO) {
-        v2v_volume_suspend(&work->writer);
+    struct v2v_volume_left left;
+    if (work->writer == NULL) {
+        return;
     }
-    v2v_volume_abandon(&work->writer);
+    v2v_volume_suspend(&work->writer);
+    if (v2v_step_on_root(session)) {
+        v2v_volume_left(&left, work->given->output, NULL);
+        if (left.done > 0) {
+            v2v_log(V2V_LOG_WARNING, "%s: %lld of %lld frames are done; --resume goes on with them",
+                    work->given->output, (long long)left.done, (long long)left.frames);
+        }
+    }
+}
+
+static void close_all(struct work *work, const struct v2v_session *session)
+{
+    keep_frames(work, session);
     v2v_provenance_fini(&work->provenance);
     v2v_recon_destroy(&work->recon);
     v2v_recording_close(&work->recording);
@@ -311,14 +367,21 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     struct work work = {.given = given, .ops = ops};
     const double started = v2v_clock_now();
     double ready = 0.0;
+    int is_complete = 0;
     V2V_TRY(check(&work, session));
-    if (is_done(given, session)) {
+    V2V_TRY(v2v_step_output_or_resume(
+        session, given->output,
+        (const char *const[]){given->psf, given->weights, given->calibration, given->input}, 4,
+        given->resume));
+    V2V_TRY(prepare(&work, session));
+    V2V_TRY(describe(&work, session));
+    V2V_TRY(meet_output(&is_complete, &work, session));
+    if (is_complete) {
         goto done;
     }
-    V2V_TRY(v2v_step_output(
-        session, given->output,
-        (const char *const[]){given->psf, given->weights, given->calibration, given->input}, 4));
-    V2V_TRY(prepare(&work, session));
+    V2V_TRY(meet_frames(&work, session));
+    V2V_TRY(
+        v2v_recon_create(&work.recon, work.ops, &work.problem, work.info.frames, session->world));
     V2V_TRY(open_output(&work, session));
     v2v_step_announce(session);
     struct v2v_par_time began = v2v_par_time_now();
@@ -334,6 +397,6 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     }
     report_quality(&work, session);
 done:
-    close_all(&work, rc);
+    close_all(&work, session);
     return rc;
 }

@@ -116,7 +116,27 @@ done:
 
 enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path)
 {
-    return v2v_text_format(temporary, V2V_PATH_BYTES, "%s.tmp", path);
+    return v2v_text_format(temporary, V2V_PATH_BYTES, "%s.v2v3d-part", path);
+}
+
+enum v2v_status v2v_file_clear(const char *temporary)
+{
+    return unlink(temporary) == 0 || errno == ENOENT
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_IO, "%s: cannot be removed: %s", temporary, strerror(errno));
+}
+
+enum v2v_status v2v_file_create(int *descriptor, const char *temporary)
+{
+    enum v2v_status rc = V2V_OK;
+    *descriptor = -1;
+    V2V_TRY(v2v_file_clear(temporary));
+    *descriptor = open(temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (*descriptor < 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
+    }
+done:
+    return rc;
 }
 
 /* fsync works on a descriptor that was opened for reading, and on a folder's. */
@@ -167,18 +187,30 @@ static int is_current(int descriptor, const char *path)
 {
     struct stat open_one, named_one;
 
-    return fstat(descriptor, &open_one) == 0 && stat(path, &named_one) == 0 &&
+    return fstat(descriptor, &open_one) == 0 && lstat(path, &named_one) == 0 &&
            open_one.st_dev == named_one.st_dev && open_one.st_ino == named_one.st_ino;
+}
+
+static int is_regular(int descriptor)
+{
+    struct stat status;
+    return fstat(descriptor, &status) == 0 && S_ISREG(status.st_mode);
 }
 
 enum v2v_status v2v_file_lock(int *descriptor, const char *path)
 {
     for (;;) {
-        int fresh = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+        /* a pipe without a reader would keep who opens it waiting */
+        int fresh = open(path, O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0666);
 
         *descriptor = -1;
         if (fresh < 0) {
-            return V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno));
+            return errno == ELOOP ? V2V_FAIL(V2V_E_IO, "%s: is a link; remove it", path)
+                                  : V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno));
+        }
+        if (!is_regular(fresh)) {
+            (void)close(fresh);
+            return V2V_FAIL(V2V_E_IO, "%s: is not a regular file; remove it", path);
         }
         if (flock(fresh, LOCK_EX | LOCK_NB) != 0) {
             int reason = errno;
@@ -192,6 +224,25 @@ enum v2v_status v2v_file_lock(int *descriptor, const char *path)
             return V2V_OK;
         }
         (void)close(fresh);
+    }
+}
+
+enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES], const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    *descriptor = -1;
+    V2V_TRY(v2v_text_format(name, V2V_PATH_BYTES, "%s.v2v3d-lock", path));
+    V2V_TRY(v2v_file_lock(descriptor, name));
+done:
+    return rc;
+}
+
+void v2v_file_unlock_output(int *descriptor, const char *name)
+{
+    if (*descriptor >= 0) {
+        (void)unlink(name); /* while it is held: who finds it gone makes its own */
+        (void)close(*descriptor);
+        *descriptor = -1;
     }
 }
 
@@ -231,17 +282,31 @@ enum v2v_status v2v_file_write_text(const char *path, const char *text)
     char temporary[V2V_PATH_BYTES];
     FILE *stream = NULL;
 
-    V2V_TRY(v2v_file_temporary(temporary, path));
-    stream = fopen(temporary, "we");
-    if (stream == NULL) {
-        return V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
-    }
+    V2V_TRY(v2v_file_begin(&stream, temporary, path));
     V2V_TRY(V2V_FAULT_POINT("file.write_text"));
     if (fputs(text, stream) < 0 || fflush(stream) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
     }
 done:
     return v2v_file_close_and_commit(rc, stream, temporary, path);
+}
+
+enum v2v_status v2v_file_begin(FILE **stream, char temporary[V2V_PATH_BYTES], const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    int descriptor = -1;
+
+    *stream = NULL;
+    V2V_TRY(v2v_file_temporary(temporary, path));
+    V2V_TRY(v2v_file_create(&descriptor, temporary));
+    *stream = fdopen(descriptor, "w");
+    if (*stream == NULL) {
+        rc = V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
+        (void)close(descriptor);
+        (void)unlink(temporary);
+    }
+done:
+    return rc;
 }
 
 enum v2v_status v2v_file_close_and_commit(enum v2v_status rc, FILE *stream, const char *temporary,

@@ -4,6 +4,11 @@
 #include "v2v3d/io/file.h"
 #include <stdio.h>
 
+/** Begin to write `path` under its temporary name. @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT (too long a name) | V2V_E_IO; *stream is NULL unless OK */
+enum v2v_status v2v_file_begin(FILE **stream, char temporary[V2V_PATH_BYTES],
+                               const char *path) V2V_MUST_CHECK;
+
 /** End the writing of a temporary file: close it; commit it to `path` when `rc` and the close are
  *  fine, else remove it. A NULL stream (it was never opened) hands `rc` back.
  *  @kind Local. @return rc | V2V_E_IO */

@@ -157,8 +157,7 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
         verdict->good[t] = sum_frame(&sum, verdict->image, file, path, plan, t) == V2V_OK &&
                            sum == verdict->checksum[t];
         if (!verdict->good[t]) {
-            v2v_log(V2V_LOG_WARNING, "%s: frame %lld is damaged and computed anew", path,
-                    (long long)t);
+            v2v_log(V2V_LOG_INFO, "%s: frame %lld is damaged", path, (long long)t);
         }
     }
 done:
@@ -166,45 +165,94 @@ done:
     return rc == V2V_E_INPUT ? V2V_OK : rc;
 }
 
-/* Rank 0: 1 when the file can be gone on with. */
-static int is_usable(const char *temporary, const struct v2v_h5_plan *plan)
-{
-    if (!v2v_file_exists(temporary)) {
-        return 0;
-    }
-    if (check_file(temporary, plan) != V2V_OK) {
-        v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
-        return 0;
-    }
-    return 1;
-}
-
-enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
-                              const struct v2v_h5_plan *plan, const struct v2v_comm *comm)
+enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct v2v_h5_plan *plan,
+                                   const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct verdict verdict = {0};
     const int64_t frames = plan->shape[0];
-    int64_t count = 0;
-    *found = v2v_comm_rank(comm) == 0 && is_usable(temporary, plan);
-    v2v_par_broadcast(comm, found, sizeof *found, 0);
-    if (!*found) {
-        goto done;
+    if (v2v_comm_rank(comm) == 0) {
+        rc = check_file(path, plan);
     }
-    rc = verify(&verdict, temporary, plan,
+    V2V_TRY(v2v_par_agree(comm, rc));
+    rc = verify(&verdict, path, plan,
                 v2v_par_part(frames, v2v_comm_size(comm), v2v_comm_rank(comm)));
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_sum_i64(comm, verdict.good, frames);
     for (int64_t t = 0; t < frames; t++) {
         done[t] = verdict.good[t] != 0;
-        count += done[t];
     }
-    v2v_log(V2V_LOG_INFO, "resuming: %lld of %lld frames are done", (long long)count,
-            (long long)frames);
 done:
     v2v_mem_free(verdict.image);
     v2v_mem_free(verdict.good);
     v2v_mem_free(verdict.checksum);
     v2v_mem_free(verdict.marked);
     return rc;
+}
+
+enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
+                              const struct v2v_h5_plan *plan, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t count = 0;
+    *found = v2v_comm_rank(comm) == 0 && v2v_file_exists(temporary);
+    v2v_par_broadcast(comm, found, sizeof *found, 0);
+    if (!*found) {
+        return V2V_OK;
+    }
+    rc = v2v_h5_good_frames(done, temporary, plan, comm);
+    if (rc == V2V_E_INPUT) {
+        v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
+        *found = 0;
+        return V2V_OK;
+    }
+    V2V_TRY(rc);
+    for (int64_t t = 0; t < plan->shape[0]; t++) {
+        count += done[t];
+    }
+    v2v_log(V2V_LOG_INFO, "resuming: %lld of %lld frames are done", (long long)count,
+            (long long)plan->shape[0]);
+done:
+    return rc;
+}
+
+/* Its frames, if the file is one that can be gone on with. */
+static enum v2v_status count_left(struct v2v_volume_left *left, const char *path, const char *task)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID, set = H5I_INVALID_HID, space = H5I_INVALID_HID;
+    hsize_t frames = 0;
+    char its_task[64];
+    uint8_t *marked = NULL;
+    int there = 0;
+    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_open(&file, path));
+    V2V_TRY(v2v_h5_get_text(its_task, sizeof its_task, &there, file, path, V2V_VOLUME_TASK));
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, "/done"));
+    space = H5Dget_space(set);
+    if (!there || H5Sget_simple_extent_ndims(space) != 1 ||
+        H5Sget_simple_extent_dims(space, &frames, NULL) != 1) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: no volume that was begun", path));
+    }
+    V2V_TRY(V2V_ALLOC(marked, "io.resume", (int64_t)frames));
+    V2V_TRY(read_numbers(marked, file, path, "/done", H5T_NATIVE_UINT8));
+    left->frames = (int64_t)frames;
+    left->is_same = task != NULL && strcmp(task, its_task) == 0;
+    for (int64_t t = 0; t < left->frames; t++) {
+        left->done += marked[t] == 1;
+    }
+done:
+    v2v_mem_free(marked);
+    v2v_h5_close(&space);
+    v2v_h5_close(&set);
+    v2v_h5_close(&file);
+    return rc;
+}
+
+void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task)
+{
+    *left = (struct v2v_volume_left){0};
+    if (v2v_file_check_input(temporary) == V2V_OK && count_left(left, temporary, task) != V2V_OK) {
+        *left = (struct v2v_volume_left){0};
+    }
 }

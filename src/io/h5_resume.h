@@ -9,6 +9,7 @@
 #define V2V_IO_H5_RESUME_H
 
 #include "io/h5_writer.h"
+#include "v2v3d/io/volume.h"
 
 /** The dataset of checksums [t]. */
 #define V2V_H5_CHECKSUM "/checksum"
@@ -18,13 +19,24 @@
  *  order, are the same. @kind Local. @param rows [count,width] */
 uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width);
 
+/** Which frames of a file are good, and is it what the plan says, of its task and shape?
+ *  @kind Collective(comm). @param done [t], 1 where a frame is good
+ *  @return V2V_OK | V2V_E_INPUT (it is not, or cannot be read: the reason) | V2V_E_MEMORY; agreed.
+ *  @cost reads every marked frame once, shared by the ranks */
+enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct v2v_h5_plan *plan,
+                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+
 /** Is there a file under the temporary name that the plan can go on with, and which of its frames
  *  are good? One of another task or shape, or a damaged one, is reported and not taken.
  *  @kind Collective(comm). @param done [t], 1 where a frame is good; untouched when not *found
- *  @return V2V_OK | V2V_E_MEMORY; agreed. @cost reads every marked frame once, shared by the ranks
- */
+ *  @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
                               const struct v2v_h5_plan *plan,
                               const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** What an interrupted run left under a temporary name: how many frames it had done of how many,
+ *  and is it of this task (which may be NULL: of none)? All 0 where nothing is there that can be
+ *  read. @kind Local. */
+void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task);
 
 #endif

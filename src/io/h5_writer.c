@@ -158,9 +158,8 @@ static enum v2v_status prepare_file(struct v2v_h5_writer *writer, const struct v
 {
     enum v2v_status rc = V2V_OK;
     const int on_root = v2v_comm_rank(writer->comm) == 0;
-    rc = v2v_text_format(writer->lock_name, sizeof writer->lock_name, "%s.lock", writer->path);
-    if (rc == V2V_OK && on_root) {
-        rc = v2v_file_lock(&writer->lock, writer->lock_name);
+    if (on_root) {
+        rc = v2v_file_lock_output(&writer->lock, writer->lock_name, writer->path);
     }
     if (rc == V2V_OK) {
         rc = allocate_checksums(writer, plan);
@@ -463,10 +462,7 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
     }
     /* What the close says is of no interest: the file is gone, or it is closed already. */
     (void)!close_file(own);
-    if (own->lock >= 0) {
-        unlink(own->lock_name); /* while it is held: who finds it gone makes its own */
-        close(own->lock);
-    }
+    v2v_file_unlock_output(&own->lock, own->lock_name);
     v2v_mem_free(own->was_done);
     v2v_mem_free(own->sums);
     v2v_mem_free(own);

@@ -153,11 +153,7 @@ enum v2v_status v2v_json_lines_cut(const char *path, int64_t step)
     if (in == NULL) {
         return errno == ENOENT ? V2V_OK : V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno));
     }
-    V2V_TRY(v2v_file_temporary(temporary, path));
-    out = fopen(temporary, "we");
-    if (out == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
-    }
+    V2V_TRY(v2v_file_begin(&out, temporary, path));
     V2V_TRY(copy_lines(in, out, &kept, step, temporary));
     if (ferror(in)) {
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: cannot be read", path));

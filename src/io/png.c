@@ -23,11 +23,7 @@ enum v2v_status v2v_png_write(const char *path, const uint8_t *pixels, int64_t h
                          "written",
                          path, (long long)height, (long long)width, channels));
     }
-    V2V_TRY(v2v_file_temporary(temporary, path));
-    stream = fopen(temporary, "we");
-    if (stream == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
-    }
+    V2V_TRY(v2v_file_begin(&stream, temporary, path));
     V2V_TRY(V2V_FAULT_POINT("png.write"));
     image.width = (png_uint_32)width;
     image.height = (png_uint_32)height;

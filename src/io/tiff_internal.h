@@ -24,6 +24,13 @@ void v2v_tiff_log_clear(struct v2v_tiff_log *log);
 /** The reason to print: never empty. @kind Local. */
 const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log);
 
+/** What the tag `Software` says where a file has a task. */
+#define V2V_TIFF_SOFTWARE "v2v3d; task "
+
+/** A page's checksum as the tag `PageName`. @kind Local. @param pixels float32, as stored */
+enum { V2V_TIFF_PAGE_NAME_BYTES = 24 };
+void v2v_tiff_name_page(char name[V2V_TIFF_PAGE_NAME_BYTES], const float *pixels, int64_t count);
+
 /** Pixels of the largest page that is read or written. */
 #define V2V_TIFF_MOST_PIXELS INT32_MAX
 

@@ -143,7 +143,7 @@ static enum v2v_status read_description(struct v2v_tiff *tiff)
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff_info *info = &tiff->info;
     struct v2v_imagej imagej;
-    char *description = NULL;
+    char *description = NULL, *software = NULL;
     float per_unit = 0;
     uint16_t resolution_unit = 0;
 
@@ -151,6 +151,10 @@ static enum v2v_status read_description(struct v2v_tiff *tiff)
     (void)TIFFGetField(tiff->handle, TIFFTAG_XRESOLUTION, &per_unit);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);
     v2v_imagej_parse(&imagej, description);
+    if (TIFFGetField(tiff->handle, TIFFTAG_SOFTWARE, &software) &&
+        strncmp(software, V2V_TIFF_SOFTWARE, strlen(V2V_TIFF_SOFTWARE)) == 0) {
+        (void)snprintf(info->task, sizeof info->task, "%s", software + strlen(V2V_TIFF_SOFTWARE));
+    }
     /* tifffile's truncate=True: more pages follow the first, told of by a shape in JSON only. */
     if (info->pages == 1 && description != NULL && strstr(description, "\"truncated\": true")) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
@@ -343,6 +347,21 @@ static enum v2v_status check_finite(const struct v2v_tiff *tiff, const float *pi
     return V2V_OK;
 }
 
+/* Of a page that v2v_tiff_write_page wrote. */
+static enum v2v_status check_sum(struct v2v_tiff *tiff, const float *page, int64_t number)
+{
+    char name[V2V_TIFF_PAGE_NAME_BYTES];
+    const char *stored = NULL;
+    if (tiff->block_from > 0 || !TIFFGetField(tiff->handle, TIFFTAG_PAGENAME, &stored) ||
+        strncmp(stored, "crc32c ", 7) != 0) {
+        return V2V_OK;
+    }
+    v2v_tiff_name_page(name, page, tiff->info.height * tiff->info.width);
+    return strcmp(name, stored) == 0
+               ? V2V_OK
+               : V2V_PAGE_FAIL(tiff, number, "is not as it was written: its checksum differs");
+}
+
 enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, int64_t count)
 {
     enum v2v_status rc = V2V_OK;
@@ -359,6 +378,7 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, 
         V2V_TRY(tiff->block_from > 0 ? read_block_page(tiff, page, first + i)
                                      : read_pieces(tiff, page, first + i));
         if (tiff->info.is_float) {
+            V2V_TRY(check_sum(tiff, page, first + i));
             V2V_TRY(check_finite(tiff, page, first + i));
         }
     }

@@ -5,13 +5,14 @@
 #include "v2v3d/base/text.h"
 
 #include <errno.h>
-#include <fcntl.h>
+#include <inttypes.h>
 #include <string.h>
 #include <unistd.h>
 
 struct v2v_tiff_writer {
     char path[V2V_PATH_BYTES];
-    char temporary[V2V_PATH_BYTES];
+    char temporary[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
+    int lock; /* holds lock_name while this is >= 0 */
     struct v2v_tiff_log log;
     struct v2v_tiff_info info;
     TIFF *handle;
@@ -59,18 +60,19 @@ static enum v2v_status settle_shape(struct v2v_tiff_writer *writer,
 static enum v2v_status open_temporary(struct v2v_tiff_writer *writer)
 {
     int big = v2v_tiff_needs_big(writer->info.pages, writer->page_bytes);
-    int descriptor = open(writer->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    enum v2v_status rc = V2V_OK;
+    int descriptor = -1;
 
-    if (descriptor < 0) {
-        return V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, strerror(errno));
-    }
+    V2V_TRY(v2v_file_lock_output(&writer->lock, writer->lock_name, writer->path));
+    V2V_TRY(v2v_file_create(&descriptor, writer->temporary));
     writer->handle = v2v_tiff_wrap(descriptor, writer->temporary, big ? "w8" : "w", &writer->log);
     if (writer->handle == NULL) {
         (void)close(descriptor);
         (void)unlink(writer->temporary);
-        return V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, v2v_tiff_log_reason(&writer->log));
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, v2v_tiff_log_reason(&writer->log)));
     }
-    return V2V_OK;
+done:
+    return rc;
 }
 
 enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char *path,
@@ -81,6 +83,7 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
 
     *writer_out = NULL;
     V2V_TRY(V2V_ALLOC(writer, "io.tiff_writer", 1));
+    writer->lock = -1;
     V2V_TRY(v2v_text_format(writer->path, sizeof writer->path, "%s", path));
     V2V_TRY(v2v_file_temporary(writer->temporary, path));
     V2V_TRY(settle_shape(writer, info));
@@ -88,6 +91,9 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
     *writer_out = writer;
     writer = NULL;
 done:
+    if (writer != NULL) {
+        v2v_file_unlock_output(&writer->lock, writer->lock_name);
+    }
     v2v_mem_free(writer);
     return rc;
 }
@@ -96,6 +102,12 @@ static enum v2v_status page_failed(const struct v2v_tiff_writer *writer)
 {
     return V2V_FAIL(V2V_E_IO, "%s: page %lld: %s", writer->temporary,
                     (long long)writer->written + 1, v2v_tiff_log_reason(&writer->log));
+}
+
+void v2v_tiff_name_page(char name[V2V_TIFF_PAGE_NAME_BYTES], const float *pixels, int64_t count)
+{
+    const uint32_t crc = v2v_file_crc32c(0, pixels, count * (int64_t)sizeof *pixels);
+    (void)snprintf(name, V2V_TIFF_PAGE_NAME_BYTES, "crc32c %08" PRIx32, crc);
 }
 
 static int set_tags(TIFF *handle, const struct v2v_tiff_info *info)
@@ -122,7 +134,7 @@ static int set_tags(TIFF *handle, const struct v2v_tiff_info *info)
 enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float *page)
 {
     enum v2v_status rc = V2V_OK;
-    char description[512];
+    char description[512], software[64], name[V2V_TIFF_PAGE_NAME_BYTES];
     /* libtiff's prototype lacks a const; uncompressed data in native byte order are only read. */
     void *data = (void *)(uintptr_t)page;
 
@@ -133,9 +145,14 @@ enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float 
     }
     v2v_tiff_log_clear(&writer->log);
     V2V_TRY(v2v_imagej_format(description, sizeof description, &writer->info));
+    V2V_TRY(v2v_text_format(software, sizeof software, V2V_TIFF_SOFTWARE "%s", writer->info.task));
+    v2v_tiff_name_page(name, page, writer->info.height * writer->info.width);
     if (!set_tags(writer->handle, &writer->info) ||
         (writer->written == 0 &&
          !TIFFSetField(writer->handle, TIFFTAG_IMAGEDESCRIPTION, description)) ||
+        (writer->written == 0 && writer->info.task[0] != '\0' &&
+         !TIFFSetField(writer->handle, TIFFTAG_SOFTWARE, software)) ||
+        !TIFFSetField(writer->handle, TIFFTAG_PAGENAME, name) ||
         TIFFWriteEncodedStrip(writer->handle, 0, data, (tmsize_t)writer->page_bytes) !=
             (tmsize_t)writer->page_bytes ||
         !TIFFWriteDirectory(writer->handle) || writer->log.error[0] != '\0') {
@@ -170,6 +187,7 @@ enum v2v_status v2v_tiff_finish(struct v2v_tiff_writer **writer_in)
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, writer->log.error));
     }
     V2V_TRY(v2v_file_commit(writer->temporary, writer->path));
+    v2v_file_unlock_output(&writer->lock, writer->lock_name);
     v2v_mem_free(writer);
     *writer_in = NULL;
 done:
@@ -188,6 +206,7 @@ void v2v_tiff_abandon(struct v2v_tiff_writer **writer_in)
         TIFFClose(writer->handle);
     }
     (void)unlink(writer->temporary);
+    v2v_file_unlock_output(&writer->lock, writer->lock_name);
     v2v_mem_free(writer);
     *writer_in = NULL;
 }

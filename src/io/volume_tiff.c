@@ -36,12 +36,12 @@ struct v2v_volume_tiff {
 };
 
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
-                                       const struct v2v_volume_info *info,
+                                       const struct v2v_volume_info *info, const char *task,
                                        const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_tiff *fresh = NULL;
-    const struct v2v_tiff_info file = {
+    struct v2v_tiff_info file = {
         .pages = v2v_mem_product(info->frames, info->slices, 1),
         .height = info->height,
         .width = info->width,
@@ -60,6 +60,9 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
     fresh->comm = comm;
     fresh->info = *info;
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
+    if (rc == V2V_OK) {
+        rc = v2v_text_format(file.task, sizeof file.task, "%s", task != NULL ? task : "");
+    }
     if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
         rc = V2V_ALLOC(fresh->blocks, "io.volume", v2v_comm_size(comm));
         if (rc == V2V_OK) {
@@ -71,6 +74,32 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
     fresh = NULL;
 done:
     v2v_volume_tiff_abandon(&fresh);
+    return rc;
+}
+
+enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_info *info,
+                                      const char *task)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_tiff *tiff = NULL;
+    float *page = NULL;
+    V2V_TRY(v2v_tiff_open(&tiff, path));
+    const struct v2v_tiff_info *file = v2v_tiff_info(tiff);
+    if (task == NULL || strcmp(file->task, task) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
+                         path));
+    }
+    if (file->frames != info->frames || file->slices != info->slices ||
+        file->height != info->height || file->width != info->width) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: has not the shape expected", path));
+    }
+    V2V_TRY(V2V_ALLOC(page, "io.volume", v2v_mem_product(info->height, info->width, 1)));
+    for (int64_t i = 0; i < file->pages; i++) {
+        V2V_TRY(v2v_tiff_read(tiff, page, i, 1));
+    }
+done:
+    v2v_mem_free(page);
+    v2v_tiff_close(&tiff);
     return rc;
 }
 

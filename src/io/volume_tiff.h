@@ -7,9 +7,10 @@
 
 struct v2v_volume_tiff;
 
-/** @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
+/** @kind Collective(comm). @param task of V2V_VOLUME_TASK; or NULL
+ *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
-                                       const struct v2v_volume_info *info,
+                                       const struct v2v_volume_info *info, const char *task,
                                        const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** As v2v_volume_write. @kind Collective(comm) */
@@ -19,6 +20,11 @@ enum v2v_status v2v_volume_tiff_write(struct v2v_volume_tiff *tiff, const float 
 /** *tiff is NULL afterwards. @kind Collective(comm). @return V2V_OK | V2V_E_IO (also: a frame was
  *  not written); agreed */
 enum v2v_status v2v_volume_tiff_finish(struct v2v_volume_tiff **tiff) V2V_MUST_CHECK;
+
+/** Is the file this volume, of this task, every page as it was written? @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
+enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_info *info,
+                                      const char *task) V2V_MUST_CHECK;
 
 /** @kind Local; accepts NULL. */
 void v2v_volume_tiff_abandon(struct v2v_volume_tiff **tiff);

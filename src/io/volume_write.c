@@ -1,8 +1,10 @@
 #include "io/h5_common.h"
+#include "io/h5_resume.h"
 #include "io/h5_writer.h"
 #include "io/stack.h"
 #include "io/volume_tiff.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/io/volume.h"
 #include <string.h>
 #include <strings.h>
@@ -118,26 +120,31 @@ static const char *task_of(const struct v2v_attribute *attributes, int64_t count
     return NULL;
 }
 
-static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path,
-                             const struct v2v_volume_info *info, unsigned datasets,
-                             const struct v2v_attribute *attributes, int64_t attribute_count,
-                             int resume, const struct v2v_comm *comm)
+static void make_plan(struct v2v_h5_plan *plan, const struct description *description)
 {
-    enum v2v_status rc = check_request(path, datasets);
-    struct v2v_volume_writer *fresh = NULL;
-    const struct description description = {info, datasets, attributes, attribute_count};
-    struct v2v_h5_plan plan = {
+    const struct v2v_volume_info *info = description->info;
+    *plan = (struct v2v_h5_plan){
         .shape = {info->frames, info->slices, info->height, info->width},
         .with_done = 1,
-        .task = task_of(attributes, attribute_count),
-        .resume = resume,
+        .task = task_of(description->attributes, description->attribute_count),
         .describe = describe,
-        .context = &description,
+        .context = description,
     };
-    *writer = NULL;
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
-        plan.dataset[i] = datasets & (1u << i) ? dataset_name[i] : NULL;
+        plan->dataset[i] = description->datasets & (1u << i) ? dataset_name[i] : NULL;
     }
+}
+
+static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path,
+                             const struct description *description, int resume,
+                             const struct v2v_comm *comm)
+{
+    enum v2v_status rc = check_request(path, description->datasets);
+    struct v2v_volume_writer *fresh = NULL;
+    struct v2v_h5_plan plan;
+    *writer = NULL;
+    make_plan(&plan, description);
+    plan.resume = resume;
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(fresh, "io.volume", 1);
     }
@@ -145,7 +152,7 @@ static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path
     if (is_hdf5_name(path)) {
         V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
     } else {
-        V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, info, comm));
+        V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, description->info, plan.task, comm));
     }
     *writer = fresh;
     fresh = NULL;
@@ -159,7 +166,8 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
                                   const struct v2v_attribute *attributes, int64_t attribute_count,
                                   const struct v2v_comm *comm)
 {
-    return begin(writer, path, info, datasets, attributes, attribute_count, 0, comm);
+    const struct description description = {info, datasets, attributes, attribute_count};
+    return begin(writer, path, &description, 0, comm);
 }
 
 enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char *path,
@@ -167,7 +175,56 @@ enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char 
                                   const struct v2v_attribute *attributes, int64_t attribute_count,
                                   const struct v2v_comm *comm)
 {
-    return begin(writer, path, info, datasets, attributes, attribute_count, 1, comm);
+    const struct description description = {info, datasets, attributes, attribute_count};
+    return begin(writer, path, &description, 1, comm);
+}
+
+void v2v_volume_left(struct v2v_volume_left *left, const char *path, const char *task)
+{
+    char temporary[V2V_PATH_BYTES];
+    *left = (struct v2v_volume_left){0};
+    if (is_hdf5_name(path) == 1 && v2v_file_temporary(temporary, path) == V2V_OK) {
+        v2v_h5_left(left, temporary, task);
+    }
+}
+
+/* Collective(comm). */
+static enum v2v_status check_h5(const char *path, const struct v2v_h5_plan *plan,
+                                const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    uint8_t *done = NULL;
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(done, "io.volume", plan->shape[0])));
+    V2V_TRY(v2v_h5_good_frames(done, path, plan, comm));
+    for (int64_t t = 0; t < plan->shape[0]; t++) {
+        if (!done[t]) {
+            V2V_TRY(
+                V2V_FAIL(V2V_E_INPUT, "%s: frame %lld is missing or damaged", path, (long long)t));
+        }
+    }
+done:
+    v2v_mem_free(done);
+    return rc;
+}
+
+enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info *info,
+                                 unsigned datasets, const struct v2v_attribute *attributes,
+                                 int64_t attribute_count, const struct v2v_comm *comm)
+{
+    const struct description description = {info, datasets, attributes, attribute_count};
+    struct v2v_h5_plan plan;
+    enum v2v_status rc = check_request(path, datasets);
+    make_plan(&plan, &description);
+    V2V_TRY(v2v_par_agree(comm, rc));
+    if (is_hdf5_name(path)) {
+        return check_h5(path, &plan, comm);
+    }
+    if (v2v_comm_rank(comm) == 0) {
+        rc = v2v_volume_tiff_check(path, info, plan.task);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+done:
+    return rc;
 }
 
 int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t)

@@ -13,7 +13,7 @@ reconstruct=(--psf scene/psf.h5 --weights weights.h5 --input recording.h5)
 
 # Frames that the unfinished file says are done.
 done_frames() { # FILE
-    h5dump -y -w 0 -d /done "$1.tmp" 2>/dev/null | sed -n '/DATA {/,/}/p' | grep -ow 1 | wc -l
+    h5dump -y -w 0 -d /done "$1.v2v3d-part" 2>/dev/null | sed -n '/DATA {/,/}/p' | grep -ow 1 | wc -l
 }
 
 # The job's current attempt has done some frames. Sets `restarts` and `before`.

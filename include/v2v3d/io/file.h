@@ -41,9 +41,18 @@ enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
                                       int64_t count) V2V_MUST_CHECK;
 
-/** The name under which an output is written until it is complete: path + ".tmp".
+/** The name under which an output is written until it is complete: path + ".v2v3d-part". Names that
+ *  end so, or in ".v2v3d-lock", are this program's alone.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
+
+/** Make the temporary file, open to read and write. What lies under its name, a killed run's or a
+ *  link or pipe that somebody laid there, is removed and neither opened nor followed.
+ *  @kind Local. @return V2V_OK | V2V_E_IO; *descriptor is -1 unless OK */
+enum v2v_status v2v_file_create(int *descriptor, const char *temporary) V2V_MUST_CHECK;
+
+/** Remove what lies under a temporary name; nothing may. @kind Local. @return V2V_OK | V2V_E_IO */
+enum v2v_status v2v_file_clear(const char *temporary) V2V_MUST_CHECK;
 
 /** fsync the temporary file, rename it to `path`, fsync the folder. @kind Local (call on one rank).
  *  @return V2V_OK | V2V_E_IO; the temporary file is removed on failure */
@@ -55,10 +64,17 @@ enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUS
 enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 
 /** Create the file `path` when it isn't there, and hold a lock on it until *descriptor is closed or
- *  the process ends, however it ends. @kind Local.
- *  @return V2V_OK | V2V_E_BUSY (another process holds it) | V2V_E_IO; *descriptor is -1 unless OK
- */
+ *  the process ends, however it ends. A link is not followed. @kind Local.
+ *  @return V2V_OK | V2V_E_BUSY (another process holds it) | V2V_E_IO (also: it is no regular file);
+ *  *descriptor is -1 unless OK */
 enum v2v_status v2v_file_lock(int *descriptor, const char *path) V2V_MUST_CHECK;
+
+/** The lock of an output that takes long to write, path + ".v2v3d-lock": hold it, and remove it.
+ *  `name` keeps what v2v_file_unlock_output needs, which does nothing for a descriptor of -1.
+ *  @kind Local. @return as v2v_file_lock | V2V_E_INPUT (too long) */
+enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES],
+                                     const char *path) V2V_MUST_CHECK;
+void v2v_file_unlock_output(int *descriptor, const char *name);
 
 /** Create a folder (and its parents); an existing one is fine. @kind Local. */
 enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;

@@ -18,6 +18,7 @@ struct v2v_tiff_info {
     int is_float;
     double type_max; /**< 255, 65535, 4294967295; 1 for float */
     double pixel_size_um, slice_spacing_um, frame_interval_s;
+    char task[32]; /**< V2V_VOLUME_TASK of a volume that this program computed; else "" */
 };
 
 struct v2v_tiff;
@@ -32,16 +33,18 @@ const struct v2v_tiff_info *v2v_tiff_info(const struct v2v_tiff *tiff);
 
 /** Pages first .. first+count-1 in file order (ImageJ: c fastest, then z, then t) as float32, in
  * the file's own units. @kind Local. @param out [count,y,x]
- *  @return V2V_OK | V2V_E_INPUT (page, reason; also NaN or Inf: page and pixel) */
+ *  @return V2V_OK | V2V_E_INPUT (page, reason; also NaN or Inf: page and pixel; also a page that
+ *  this program wrote and that is no longer as it was) */
 enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,
                               int64_t count) V2V_MUST_CHECK;
 void v2v_tiff_close(struct v2v_tiff **tiff);
 
 /** Write [t,z,y,x] float32 page by page as an ImageJ hyperstack with voxel size; BigTIFF when the
- *  data pass 4 GB. The file appears under `path` only at v2v_tiff_finish, which also frees the
- *  writer when it fails; after a failed page call v2v_tiff_abandon. @kind Local.
- *  @return V2V_OK | V2V_E_INPUT (a shape that cannot be) | V2V_E_IO | V2V_E_MEMORY | V2V_E_INTERNAL
- *  (more or fewer pages than announced) */
+ *  data pass 4 GB. Every page's name is its checksum (CRC-32C). The file appears under `path` only
+ *  at v2v_tiff_finish, which also frees the writer when it fails; after a failed page call
+ *  v2v_tiff_abandon. @kind Local. @return V2V_OK | V2V_E_BUSY (another process writes this file) |
+ *  V2V_E_INPUT (a shape that cannot be) | V2V_E_IO | V2V_E_MEMORY | V2V_E_INTERNAL (more or fewer
+ *  pages than announced) */
 struct v2v_tiff_writer;
 enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer, const char *path,
                                 const struct v2v_tiff_info *info) V2V_MUST_CHECK;

@@ -67,6 +67,23 @@ enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char 
                                   const struct v2v_volume_info *info, unsigned datasets,
                                   const struct v2v_attribute *attributes, int64_t attribute_count,
                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** What an interrupted run left of an HDF5 volume under its temporary name. */
+struct v2v_volume_left {
+    int64_t done, frames; /**< 0 where nothing is there, or nothing that can be read */
+    int is_same;          /**< of this task */
+};
+
+/** @kind Local. @param task as the attribute; may be NULL */
+void v2v_volume_left(struct v2v_volume_left *left, const char *path, const char *task);
+
+/** Is the file at `path` this volume, complete and of this task, and do all its checksums hold?
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (what differs, which frame is damaged) |
+ *  V2V_E_MEMORY; agreed. @cost reads the file once, shared by the ranks; TIFF: rank 0 alone */
+enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info *info,
+                                 unsigned datasets, const struct v2v_attribute *attributes,
+                                 int64_t attribute_count,
+                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
 int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t);
 
 /** Write slices first .. first+count-1 of frame t of one dataset; count may be 0; ranks may differ

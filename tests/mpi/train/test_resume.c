@@ -195,8 +195,8 @@ static void generations_that_are_one_file_leave_no_temporary(void **state)
     assert_ok(train_to(&scene, 3, RESUME));
     assert_int_equal(step_of(&scene, "weights.h5"), 3);
     assert_int_equal(step_of(&scene, "weights.prev.h5"), 2);
-    assert_false(v2v_file_exists(file_of(&scene, "weights.prev.h5.tmp")));
-    assert_false(v2v_file_exists(file_of(&scene, "weights.h5.tmp")));
+    assert_false(v2v_file_exists(file_of(&scene, "weights.prev.h5.v2v3d-part")));
+    assert_false(v2v_file_exists(file_of(&scene, "weights.h5.v2v3d-part")));
     scene_fini(&scene);
 }
 

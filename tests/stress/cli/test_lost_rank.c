@@ -159,7 +159,7 @@ static void reconstruction_without_a_rank_ends(void **state)
         check_lost(&scene, ranks,
                    "reconstruct --psf psf.h5 --input long_recording.h5 --weights base/weights.h5 "
                    "-o long.h5 " WATCHDOG,
-                   "long.h5.tmp", (uint64_t)(10 + ranks));
+                   "long.h5.v2v3d-part", (uint64_t)(10 + ranks));
     }
     scene_fini(&scene);
 }

@@ -77,7 +77,7 @@ static void an_output_never_replaces_an_input(void **state)
     (void)state;
     const char *file = in_folder("both");
     const char *link_path = in_folder("link");
-    const char *temporary = in_folder("next.tmp");
+    const char *temporary = in_folder("next.v2v3d-part");
 
     put(file, "x");
     put(temporary, "x");
@@ -105,7 +105,7 @@ static void a_name_that_is_too_long_is_refused(void **state)
 
     memset(name, 'a', sizeof name - 1);
     assert_int_equal(v2v_file_temporary(temporary, name), V2V_E_INPUT);
-    name[V2V_PATH_BYTES - 5] = '\0';
+    name[V2V_PATH_BYTES - sizeof ".v2v3d-part"] = '\0';
     assert_ok(v2v_file_temporary(temporary, name));
 }
 
@@ -149,7 +149,7 @@ static void text_is_replaced_as_a_whole(void **state)
     assert_ok(v2v_file_write_text(path, "one\n"));
     assert_ok(v2v_file_write_text(path, "two\n"));
     assert_holds(path, "two\n");
-    assert_false(v2v_file_exists(in_folder("text.tmp")));
+    assert_false(v2v_file_exists(in_folder("text.v2v3d-part")));
     assert_int_equal(v2v_file_write_text(in_folder("no/such"), ""), V2V_E_IO);
 }
 

@@ -179,7 +179,7 @@ static void a_written_hyperstack_is_read_back(void **state)
     }
     assert_ok(v2v_tiff_finish(&writer));
     assert_null(writer);
-    assert_false(v2v_file_exists(in_folder("hyperstack.tif.tmp")));
+    assert_false(v2v_file_exists(in_folder("hyperstack.tif.v2v3d-part")));
     assert_ok(v2v_tiff_open(&tiff, in_folder("hyperstack.tif")));
     const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
     assert_int_equal(info->pages, 6);
@@ -217,7 +217,7 @@ static void an_unfinished_file_leaves_nothing(void **state)
     assert_int_equal(v2v_tiff_finish(&writer), V2V_E_INTERNAL);
     assert_null(writer);
     assert_false(v2v_file_exists(path));
-    assert_false(v2v_file_exists(in_folder("unfinished.tif.tmp")));
+    assert_false(v2v_file_exists(in_folder("unfinished.tif.v2v3d-part")));
     assert_int_equal(v2v_mem_held(), 0);
 }
 
@@ -264,10 +264,10 @@ static void a_failing_write_is_an_io_error_that_leaves_nothing(void **state)
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
     (void)signal(SIGXFSZ, handler);
     assert_int_equal(rc, V2V_E_IO);
-    assert_non_null(strstr(v2v_status_message(), "full.tif.tmp: page"));
+    assert_non_null(strstr(v2v_status_message(), "full.tif.v2v3d-part: page"));
     v2v_tiff_abandon(&writer);
     assert_false(v2v_file_exists(in_folder("full.tif")));
-    assert_false(v2v_file_exists(in_folder("full.tif.tmp")));
+    assert_false(v2v_file_exists(in_folder("full.tif.v2v3d-part")));
 }
 
 static void more_than_65536_pages_are_written_and_read(void **state)

@@ -1,0 +1,23 @@
+#ifndef V2V3D_IO_FILE_SUM_H
+#define V2V3D_IO_FILE_SUM_H
+
+#include "v2v3d/base/status.h"
+#include "v2v3d/par/comm.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** A number that differs, but for one chance in 2^32 or less, where the bytes of two files differ:
+ *  the sum of a hash of every 16 MiB's CRC-32C and place.
+ *  @kind Collective(comm); the same for any number of ranks. @return V2V_OK | V2V_E_INPUT |
+ *  V2V_E_MEMORY; agreed. @cost reads the file once, shared by the ranks */
+enum v2v_status v2v_file_sum(uint64_t *sum, const char *path,
+                             const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
