@@ -20,6 +20,24 @@ void v2v_stop_install(void)
     sigaction(SIGUSR2, &action, NULL);
 }
 
+/* The first asks, the next ends the process as it would have without a handler. */
+static void on_ending(int number)
+{
+    if (requested) {
+        signal(number, SIG_DFL);
+        raise(number);
+    }
+    requested = 1;
+}
+
+void v2v_stop_heed_ending(void)
+{
+    struct sigaction action = {.sa_handler = on_ending, .sa_flags = SA_RESTART};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+}
+
 void v2v_stop_request(void)
 {
     requested = 1;

@@ -5,6 +5,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/file.h"
@@ -385,6 +386,7 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     V2V_TRY(open_output(&work, session));
     v2v_step_announce(session);
     struct v2v_par_time began = v2v_par_time_now();
+    v2v_stop_heed_ending();
     ready = v2v_clock_now();
     V2V_TRY(v2v_recon_run(work.recon, work.recording, &work.scaling, work.writer, given->branches,
                           monitor));

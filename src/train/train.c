@@ -185,6 +185,7 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_step_result result = {0};
+    v2v_stop_heed_ending();
     while (!is_over(run, &result)) {
         struct v2v_par_time began = v2v_par_time_now();
         v2v_watchdog_beat("a training step");

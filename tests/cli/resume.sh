@@ -82,6 +82,28 @@ works "${common[@]}" --input rec.h5 -o long.h5 --force
 same long.h5 whole.h5 /volume
 [ ! -e long.h5.v2v3d-part ] || fail 'something is left behind'
 
+# SIGTERM and SIGINT let the frame end and say how to go on.
+if [ "$ranks" -eq 1 ]; then
+    works simulate --psf psf.h5 --volume volume.h5 -o many.h5 --noise gaussian:0.2 --frames 400
+    for signal in TERM INT; do
+        # a shell without jobs would have its children ignore SIGINT
+        env --default-signal=INT "$program" deconvolve --psf psf.h5 --input many.h5 -o many_out.h5 \
+            --resume --method rld --iterations 100 2>stderr &
+        pid=$!
+        for _ in $(seq 600); do
+            grep -q 'deconvolve [0-9]' stderr && break
+            sleep 0.1
+        done
+        kill -$signal $pid
+        wait $pid
+        code=$?
+        [ $code -eq 85 ] || fail "SIG$signal: exit code $code, not 85: $(cat stderr)"
+        grep -qE 'many_out.h5: [0-9]+ of 400 frames are done; --resume' stderr ||
+            fail "SIG$signal: no word of the frames: $(cat stderr)"
+    done
+    rm -f ./*.v2v3d-*
+fi
+
 # Names beside the output are nobody's but the program's: links are not followed, pipes not waited
 # for, a user's own files not touched.
 echo mine >victim
