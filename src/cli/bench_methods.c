@@ -27,6 +27,9 @@ struct method {
 
 /* Without training, the quickest of a kind first. */
 static const struct method deconvolvers[] = {
+    {.name = "rl-10", .setting = {"deconv.method=rl", "deconv.iterations=10"}},
+    {.name = "rl-30", .setting = {"deconv.method=rl", "deconv.iterations=30"}},
+    {.name = "rl-heldout", .setting = {"deconv.method=rl", "deconv.stop=heldout"}, .views = 3},
     {.name = "rld-1", .setting = {"deconv.method=rld", "deconv.iterations=1"}},
     {.name = "rld-3", .setting = {"deconv.method=rld", "deconv.iterations=3"}},
     {.name = "rld-10", .setting = {"deconv.method=rld", "deconv.iterations=10"}},

@@ -4,13 +4,14 @@ static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_FILE(struct v2v_volumes, input, "input", 1, "recording"),
     V2V_OPTION_OUTPUT(struct v2v_volumes, output, "volume to write: .h5 or .tif"),
-    V2V_OPTION_SET("method", "deconv.method", "tv|rld|frl",
-                   "total variation (default); A'(y / Ax) / A'1; or A'y / A'Ax, which leaves no "
-                   "pedestal of noise"),
+    V2V_OPTION_SET("method", "deconv.method", "tv|rl|rld|frl",
+                   "total variation (default); A'(y / Ax) / A'1 of all views at once, or of one "
+                   "after the other; or A'y / A'Ax"),
     V2V_OPTION_SET("iterations", "deconv.iterations", "N",
-                   "at most; 0: rld and frl 10, tv until it stands still, 500 at most"),
+                   "at most; 0: rl 30, rld and frl 10, tv until it stands still, 500 at most"),
     V2V_OPTION_SET("stop", "deconv.stop", "fixed|heldout",
-                   "rld, frl: after N iterations, or when views held out are predicted no better"),
+                   "rl, rld, frl: after N iterations, or when views held out are predicted no "
+                   "better"),
     V2V_OPTION_SET("weight", "deconv.weight", "W", "rld, frl: of a view's correction (0.5)"),
     V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
                    "tv: weight of the variation, in noise of the views (0.048); auto: by views "

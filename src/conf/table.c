@@ -146,9 +146,9 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(recon, neighbours, 0, 1000, 0,
           "frames on either side whose views are averaged in where nothing changed"),
 
-    NAME(deconv, method, "tv", "tv (total variation), rld (Richardson-Lucy) or frl (fast)"),
-    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rld and frl 10, tv 500"),
-    REAL(deconv, weight, 1e-6, 1.0, 0.5, "of a view's correction"),
+    NAME(deconv, method, "tv", "tv (total variation); Richardson-Lucy: rl, rld or frl"),
+    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500"),
+    REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     DEFAULT(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),

@@ -10,22 +10,24 @@
  * Richardson-Lucy. */
 
 /* Both images are 0 where the view is blind: numerator and denominator see the same pixels. */
-static void correct(struct v2v_richardson_lucy *self, const float *recorded, int32_t v, float scale)
+static void correct(struct v2v_richardson_lucy *self, const float *views,
+                    const struct v2v_view_list *list, float scale)
 {
     const float least = V2V_PROJECTION_FLOOR;
-    const int64_t count = v2v_richardson_lucy_pixels(self);
+    const int64_t v = list->view[0], count = v2v_richardson_lucy_pixels(self);
+    const float *recorded = views + v * self->height * self->width;
     const uint8_t *blind = self->blind + v * count;
     float *image = self->ratio;
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
         image[i] = blind[i] ? 0 : image[i] > least ? image[i] : least;
     }
-    v2v_projector_adjoint(self->projector, self->denominator, image, &v, 1, 1.0f);
+    v2v_projector_adjoint(self->projector, self->denominator, image, list->view, 1, 1.0f);
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
         image[i] = blind[i] ? 0 : recorded[i] * scale;
     }
-    v2v_projector_adjoint(self->projector, self->numerator, image, &v, 1, 1.0f);
+    v2v_projector_adjoint(self->projector, self->numerator, image, list->view, 1, 1.0f);
     const int64_t voxels = self->share.slices.count * self->share.rows.count * self->width;
     float *numerator = self->numerator;
 #pragma omp parallel for simd schedule(static)
@@ -34,7 +36,8 @@ static void correct(struct v2v_richardson_lucy *self, const float *recorded, int
     }
 }
 
-static const struct v2v_correction correction = {.correct = correct, .has_denominator = 1};
+static const struct v2v_correction correction = {
+    .iterations = 10, .has_denominator = 1, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_frl = {
     .name = "frl",

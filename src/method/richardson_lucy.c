@@ -19,8 +19,8 @@
  * of a number so large spreads over the whole volume (1e-3 of it, measured). */
 static const double sensitivity_floor = 1e-4;
 
-/* Where deconv.iterations leaves it to the method. */
-enum { OWN_ITERATIONS = 10 };
+/* A dark frame is a dark volume; and below FLT_MIN 1/mean would overflow. */
+static const double least_mean = 1e-37;
 
 /* What only the creation needs. */
 struct scratch {
@@ -63,7 +63,12 @@ static enum v2v_status take_memory(struct v2v_richardson_lucy *self, struct scra
     int64_t pixels = v2v_mem_product(share->view_rows.count, self->width, 1);
     V2V_TRY(
         v2v_sensitivity_init(&self->sensitivity, psf, share->slices, self->height, self->width));
-    V2V_TRY(V2V_ALLOC(self->ratio, "rld.ratio", pixels));
+    const int64_t at_once = self->correction->at_once ? self->views : 1;
+    V2V_TRY(V2V_ALLOC(self->ratio, "rld.ratio", v2v_mem_product(at_once, pixels, 1)));
+    if (self->correction->background > 0) {
+        V2V_TRY(V2V_ALLOC(self->noise, "rld.noise",
+                          v2v_mem_product(self->views, self->height, self->width)));
+    }
     V2V_TRY(V2V_ALLOC(self->numerator, "rld.correction", voxels));
     if (self->correction->has_denominator) {
         V2V_TRY(V2V_ALLOC(self->denominator, "rld.correction", voxels));
@@ -85,7 +90,7 @@ done:
 enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
                                                   const struct v2v_problem *problem)
 {
-    enum { VOLUMES = 5, VIEWS = 3 }; /* those of the caller with them */
+    enum { VOLUMES = 5, VIEWS = 4 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const int64_t images =
@@ -130,16 +135,18 @@ enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_richardson_lucy *self = NULL;
+    const struct v2v_correction *correction = estimator->ops->variant;
     const int64_t iterations = problem->config->deconv.iterations;
     V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "rld", 1)));
     estimator->self = self;
-    *self = (struct v2v_richardson_lucy){.correction = estimator->ops->variant,
+    *self = (struct v2v_richardson_lucy){.correction = correction,
                                          .estimator = estimator,
                                          .comm = estimator->shard,
                                          .views = problem->psf->views,
                                          .height = problem->height,
                                          .width = problem->width,
-                                         .iterations = iterations > 0 ? iterations : OWN_ITERATIONS,
+                                         .iterations =
+                                             iterations > 0 ? iterations : correction->iterations,
                                          .weight = problem->config->deconv.weight};
     V2V_TRY(prepare(self, problem));
     estimator->slices = v2v_projector_slices(self->projector);
@@ -156,6 +163,7 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
         v2v_stop_rule_fini(&self->stop);
         v2v_mem_free(self->volume);
         v2v_mem_free(self->ratio);
+        v2v_mem_free(self->noise);
         v2v_mem_free(self->numerator);
         v2v_mem_free(self->denominator);
         v2v_mem_free(self->seen);
@@ -164,9 +172,9 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
     }
 }
 
-/** Local: the mean of the views where they are positive, 0 elsewhere. */
-static enum v2v_status mean_of_views(double *mean, const struct v2v_richardson_lucy *self,
-                                     const float *views)
+/** Local: the mean of the views where they are positive, 0 elsewhere; and in units of it what is
+ *  added to them. */
+static enum v2v_status measure(double *mean, struct v2v_richardson_lucy *self, const float *views)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t count = self->views * self->height * self->width;
@@ -176,14 +184,50 @@ static enum v2v_status mean_of_views(double *mean, const struct v2v_richardson_l
         sum += views[i] > 0 ? views[i] : 0;
     }
     *mean = sum / (double)count;
+    self->background = 0;
+    if (self->noise != NULL && *mean > least_mean) {
+        const double sigma =
+            v2v_noise_of_images(self->noise, views, self->views, self->height, self->width);
+        self->background = (float)(self->correction->background * sigma / *mean);
+    }
 done:
     return rc;
 }
 
-/** Constant start whose projections have mean 1; 0 where no view sees the voxel. */
+/** Of a method of all views at once: its denominator, the sum of A_v^T 1 over the views; 0 where
+ *  they see too little. Local. */
+static void add_sensitivities(struct v2v_richardson_lucy *self, const struct v2v_view_list *list)
+{
+    double total = 0;
+    for (int64_t i = 0; i < list->count; i++) {
+        total += self->sensitivity.total[list->view[i]];
+    }
+    const double floor = sensitivity_floor * total / (double)list->count;
+#pragma omp parallel for schedule(static)
+    for (int64_t z = 0; z < self->share.slices.count; z++) {
+        double *seen = self->seen + z * self->width;
+        for (int64_t y = 0; y < self->share.rows.count; y++) {
+            float *below = self->denominator + (z * self->share.rows.count + y) * self->width;
+            memset(below, 0, (size_t)self->width * sizeof *below);
+            for (int64_t i = 0; i < list->count; i++) {
+                v2v_sensitivity_row(&self->sensitivity, seen, list->view[i], z,
+                                    self->share.rows.first + y);
+                for (int64_t x = 0; x < self->width; x++) {
+                    below[x] += (float)seen[x];
+                }
+            }
+            for (int64_t x = 0; x < self->width; x++) {
+                below[x] = below[x] > floor ? below[x] : 0;
+            }
+        }
+    }
+}
+
+/** Constant start whose projections have the method's mean; 0 where no view sees the voxel. */
 static void start(const struct v2v_richardson_lucy *self, float *volume)
 {
-    float value = self->constant_view > 0 ? (float)(1 / self->constant_view) : 0;
+    const double level = self->correction->start;
+    float value = self->constant_view > 0 ? (float)(level / self->constant_view) : 0;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;
@@ -200,6 +244,18 @@ static void start(const struct v2v_richardson_lucy *self, float *volume)
                 }
             }
         }
+    }
+}
+
+/** x <- x * numerator / denominator, 0 where that is 0. */
+static void multiply_at_once(const struct v2v_richardson_lucy *self, float *volume)
+{
+    const int64_t voxels = self->share.slices.count * self->share.rows.count * self->width;
+    const float *above = self->numerator, *below = self->denominator;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < voxels; i++) {
+        const float factor = below[i] > 0 ? above[i] / below[i] : 0;
+        volume[i] = factor < 0 ? 0 : volume[i] * factor; /* NaN stays */
     }
 }
 
@@ -250,14 +306,19 @@ static enum v2v_status look(const struct v2v_richardson_lucy *self, const float 
 static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, const float *views,
                                const struct v2v_view_list *list, double mean, int64_t iteration)
 {
-    const int64_t pixels = self->height * self->width;
+    const int at_once = self->correction->at_once;
     const float *rows = views + self->share.view_rows.first * self->width;
-    for (int64_t i = 0; i < list->count; i++) {
-        int32_t v = list->view[i];
-        v2v_watchdog_beat("a view of the deconvolution");
-        v2v_projector_forward(self->projector, self->ratio, volume, &v, 1, 1.0f);
-        self->correction->correct(self, rows + v * pixels, v, (float)(1 / mean));
-        multiply(self, volume, v);
+    const int64_t step = at_once ? list->count : 1;
+    for (int64_t i = 0; i < list->count; i += step) {
+        const struct v2v_view_list part = {list->view + i, step};
+        v2v_watchdog_beat("views of the deconvolution");
+        v2v_projector_forward(self->projector, self->ratio, volume, part.view, step, 1.0f);
+        self->correction->correct(self, rows, &part, (float)(1 / mean));
+        if (at_once) {
+            multiply_at_once(self, volume);
+        } else {
+            multiply(self, volume, part.view[0]);
+        }
     }
     return v2v_par_agree(self->comm, look(self, volume, iteration));
 }
@@ -278,6 +339,9 @@ static enum v2v_status iterate_on(struct v2v_estimator *estimator, float *volume
     const struct v2v_iterate now = {estimator, to_slices, volume, mean};
     int enough = 0;
     start(self, volume);
+    if (self->correction->at_once) {
+        add_sensitivities(self, list);
+    }
     for (int64_t i = 1; i <= iterations && !enough; i++) {
         V2V_TRY(iterate(self, volume, views, list, mean, i));
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
@@ -294,15 +358,14 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
     const struct v2v_stop_rule *stop = &self->stop;
     float *own = self->volume != NULL ? self->volume : volume[0];
     double mean = 0;
-    V2V_TRY(v2v_par_agree(self->comm, mean_of_views(&mean, self, views)));
+    V2V_TRY(v2v_par_agree(self->comm, measure(&mean, self, views)));
     v2v_par_max_f64(self->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
-    /* A dark frame is a dark volume; and below FLT_MIN 1/mean would overflow. */
-    int64_t needed = mean > 1e-37 ? self->iterations : 0;
+    int64_t needed = mean > least_mean ? self->iterations : 0;
     if (stop->rule == V2V_STOP_HELDOUT && needed > 0) {
         struct v2v_judge judge = {.method = self, .views = views, .mean = mean};
         const struct v2v_monitor rule = {v2v_judge_enough, &judge};
         V2V_TRY(iterate_on(estimator, own, views, &stop->used, mean, needed, &rule));
-        needed = judge.best;
+        needed = judge.best > 0 ? judge.best : needed;
     }
     V2V_TRY(iterate_on(estimator, own, views, &stop->all, mean, needed, monitor));
     int64_t count = self->share.slices.count * self->share.rows.count * self->width;

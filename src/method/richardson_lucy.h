@@ -1,10 +1,12 @@
 /** Multiplicative deconvolution, view by view: x <- max(x * ((1-w) + w * numerator / denominator),
- *  0), with the iterations, floors, stopping rules and ranks of all methods of this form.
+ *  0), or of all views at once, with the iterations, floors, stopping rules and ranks of all
+ *  methods of this form.
  *
  *  A voxel that gives a view less than 1e-4 of its PSF's sum is left alone by that view, and is 0
- *  when no view sees it; a pixel that would get less than 1e-4 of the PSF's sum from a volume of
- *  ones has no say; a projection counts as at least 1e-6 of the mean view. All floors are relative:
- *  scaled views give the scaled volume. A dark frame is a dark volume. */
+ *  when no view sees it, or all views taken at once no more than that of one; a pixel that would
+ *  get less than 1e-4 of the PSF's sum from a volume of ones has no say; a projection counts as at
+ *  least 1e-6 of the mean view. All floors are relative: scaled views give the scaled volume. A
+ *  dark frame is a dark volume. */
 #ifndef METHOD_RICHARDSON_LUCY_H
 #define METHOD_RICHARDSON_LUCY_H
 
@@ -20,12 +22,18 @@ struct v2v_richardson_lucy;
 
 /** What methods of this form differ in. */
 struct v2v_correction {
+    int64_t iterations;  /**< where deconv.iterations leaves it to the method */
     int has_denominator; /**< bool: of its own; else it is A_v^T 1 */
-    /** Set the numerator, and a denominator of one's own, from ratio = A_v x.
-     *  @kind Collective(comm). @param recorded [view_rows,x] of view v
-     *  @param scale 1 / mean view */
-    void (*correct)(struct v2v_richardson_lucy *self, const float *recorded, int32_t v,
-                    float scale);
+    int at_once;         /**< bool: all views make one step, w = 1, over the sum of their A_v^T 1;
+                            else one view after the other */
+    int judged_every;    /**< iterations, where a rule stops them */
+    double start;        /**< of the projections, in mean views */
+    double background;   /**< added to views and projections, in noise of the views */
+    /** Set the numerator, and a denominator of one's own, from ratio = A x of the listed views.
+     *  @kind Collective(comm). @param views rows of this rank, view v at v * height * width
+     *  @param list all at once, or one @param scale 1 / mean view */
+    void (*correct)(struct v2v_richardson_lucy *self, const float *views,
+                    const struct v2v_view_list *list, float scale);
 };
 
 struct v2v_richardson_lucy {
@@ -41,7 +49,10 @@ struct v2v_richardson_lucy {
     double weight;        /**< w */
     double constant_view; /**< mean over views and pixels of the projection of a volume of ones */
     float *volume;        /**< [slices,rows,x] where that is not what the caller holds, else NULL */
-    float *ratio;         /**< [view_rows,x]: the projection, and what is back-projected */
+    float background;     /**< added to this frame's views and projections, in mean views */
+    float *ratio;         /**< [view_rows,x], of all views where they are taken at once: the
+                               projection, and what is back-projected */
+    float *noise;         /**< [v,y,x]: to estimate the views' noise; NULL without background */
     float *numerator;     /**< [slices,rows,x] */
     float *denominator;   /**< likewise, of a method that has one of its own; else NULL */
     double *seen;         /**< [slices,x]: a row of A_v^T 1 for each slice */
@@ -67,6 +78,6 @@ static inline int64_t v2v_richardson_lucy_pixels(const struct v2v_richardson_luc
     return self->share.view_rows.count * self->width;
 }
 
-extern const struct v2v_estimator_ops v2v_estimator_rld, v2v_estimator_frl;
+extern const struct v2v_estimator_ops v2v_estimator_rl, v2v_estimator_rld, v2v_estimator_frl;
 
 #endif

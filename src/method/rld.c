@@ -16,14 +16,17 @@ static void divide(float *ratio, const float *recorded, const uint8_t *blind, in
     }
 }
 
-static void correct(struct v2v_richardson_lucy *self, const float *recorded, int32_t v, float scale)
+static void correct(struct v2v_richardson_lucy *self, const float *views,
+                    const struct v2v_view_list *list, float scale)
 {
-    int64_t here = v2v_richardson_lucy_pixels(self);
+    const int64_t v = list->view[0], here = v2v_richardson_lucy_pixels(self);
+    const float *recorded = views + v * self->height * self->width;
     divide(self->ratio, recorded, self->blind + v * here, here, scale);
-    v2v_projector_adjoint(self->projector, self->numerator, self->ratio, &v, 1, 1.0f);
+    v2v_projector_adjoint(self->projector, self->numerator, self->ratio, list->view, 1, 1.0f);
 }
 
-static const struct v2v_correction correction = {.correct = correct};
+static const struct v2v_correction correction = {
+    .iterations = 10, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_rld = {
     .name = "rld",

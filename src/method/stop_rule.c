@@ -73,8 +73,11 @@ int v2v_judge_enough(void *context, int64_t iteration, const struct v2v_iterate 
 {
     struct v2v_judge *judge = context;
     double sums[2];
+    if (iteration % judge->method->correction->judged_every != 0) {
+        return 0;
+    }
     miss(sums, judge, iterate->volume);
-    if (iteration > 1 && !(judge->last - sums[0] >= sqrt(2.0 / sums[1]) * sums[0])) {
+    if (judge->best > 0 && !(judge->last - sums[0] >= sqrt(2.0 / sums[1]) * sums[0])) {
         return 1;
     }
     judge->last = sums[0];

@@ -35,7 +35,8 @@ struct v2v_judge {
     int64_t best;       /* .. and the last iteration that was worth it */
 };
 
-/** Enough when the squares that the views held out are missed by fall by less than their standard
+/** Looks at every judged_every-th iteration of the method.
+ *  Enough when the squares that the views held out are missed by fall by less than their standard
  *  error, sqrt(2 / n) of them for n pixels of normally distributed noise.
  *  @kind Collective(shard), as struct v2v_monitor has it */
 int v2v_judge_enough(void *context, int64_t iteration, const struct v2v_iterate *iterate);

@@ -112,7 +112,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     }
     if (problem->config->deconv.stop != V2V_STOP_FIXED) {
         return V2V_FAIL(V2V_E_CONFIG,
-                        "--stop heldout is for Richardson-Lucy (--method rld or frl): "
+                        "--stop heldout is for Richardson-Lucy (--method rl, rld or frl): "
                         "tv ends when its volume stands still");
     }
     return V2V_OK;

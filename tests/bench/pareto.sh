@@ -24,6 +24,9 @@ results=$folder/results.tsv
 
 # name | in --quick | minutes of training | arguments of train | row of `v2v3d bench --methods`
 methods='
+rl-10||||rl-10
+rl-30|quick|||rl-30
+rl-heldout||||rl-heldout
 rld-1|quick|||rld-1
 rld-3||||rld-3
 rld-10|quick|||rld-10

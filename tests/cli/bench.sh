@@ -53,7 +53,7 @@ mv stdout rows
 of() { # METHOD FIGURE
     sed -n "/\"method\": \"$1\"/s/.*\"$2\": \([^,}]*\).*/\1/p" rows
 }
-for row in rld-1 rld-heldout frl-10 tv-5e-3 weights weights-skip; do
+for row in rl-30 rld-1 rld-heldout frl-10 tv-5e-3 weights weights-skip; do
     for figure in start_s frame_s psnr ssim heldout_residual heldout_sigmas; do
         of "$row" "$figure" | grep -qE '^[0-9.e-]+$' || fail "$row has no $figure: $(cat rows)"
     done

@@ -17,7 +17,7 @@ tells() {
     grep -qE "^frame 0: $1" stderr || fail "no \"frame 0: $1\" in: $(cat stderr)"
 }
 
-for method in tv rld frl; do
+for method in tv rl rld frl; do
     sane deconvolve --method $method --psf psf.h5 --input recording_dark.h5
     tells 'the views are dark$'
     sane deconvolve --method $method --psf psf.h5 --input recording_pixel.h5

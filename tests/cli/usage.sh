@@ -53,7 +53,7 @@ refuses 2 '--iterations: ' "${deconvolve[@]}" --iterations 1e3
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight 0,5
 refuses 2 '--weight: ' "${deconvolve[@]}" --weight nan
 refuses 2 "--stop: 'soon' is not fixed or heldout" "${deconvolve[@]}" --stop soon
-refuses 78 "deconv.method: 'rl' is none of rld.frl.tv" "${deconvolve[@]}" --method rl
+refuses 78 "deconv.method: 'lucy' is none of rl.rld.frl.tv" "${deconvolve[@]}" --method lucy
 refuses 2 '--method learned takes weights: v2v3d reconstruct' "${deconvolve[@]}" --method learned
 refuses 2 '--frames FIRST:COUNT: ' "${deconvolve[@]}" --frames 3
 refuses 2 'unknown option --skip' "${deconvolve[@]}" --skip auto

@@ -305,7 +305,8 @@ static void little_far_from_the_hot_pixel(const struct method *method, const flo
     print_message("%s: beside a hot pixel %.2g of it, the scene changed by %.2g\n", method->name,
                   most / value, change);
     assert_true(method->ops->is_learned || most < 0.1 * value);
-    const int multiplies = strcmp(method->name, "rld") == 0 || strcmp(method->name, "frl") == 0;
+    const int multiplies = strcmp(method->name, "rl") == 0 || strcmp(method->name, "rld") == 0 ||
+                           strcmp(method->name, "frl") == 0;
     assert_true(!multiplies || change < 0.2);
     v2v_psf_file_fini(&psf);
 }
