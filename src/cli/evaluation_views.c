@@ -1,11 +1,14 @@
 #include "cli/evaluation.h"
 
+#include "cli/levels.h"
 #include "cli/projection.h"
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/eval/quality.h"
+#include "v2v3d/method/estimator.h"
+#include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
@@ -31,6 +34,7 @@ struct work {
     float *views, *scratch; /* [v,y,x], [y,x] */
     int64_t *known;         /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
+    char levels[V2V_LEVELS_TEXT]; /* what is to be said of them, or "" */
 };
 
 static enum v2v_status check_shapes(const struct work *work, const struct v2v_volume_info *info)
@@ -191,7 +195,7 @@ static enum v2v_status leave_out(struct work *work)
                                       .psf = &work->psf,
                                       .recording = work->recording,
                                       .scaling = &work->scaling,
-                                      .weights = work->job->weights,
+                                      .weights = work->job->corrects ? work->job->weights : NULL,
                                       .frames = work->job->heldout_frames};
     if (work->job->uncertainty != NULL) {
         V2V_TRY(open_output(work, &writer));
@@ -236,6 +240,30 @@ static void judge_flux(struct v2v_evaluation *evaluation)
     }
 }
 
+/* Frames that are unlike those that the network was trained on. Collective. */
+static enum v2v_status compare_levels(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_session *session = work->session;
+    struct v2v_weights_info info;
+    struct v2v_scaling scaling;
+    const struct v2v_network_ops *network = NULL;
+    V2V_TRY(v2v_par_agree(session->world, v2v_weights_file_info(&info, work->job->weights)));
+    V2V_TRY(v2v_network_of_weights(&network, &info, work->job->weights));
+    const int is_homogeneous =
+        !v2v_estimator_of_network(network)->has_gain || session->config.model.homogeneous;
+    if (is_homogeneous) {
+        scaling = work->scaling; /* a gain changes nothing */
+    } else {
+        V2V_TRY(
+            v2v_scaling_decide(&scaling, work->recording, &session->config.input, session->world));
+    }
+    V2V_TRY(v2v_levels_compare(work->levels, &info.levels, is_homogeneous, work->recording,
+                               &scaling, 0, session));
+done:
+    return rc;
+}
+
 /* What is wrong with the volume and with the recording, as far as they tell. */
 static void find_faults(struct work *work)
 {
@@ -246,6 +274,9 @@ static void find_faults(struct work *work)
         snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",
                  work->saturated);
         warn(evaluation, text);
+    }
+    if (work->levels[0] != '\0') {
+        warn(evaluation, work->levels);
     }
     for (int64_t v = 0; v < evaluation->consistency.views; v++) {
         const double y = evaluation->of_view[V2V_VIEW_SHIFT_Y][v];
@@ -278,6 +309,9 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     V2V_TRY(project(&work, volume));
     if (job->heldout_frames > 0) {
         V2V_TRY(leave_out(&work));
+    }
+    if (job->weights != NULL) {
+        V2V_TRY(compare_levels(&work));
     }
     find_faults(&work);
 done:

@@ -203,6 +203,11 @@ enum v2v_status v2v_step_print_weights(const struct v2v_session *session, const 
     printf("%s: weights of the network %s for %" PRId64 " views (split %s) and %" PRId64
            " slices, step %" PRId64 "\n%s",
            path, info.method, info.views, info.split, info.slices, info.step, info.settings);
+    for (int f = 0; info.levels.frames > 0 && f < V2V_LEVEL_FIGURES; f++) {
+        printf("%s of the %" PRId64 " frames trained on: %.4g to %.4g\n",
+               v2v_level_name((enum v2v_level)f), info.levels.frames, info.levels.least[f],
+               info.levels.most[f]);
+    }
 done:
     return rc;
 }

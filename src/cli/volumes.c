@@ -1,5 +1,6 @@
 #include "cli/volumes.h"
 
+#include "cli/levels.h"
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clock.h"
@@ -27,6 +28,7 @@ struct work {
     struct v2v_recording *recording;
     struct v2v_scaling scaling;
     struct v2v_problem problem;
+    struct v2v_level_range levels; /* that the network was trained at */
     struct v2v_recon *recon;
     struct v2v_volume_info info;
     unsigned datasets;
@@ -88,6 +90,7 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
         recon->precision = V2V_PRECISION_F32;
     }
     V2V_TRY(v2v_network_find(&ops, session->config.model.method));
+    work->levels = network.levels;
     if (work->given->branches && ops->outputs == 1) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--branches: the network '%s' makes one volume", ops->name));
     }
@@ -136,6 +139,21 @@ done:
     return rc;
 }
 
+/* Frames that are unlike those of the training. Collective. */
+static enum v2v_status warn_of_levels(const struct work *work, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    char text[V2V_LEVELS_TEXT];
+    const int is_homogeneous = !work->ops->has_gain || session->config.model.homogeneous;
+    V2V_TRY(v2v_levels_compare(text, &work->levels, is_homogeneous, work->recording, &work->scaling,
+                               work->frames.first, session));
+    if (text[0] != '\0' && v2v_step_on_root(session)) {
+        v2v_log(V2V_LOG_WARNING, "%s", text);
+    }
+done:
+    return rc;
+}
+
 /* Inputs and the method, before anything is written. Collective. */
 static enum v2v_status prepare(struct work *work, struct v2v_session *session)
 {
@@ -167,6 +185,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
+    V2V_TRY(warn_of_levels(work, session));
 done:
     return rc;
 }

@@ -53,6 +53,47 @@ done:
     return rc;
 }
 
+/* Attributes of the levels, least and most of each. */
+static const char *const level_names[V2V_LEVEL_FIGURES] = {
+    "trained_mean", "trained_peak", "trained_noise", "trained_noise_over_mean"};
+
+/* A file that lacks one of them says nothing. */
+static enum v2v_status read_levels(struct v2v_level_range *levels, hid_t file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t frames = 0;
+    int found = 0, all = 0;
+    V2V_TRY(v2v_h5_get_integer(&frames, &all, file, path, "trained_frames"));
+    for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
+        double ends[2];
+        V2V_TRY(v2v_h5_get_numbers(ends, &found, file, path, level_names[f], 2));
+        if (found) {
+            levels->least[f] = ends[0];
+            levels->most[f] = ends[1];
+        }
+        all = all && found;
+    }
+    levels->frames = all ? frames : 0;
+done:
+    return rc;
+}
+
+static enum v2v_status write_levels(const struct v2v_level_range *levels, hid_t file,
+                                    const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    if (levels->frames == 0) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_h5_set_integer(file, path, "trained_frames", levels->frames));
+    for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
+        const double ends[] = {levels->least[f], levels->most[f]};
+        V2V_TRY(v2v_h5_set_numbers(file, path, level_names[f], ends, 2));
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -90,6 +131,7 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
     if (info->method[0] == '\0') {
         V2V_TRY(read_first_settings(info, file, path));
     }
+    V2V_TRY(read_levels(&info->levels, file, path));
 done:
     return rc;
 }
@@ -248,6 +290,7 @@ static enum v2v_status write_info(const struct v2v_weights_info *info, hid_t fil
         V2V_TRY(write_setting(file, path, line, bytes));
         line += bytes + (line[bytes] == '\n');
     }
+    V2V_TRY(write_levels(&info->levels, file, path));
 done:
     return rc;
 }

@@ -140,6 +140,7 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     const struct v2v_network *network = trainer->network;
     struct v2v_weights_info info;
     V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices, step));
+    info.levels = *v2v_sampler_levels(trainer->sampler);
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
     V2V_TRY(path_in(path, folder, NEWEST));

@@ -37,6 +37,7 @@ struct v2v_sampler {
     struct source *source;
     int64_t source_count;
     int64_t frames;
+    struct v2v_level_range levels;
     struct v2v_lessons *lessons; /* what is kept and drawn from instead of frames; NULL: frames */
     int64_t images;              /* of a sample: views, or those of a lesson */
     int64_t height, width;       /* of a sample */
@@ -94,6 +95,7 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
         source->recording = job->recordings[i];
         source->first = sampler->frames;
         V2V_TRY(v2v_scaling_decide(&source->scaling, source->recording, &job->config->input, comm));
+        V2V_TRY(v2v_level_range_add(&sampler->levels, source->recording, &source->scaling, comm));
         const struct v2v_recording_info *info = info_of(source);
         int64_t pixels = info->height * info->width;
         sampler->frames += info->frames;
@@ -204,6 +206,11 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
 int64_t v2v_sampler_room(const struct v2v_sampler *sampler)
 {
     return sampler->slots * sampler->images * sampler->frame_pixels;
+}
+
+const struct v2v_level_range *v2v_sampler_levels(const struct v2v_sampler *sampler)
+{
+    return &sampler->levels;
 }
 
 int64_t v2v_sampler_images(const struct v2v_sampler *sampler)

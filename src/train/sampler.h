@@ -2,6 +2,7 @@
 #ifndef V2V3D_TRAIN_SAMPLER_H
 #define V2V3D_TRAIN_SAMPLER_H
 
+#include "v2v3d/io/level.h"
 #include "v2v3d/loss/loss.h"
 #include "v2v3d/train/train.h"
 
@@ -24,6 +25,9 @@ int64_t v2v_sampler_width(const struct v2v_sampler *sampler);
 
 /* The part of a sample in which views are compared: without halo and padding. */
 struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
+
+/* Levels of the frames of all recordings. */
+const struct v2v_level_range *v2v_sampler_levels(const struct v2v_sampler *sampler);
 
 /* Images of a sample: the views, or those of a lesson. */
 int64_t v2v_sampler_images(const struct v2v_sampler *sampler);

@@ -121,6 +121,28 @@ works weights info run/weights.h5
 says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
 
+# Frames unlike those of the training are named, where brightness tells the network anything.
+quiet_on() { # WEIGHTS OPTIONS...
+    works reconstruct --psf psf.h5 --weights "$1" --input recording.h5 -o level.h5 --force "${@:2}"
+    grep -q 'outside of what' stderr && fail "reconstruct with $*: $(cat stderr)"
+}
+outside='frame 0 is outside of what the network was trained on: [a-z]* [0-9.e+]*, there [0-9.e-]* to'
+works weights info run/weights.h5
+says '^noise over mean of the 2 frames trained on: [0-9.]* to [0-9.]*$'
+quiet_on run/weights.h5
+quiet_on w.h5 --gain 1000 # which was not trained
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input recording.h5 -o level.h5 --force \
+    --gain 1000
+grep -q "$outside" stderr || fail "no warning of the level: $(cat stderr)"
+for gain in auto 1000; do
+    works evaluate --volume level.h5 --psf psf.h5 --input recording.h5 --frames 0 \
+        --weights run/weights.h5 --set "input.gain=$gain" --json
+    grep -q "$outside" stdout && known=1000 || known=auto
+    [ "$gain" = "$known" ] || fail "evaluate with the gain $gain: $(cat stdout)"
+done
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o levelled --set model.homogeneous=true
+quiet_on levelled/weights.h5 --gain 1000
+
 # The time limit ends a run resumably.
 timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o limited --steps 1000000 \
     --max-time 1s

@@ -2,6 +2,7 @@
 #define V2V3D_IO_WEIGHTS_FILE_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/io/level.h"
 #include "v2v3d/tensor/fields.h"
 #include <stdint.h>
 
@@ -28,7 +29,8 @@ struct v2v_weights_info {
                                                     shapes and function depend on */
     char split[V2V_WEIGHTS_WORD_BYTES];        /**< which views which volume sees, "even-odd" */
     int64_t views, slices;
-    int64_t step; /**< training step, 0 for fresh weights */
+    int64_t step;                  /**< training step, 0 for fresh weights */
+    struct v2v_level_range levels; /**< of what it was trained on; older files say nothing */
 };
 
 /** Read the attributes only. Of files without `method` the settings are what the attributes width,

@@ -124,6 +124,28 @@ static void a_checkpoint_is_read_back_to_the_bit(void **state)
     assert_int_equal(v2v_mem_held(), held_by_fields);
 }
 
+static void levels_are_read_back_and_may_be_absent(void **state)
+{
+    (void)state;
+    struct v2v_weights_info trained = info, found;
+    float *arena = arena_of(1.0);
+    const float *const group[V2V_WEIGHTS_GROUPS] = {arena};
+    trained.levels.frames = 7;
+    for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
+        trained.levels.least[f] = 0.1 * (f + 1);
+        trained.levels.most[f] = 0.3 * (f + 1);
+    }
+    use("levels.h5");
+    assert_ok(v2v_weights_file_write(path, &trained, &fields, group, NULL, NULL));
+    assert_ok(v2v_weights_file_info(&found, path));
+    assert_memory_equal(&found.levels, &trained.levels, sizeof found.levels);
+    use("without.h5");
+    assert_ok(v2v_weights_file_write(path, &info, &fields, group, NULL, NULL));
+    assert_ok(v2v_weights_file_info(&found, path));
+    assert_int_equal(found.levels.frames, 0);
+    v2v_mem_free(arena);
+}
+
 static void texts_may_be_absent_empty_or_long(void **state)
 {
     (void)state;
@@ -319,6 +341,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_checkpoint_is_read_back_to_the_bit),
+        cmocka_unit_test(levels_are_read_back_and_may_be_absent),
         cmocka_unit_test(texts_may_be_absent_empty_or_long),
         cmocka_unit_test(weights_without_moments_have_no_moments_to_read),
         cmocka_unit_test(fields_that_do_not_fit_the_network_are_refused_by_name),
