@@ -248,8 +248,11 @@ static enum v2v_status compare_levels(struct work *work)
     struct v2v_weights_info info;
     struct v2v_scaling scaling;
     const struct v2v_network_ops *network = NULL;
-    V2V_TRY(v2v_par_agree(session->world, v2v_weights_file_info(&info, work->job->weights)));
-    V2V_TRY(v2v_network_of_weights(&network, &info, work->job->weights));
+    rc = v2v_weights_file_info(&info, work->job->weights);
+    if (rc == V2V_OK) {
+        rc = v2v_network_of_weights(&network, &info, work->job->weights);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
     const int is_homogeneous =
         !v2v_estimator_of_network(network)->has_gain || session->config.model.homogeneous;
     if (is_homogeneous) {
