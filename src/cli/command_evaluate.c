@@ -28,7 +28,7 @@ static const struct v2v_option options[] = {
      .most = 1e9},
     V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
                     "of the network that made the volume: warn of frames unlike those of its "
-                    "training; unrolled is to correct total variation there, too"),
+                    "training (--frames 0); unrolled is to correct total variation there"),
     V2V_OPTION_FILE(
         struct arguments, uncertainty, "uncertainty", 0,
         "write HDF5: /volume, of all views by total variation, and /uncertainty, what it "
@@ -81,7 +81,12 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (given->weights != NULL) {
         V2V_TRY(v2v_step_network(session, &network, given->weights));
-        job.corrects = (network->traits & V2V_TRAIT_LESSONS) != 0;
+        if (!(network->traits & V2V_TRAIT_LESSONS) && given->frames > 0) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "%s: the network '%s' cannot do without some of its views (--frames 0 "
+                             "leaves none out)",
+                             given->weights, network->name));
+        }
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_evaluation_run(&evaluation, &job, session));

@@ -52,8 +52,8 @@ struct v2v_evaluation_job {
     const char *volume;
     const char *truth;
     const char *psf, *input; /**< both or none: residual of the views */
-    const char *weights;     /**< of the network that made the volume; may be NULL */
-    int corrects;            /**< bool: it corrects total variation where views are left out */
+    const char *weights;     /**< of the network that made the volume, or NULL; it corrects total
+                                  variation where views are left out */
     int64_t heldout_frames;  /**< of which views are left out; 0: of none */
     const char *uncertainty; /**< HDF5 to write, of those frames */
     int64_t slices;          /**< of a TIFF volume that does not say; 0: all pages are one frame */

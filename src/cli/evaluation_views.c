@@ -195,7 +195,7 @@ static enum v2v_status leave_out(struct work *work)
                                       .psf = &work->psf,
                                       .recording = work->recording,
                                       .scaling = &work->scaling,
-                                      .weights = work->job->corrects ? work->job->weights : NULL,
+                                      .weights = work->job->weights,
                                       .frames = work->job->heldout_frames};
     if (work->job->uncertainty != NULL) {
         V2V_TRY(open_output(work, &writer));
