@@ -7,7 +7,7 @@
 #include <omp.h>
 #include <string.h>
 
-enum { AXES = 3, LINES = 3 };
+enum { AXES = 3 };
 
 int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width)
 {
@@ -33,8 +33,7 @@ enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices,
         V2V_TRY(V2V_ALLOC(planes->dual[i], "tv.dual", v2v_mem_product(slices, rows + 1, width)));
     }
     V2V_TRY(V2V_ALLOC(planes->positive, "tv.dual", v2v_mem_product(slices, rows, width)));
-    V2V_TRY(
-        V2V_ALLOC(planes->scratch, "tv.lines", v2v_mem_product(planes->threads, LINES, width + 1)));
+    V2V_TRY(V2V_ALLOC(planes->scratch, "tv.lines", v2v_mem_product(planes->threads, width + 1, 1)));
     V2V_TRY(V2V_ALLOC(planes->of_row, "tv.change", 2 * rows));
     V2V_TRY(v2v_transfers_create(&planes->transfers, comm, 2 * V2V_TV_SIDES));
 done:
@@ -114,7 +113,8 @@ static void exchange(struct v2v_tv_planes *planes)
 }
 
 /* line[width+1] = 2 * next - volume of a row, and its first pixel again. */
-static void extrapolate(float *line, const float *next, const float *volume, int64_t width)
+V2V_SIMD_CLONES
+static void extrapolate(float *restrict line, const float *next, const float *volume, int64_t width)
 {
 #pragma omp simd
     for (int64_t x = 0; x < width; x++) {
@@ -123,20 +123,32 @@ static void extrapolate(float *line, const float *next, const float *volume, int
     line[width] = line[0];
 }
 
-/* Duals of a row, from the extrapolated volume here, a row below and a slice further (`here` again:
- * in the last slice). */
+/* A row of the volume and what it becomes. */
+struct pair {
+    const float *volume, *next;
+};
+
+static struct pair pair_of(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+{
+    return (struct pair){volume_row(planes, z, y), next_row(planes, z, y)};
+}
+
+/* Duals of a row, from the extrapolated volume here, and what a row below and a slice further (here
+ * again: in the last slice, and of no weight) will be extrapolated from. */
 V2V_SIMD_CLONES
 static void move_duals(float *restrict ux, float *restrict uy, float *restrict uz,
-                       const float *here, const float *below, const float *behind,
+                       const float *here, struct pair below, struct pair behind, float depth,
                        const struct v2v_tv_steps *steps, int64_t width)
 {
-    const float sigma = steps->sigma, depth = behind != here ? steps->depth : 0.0f;
-    const float lambda = steps->lambda, relax = steps->relax, shrink = steps->shrink;
+    const float sigma = steps->sigma, lambda = steps->lambda;
+    const float relax = steps->relax, shrink = steps->shrink;
 #pragma omp simd
     for (int64_t x = 0; x < width; x++) {
+        const float dy = 2.0f * below.next[x] - below.volume[x] - here[x];
+        const float dz = 2.0f * behind.next[x] - behind.volume[x] - here[x];
         const float px = shrink * (ux[x] + sigma * (here[x + 1] - here[x]));
-        const float py = shrink * (uy[x] + sigma * (below[x] - here[x]));
-        const float pz = shrink * (uz[x] + sigma * depth * (behind[x] - here[x]));
+        const float py = shrink * (uy[x] + sigma * dy);
+        const float pz = shrink * (uz[x] + sigma * depth * dz);
         const float norm = sqrtf(px * px + py * py + pz * pz);
         const float factor = norm > lambda ? lambda / norm : 1.0f;
         ux[x] += relax * (px * factor - ux[x]);
@@ -156,24 +168,49 @@ static void move_positive(float *restrict w, const float *here, float sigma, flo
     }
 }
 
+static float *positive_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+{
+    return planes->positive + (z * planes->rows + y) * planes->width;
+}
+
+static inline void ask_for(const float *row, int64_t width)
+{
+    enum { LINE = 16 };
+    for (int64_t x = 0; x < width; x += LINE) {
+        __builtin_prefetch(row + x);
+    }
+}
+
+/* What dual_row_step reads first of all: rows of all slices in turn are more places than the
+ * processor looks ahead in. */
+static void ask_for_rows(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+{
+    const int64_t width = planes->width;
+    for (int axis = 0; axis < AXES; axis++) {
+        ask_for(dual_row(planes, axis, z, y), width);
+    }
+    if (y >= 0) {
+        ask_for(positive_row(planes, z, y), width);
+    }
+    ask_for(volume_row(planes, z, y + 1), width);
+    ask_for(next_row(planes, z, y + 1), width);
+}
+
 static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps, int64_t z,
                           int64_t y)
 {
-    const int64_t width = planes->width, line = width + 1;
-    float *here = planes->scratch + omp_get_thread_num() * LINES * line;
-    float *below = here + line, *behind = below + line;
-    extrapolate(here, next_row(planes, z, y), volume_row(planes, z, y), width);
-    extrapolate(below, next_row(planes, z, y + 1), volume_row(planes, z, y + 1), width);
-    if (z + 1 < planes->slices) {
-        extrapolate(behind, next_row(planes, z + 1, y), volume_row(planes, z + 1, y), width);
-    } else {
-        behind = here;
+    const int64_t width = planes->width;
+    const int is_last = z + 1 == planes->slices;
+    float *here = planes->scratch + omp_get_thread_num() * (width + 1);
+    if (!is_last) {
+        ask_for_rows(planes, z + 1, y);
     }
+    extrapolate(here, next_row(planes, z, y), volume_row(planes, z, y), width);
     move_duals(dual_row(planes, 0, z, y), dual_row(planes, 1, z, y), dual_row(planes, 2, z, y),
-               here, below, behind, steps, width);
+               here, pair_of(planes, z, y + 1), pair_of(planes, is_last ? z : z + 1, y),
+               is_last ? 0.0f : steps->depth, steps, width);
     if (y >= 0) {
-        move_positive(planes->positive + (z * planes->rows + y) * width, here, steps->sigma,
-                      steps->relax, width);
+        move_positive(positive_row(planes, z, y), here, steps->sigma, steps->relax, width);
     }
 }
 
@@ -199,6 +236,7 @@ static void move_row(double squares[2], float *restrict volume, float *restrict 
                      const struct duals *u, const struct v2v_tv_steps *steps, int64_t width)
 {
     const float relax = steps->relax, tau = steps->tau, depth = steps->depth;
+    const float *ux = u->x, *uy = u->y, *above = u->above, *uz = u->z, *w = u->positive;
     const float *before = u->before != NULL ? u->before : u->z;
     const float before_weight = u->before != NULL ? depth : 0.0f;
     double change = 0.0, whole = 0.0;
@@ -208,14 +246,13 @@ static void move_row(double squares[2], float *restrict volume, float *restrict 
         change += (double)d * (double)d;
         whole += (double)n * (double)n;
         volume[x] += relax * d;
-        next[x] = volume[x] -
-                  tau * ((u->above[x] - u->y[x]) + (before_weight * before[x] - depth * u->z[x]) +
-                         (u->positive[x] - u->x[x]));
+        next[x] = volume[x] - tau * ((above[x] - uy[x]) +
+                                     (before_weight * before[x] - depth * uz[x]) + (w[x] - ux[x]));
     }
-    next[0] -= tau * u->x[width - 1];
+    next[0] -= tau * ux[width - 1];
 #pragma omp simd
     for (int64_t x = 1; x < width; x++) {
-        next[x] -= tau * u->x[x - 1];
+        next[x] -= tau * ux[x - 1];
     }
     squares[0] += change;
     squares[1] += whole;
@@ -224,36 +261,45 @@ static void move_row(double squares[2], float *restrict volume, float *restrict 
 static void primal_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps,
                             int64_t z, int64_t y)
 {
+    if (y < 0 || y >= planes->rows) {
+        relax_row(volume_row(planes, z, y), next_row(planes, z, y), steps->relax, planes->width);
+        return;
+    }
     const struct duals duals = {.x = dual_row(planes, 0, z, y),
                                 .y = dual_row(planes, 1, z, y),
                                 .above = dual_row(planes, 1, z, y - 1),
                                 .z = dual_row(planes, 2, z, y),
                                 .before = z > 0 ? dual_row(planes, 2, z - 1, y) : NULL,
-                                .positive =
-                                    planes->positive + (z * planes->rows + y) * planes->width};
+                                .positive = positive_row(planes, z, y)};
     move_row(planes->of_row + 2 * y, volume_row(planes, z, y), next_row(planes, z, y), &duals,
              steps, planes->width);
 }
 
-/* A slice after the other, as long as it is in the cache: its duals, then its volume, which no
- * further slice reads. */
+/* A row of all slices after the other, as long as it is in the cache: its duals, then its volume,
+ * which no later row reads. The row above does, so that a thread's first row waits for the thread
+ * before it. */
 void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps)
 {
     exchange(planes);
     memset(planes->of_row, 0, (size_t)(2 * planes->rows) * sizeof *planes->of_row);
 #pragma omp parallel num_threads(planes->threads)
-    for (int64_t z = 0; z < planes->slices; z++) {
-#pragma omp for schedule(static)
-        for (int64_t y = -1; y < planes->rows; y++) {
-            dual_row_step(planes, steps, z, y);
+    {
+        const struct v2v_part part =
+            v2v_par_part(planes->rows + 1, omp_get_num_threads(), omp_get_thread_num());
+        const int64_t first = part.first - 1, end = first + part.count;
+        for (int64_t y = first; y < end; y++) {
+            for (int64_t z = 0; z < planes->slices; z++) {
+                dual_row_step(planes, steps, z, y);
+                if (y > first) {
+                    primal_row_step(planes, steps, z, y);
+                }
+            }
         }
-#pragma omp for schedule(static) nowait /* the next slice's duals read and write nothing of it */
-        for (int64_t y = -1; y <= planes->rows; y++) {
-            if (y >= 0 && y < planes->rows) {
-                primal_row_step(planes, steps, z, y);
-            } else {
-                relax_row(volume_row(planes, z, y), next_row(planes, z, y), steps->relax,
-                          planes->width);
+#pragma omp barrier
+        for (int64_t z = 0; z < planes->slices && part.count > 0; z++) {
+            primal_row_step(planes, steps, z, first);
+            if (end == planes->rows) {
+                primal_row_step(planes, steps, z, end);
             }
         }
     }

@@ -24,7 +24,7 @@ struct v2v_tv_planes {
     float *edges;                /* [V2V_TV_SIDES,z,x]: rows that others have there */
     float *dual[3];              /* [z,rows+1,x], from one row above on: of dx, dy, depth * dz */
     float *positive;             /* [z,rows,x]: w */
-    float *scratch;              /* [thread,3,x+1] */
+    float *scratch;              /* [thread,x+1] */
     double *of_row;              /* [rows,2]: squares of the change and of x */
     struct v2v_transfers *transfers;
 };

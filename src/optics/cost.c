@@ -8,7 +8,7 @@
 
 /* What is measured: the frames and the set that the program is made for, but of the OTFs only as
  * many blocks as no second-level cache holds. */
-enum { SIDE = 512, SIZE = 576, VIEWS = 13, SLICES = 39, BLOCKS = 16 };
+enum { SIDE = 512, SIZE = 576, VIEWS = 13, SLICES = 39, BLOCKS = 256 };
 
 /* One turn takes some 10 ms on an idle core: longer than a process is let run where there are more
  * of them than cores, so that it tells how fast they are together. */

@@ -260,21 +260,21 @@ static void run_block(struct v2v_data_step *step, int64_t b)
     struct v2v_projector *projector = step->projector;
     const struct v2v_projector_layout *layout = &projector->layout;
     const struct v2v_block *block = &projector->block[b];
-    const float *recorded = spectra_of(step, b);
-    double *sum = (double *)(void *)v2v_projector_scratch(projector);
+    const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
+    const int64_t of_view = step->slices * V2V_BLOCK_FLOATS, of_block = step->views * of_view;
     float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
     float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
     float *solved = rest + step->views * V2V_BLOCK_FLOATS;
     v2v_block_split(slice, projector->slice_spectra + block->first, layout->slice_stride,
                     step->slices, block->width);
     for (int64_t v = 0; v < step->views; v++) {
-        v2v_block_project(sum, v2v_projector_otf(projector, b, v), slice, step->slices);
-        v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS, sum);
+        v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS,
+                       otf + v * of_view, slice, step->slices, of_block);
     }
     v2v_hermitian_multiply(solved, factor_of(step, b), rest, step->views);
     for (int64_t v = 0; v < step->views; v++) {
-        v2v_block_project_adjoint(slice, v2v_projector_otf(projector, b, v),
-                                  solved + v * V2V_BLOCK_FLOATS, step->slices);
+        v2v_block_project_adjoint(slice, otf + v * of_view, solved + v * V2V_BLOCK_FLOATS,
+                                  step->slices, of_block);
     }
     v2v_block_merge(projector->view_spectra + block->first, solved, layout->view_stride,
                     step->views, block->width);

@@ -3,12 +3,10 @@
 #include "v2v3d/base/clones.h"
 #include <string.h>
 
-/* Matrices of one elimination: LAPACK takes them one by one (tests/bench/README.md compares). */
-enum { LANES = 16 };
-
-/* An entry of LANES matrices. */
+/* An entry of a block's matrices: one elimination for all of them, where LAPACK takes them one by
+ * one (tests/bench/README.md compares). */
 struct entry {
-    double re[LANES], im[LANES];
+    double re[V2V_BLOCK], im[V2V_BLOCK];
 };
 
 /* Entry (i,j), j <= i, of a lower triangle. */
@@ -26,10 +24,10 @@ int64_t v2v_hermitian_scratch(int64_t n)
 V2V_SIMD_CLONES
 static void product(struct entry *sum, const float *a, const float *b, int64_t columns)
 {
-    double re[LANES] = {0}, im[LANES] = {0};
+    double re[V2V_BLOCK] = {0}, im[V2V_BLOCK] = {0};
     for (int64_t z = 0; z < columns; z++, a += V2V_BLOCK_FLOATS, b += V2V_BLOCK_FLOATS) {
 #pragma omp simd
-        for (int f = 0; f < LANES; f++) {
+        for (int f = 0; f < V2V_BLOCK; f++) {
             const double a_re = a[f], a_im = a[V2V_BLOCK + f];
             const double b_re = b[f], b_im = b[V2V_BLOCK + f];
             re[f] += a_re * b_re + a_im * b_im;
@@ -45,7 +43,7 @@ static inline void take_away(struct entry *restrict a, const struct entry *b, co
                              const double *inverse_d)
 {
 #pragma omp simd
-    for (int f = 0; f < LANES; f++) {
+    for (int f = 0; f < V2V_BLOCK; f++) {
         const double re = b->re[f] * inverse_d[f], im = b->im[f] * inverse_d[f];
         a->re[f] -= re * c->re[f] + im * c->im[f];
         a->im[f] -= im * c->re[f] - re * c->im[f];
@@ -57,14 +55,14 @@ static inline void take_away(struct entry *restrict a, const struct entry *b, co
 V2V_SIMD_CLONES
 static void sweep(struct entry *a, struct entry *column, int64_t n, int64_t k)
 {
-    double inverse_d[LANES];
+    double inverse_d[V2V_BLOCK];
     struct entry *pivot = &a[lower(k, k)];
-    for (int f = 0; f < LANES; f++) {
+    for (int f = 0; f < V2V_BLOCK; f++) {
         inverse_d[f] = 1.0 / pivot->re[f];
     }
     for (int64_t i = 0; i < n; i++) {
         column[i] = a[i < k ? lower(k, i) : lower(i, k)];
-        for (int f = 0; i < k && f < LANES; f++) {
+        for (int f = 0; i < k && f < V2V_BLOCK; f++) {
             column[i].im[f] = -column[i].im[f];
         }
     }
@@ -78,28 +76,27 @@ static void sweep(struct entry *a, struct entry *column, int64_t n, int64_t k)
     for (int64_t i = 0; i < n; i++) {
         struct entry *to = &a[i < k ? lower(k, i) : lower(i, k)];
 #pragma omp simd
-        for (int f = 0; f < LANES; f++) {
+        for (int f = 0; f < V2V_BLOCK; f++) {
             to->re[f] = column[i].re[f] * inverse_d[f];
             to->im[f] = (i < k ? -column[i].im[f] : column[i].im[f]) * inverse_d[f];
         }
     }
-    for (int f = 0; f < LANES; f++) {
+    for (int f = 0; f < V2V_BLOCK; f++) {
         pivot->re[f] = -inverse_d[f];
         pivot->im[f] = 0.0;
     }
 }
 
-/* LANES frequencies from `at` on. */
-static void invert(float *inverse, struct entry *a, const float *matrix, int64_t n, int64_t columns,
-                   double c, int64_t at)
+void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix, int64_t n,
+                           int64_t columns, double c)
 {
     const int64_t stride = columns * V2V_BLOCK_FLOATS;
-    struct entry *column = a + v2v_hermitian_pairs(n);
+    struct entry *a = (struct entry *)(void *)scratch, *column = a + v2v_hermitian_pairs(n);
     for (int64_t i = 0; i < n; i++) {
         for (int64_t j = 0; j <= i; j++) {
-            product(&a[lower(i, j)], matrix + i * stride + at, matrix + j * stride + at, columns);
+            product(&a[lower(i, j)], matrix + i * stride, matrix + j * stride, columns);
         }
-        for (int f = 0; f < LANES; f++) {
+        for (int f = 0; f < V2V_BLOCK; f++) {
             a[lower(i, i)].re[f] += c;
         }
     }
@@ -109,52 +106,49 @@ static void invert(float *inverse, struct entry *a, const float *matrix, int64_t
     for (int64_t i = 0; i < n; i++) {
         for (int64_t j = i; j < n; j++, inverse += V2V_BLOCK_FLOATS) {
             const struct entry *from = &a[lower(j, i)];
-            for (int f = 0; f < LANES; f++) {
-                inverse[at + f] = (float)-from->re[f];
-                inverse[V2V_BLOCK + at + f] = (float)from->im[f]; /* conjugate: the other half */
+            for (int f = 0; f < V2V_BLOCK; f++) {
+                inverse[f] = (float)-from->re[f];
+                inverse[V2V_BLOCK + f] = (float)from->im[f]; /* conjugate: the other half */
             }
         }
     }
 }
 
-void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix, int64_t n,
-                           int64_t columns, double c)
-{
-    struct entry *a = (struct entry *)(void *)scratch;
-    for (int64_t at = 0; at < V2V_BLOCK; at += LANES) {
-        invert(inverse, a, matrix, n, columns, c, at);
-    }
-}
-
-/* y_i += m x_j, and y_j += conj(m) x_i where they are two. */
-static inline void multiply_pair(float *restrict y_i, float *restrict y_j, const float *m,
-                                 const float *x_i, const float *x_j)
-{
-#pragma omp simd
-    for (int64_t f = 0; f < V2V_BLOCK; f++) {
-        const float re = m[f], im = m[V2V_BLOCK + f];
-        y_i[f] += re * x_j[f] - im * x_j[V2V_BLOCK + f];
-        y_i[V2V_BLOCK + f] += re * x_j[V2V_BLOCK + f] + im * x_j[f];
-        y_j[f] += re * x_i[f] + im * x_i[V2V_BLOCK + f];
-        y_j[V2V_BLOCK + f] += re * x_i[V2V_BLOCK + f] - im * x_i[f];
-    }
-}
-
+/* Row i of the upper triangle: y_i = its sum, what came from above included, and what it adds to
+ * the rows below. @param row its entries from the diagonal on, n of them
+ * @param ahead floats to the next block's, which memory is asked for meanwhile */
 V2V_SIMD_CLONES
+static void multiply_row(float *y_i, const float *row, const float *x_i, int64_t n, int64_t ahead)
+{
+    float re[V2V_BLOCK], im[V2V_BLOCK];
+#pragma omp simd
+    for (int64_t f = 0; f < V2V_BLOCK; f++) { /* the diagonal is real */
+        re[f] = y_i[f] + row[f] * x_i[f];
+        im[f] = y_i[V2V_BLOCK + f] + row[f] * x_i[V2V_BLOCK + f];
+    }
+    for (int64_t j = 1; j < n; j++) {
+        const float *m = row + j * V2V_BLOCK_FLOATS, *x_j = x_i + j * V2V_BLOCK_FLOATS;
+        float *restrict y_j = y_i + j * V2V_BLOCK_FLOATS;
+        __builtin_prefetch(m + ahead);
+        __builtin_prefetch(m + ahead + V2V_BLOCK);
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            re[f] += m[f] * x_j[f] - m[V2V_BLOCK + f] * x_j[V2V_BLOCK + f];
+            im[f] += m[f] * x_j[V2V_BLOCK + f] + m[V2V_BLOCK + f] * x_j[f];
+            y_j[f] += m[f] * x_i[f] + m[V2V_BLOCK + f] * x_i[V2V_BLOCK + f];
+            y_j[V2V_BLOCK + f] += m[f] * x_i[V2V_BLOCK + f] - m[V2V_BLOCK + f] * x_i[f];
+        }
+    }
+    memcpy(y_i, re, sizeof re);
+    memcpy(y_i + V2V_BLOCK, im, sizeof im);
+}
+
 void v2v_hermitian_multiply(float *y, const float *inverse, const float *x, int64_t n)
 {
+    const int64_t ahead = v2v_hermitian_pairs(n) * V2V_BLOCK_FLOATS;
     memset(y, 0, (size_t)(n * V2V_BLOCK_FLOATS) * sizeof *y);
     for (int64_t i = 0; i < n; i++) {
-        const float *x_i = x + i * V2V_BLOCK_FLOATS;
-        float *restrict y_i = y + i * V2V_BLOCK_FLOATS;
-#pragma omp simd
-        for (int64_t f = 0; f < V2V_BLOCK; f++) { /* real */
-            y_i[f] += inverse[f] * x_i[f];
-            y_i[V2V_BLOCK + f] += inverse[f] * x_i[V2V_BLOCK + f];
-        }
-        inverse += V2V_BLOCK_FLOATS;
-        for (int64_t j = i + 1; j < n; j++, inverse += V2V_BLOCK_FLOATS) {
-            multiply_pair(y_i, y + j * V2V_BLOCK_FLOATS, inverse, x_i, x + j * V2V_BLOCK_FLOATS);
-        }
+        multiply_row(y + i * V2V_BLOCK_FLOATS, inverse, x + i * V2V_BLOCK_FLOATS, n - i, ahead);
+        inverse += (n - i) * V2V_BLOCK_FLOATS;
     }
 }

@@ -26,8 +26,8 @@ static void wrap_columns(const struct v2v_projector *projector, float *rows, con
     }
 }
 
-/* One transform for each slice of each view, cut into blocks. The slice spectra serve as scratch:
- * one for each z, so that threads share none. @param rows [thread,kernel rows,nx] */
+/* One transform for each slice of each view, cut into blocks. The slice spectra serve as scratch.
+ * @param rows [thread,kernel rows,nx] */
 static void compute_otfs(struct v2v_projector *projector, const struct v2v_psf_file *psf,
                          float *rows)
 {
@@ -35,19 +35,23 @@ static void compute_otfs(struct v2v_projector *projector, const struct v2v_psf_f
     const int64_t first = projector->share.slices.first;
     const int64_t before = v2v_kernel_before(psf->height, projector->height);
     const int64_t count = before + 1 + v2v_kernel_after(psf->height, projector->height);
-#pragma omp parallel for schedule(dynamic) num_threads(projector->threads)
-    for (int64_t z = 0; z < layout->slices; z++) {
-        float *mine = rows + omp_get_thread_num() * count * layout->shape.nx;
-        struct v2v_complex *spectrum = projector->slice_spectra + z * layout->slice_stride;
-        for (int64_t v = 0; v < psf->views; v++) {
+#pragma omp parallel num_threads(projector->threads)
+    for (int64_t v = 0; v < psf->views; v++) {
+#pragma omp for schedule(dynamic)
+        for (int64_t z = 0; z < layout->slices; z++) {
+            float *mine = rows + omp_get_thread_num() * count * layout->shape.nx;
             const int64_t slice = v * psf->slices + first + z;
             wrap_columns(projector, mine, psf->data + slice * psf->height * psf->width, psf);
-            v2v_fft_slabs_local(v2v_projector_slice_fft(projector), spectrum, mine, -before, count);
-            for (int64_t b = 0; b < layout->blocks; b++) {
-                const struct v2v_block *block = &projector->block[b];
-                v2v_block_split(v2v_projector_otf(projector, b, v) + z * V2V_BLOCK_FLOATS,
-                                spectrum + block->first, 0, 1, block->width);
-            }
+            v2v_fft_slabs_local(v2v_projector_slice_fft(projector),
+                                projector->slice_spectra + z * layout->slice_stride, mine, -before,
+                                count);
+        }
+#pragma omp for schedule(static)
+        for (int64_t b = 0; b < layout->blocks; b++) {
+            const struct v2v_block *block = &projector->block[b];
+            v2v_block_split(v2v_projector_otf(projector, b, v),
+                            projector->slice_spectra + block->first, layout->slice_stride,
+                            layout->slices, block->width);
         }
     }
 }

@@ -2,6 +2,14 @@
 #include "v2v3d/base/clones.h"
 #include <string.h>
 
+/* Spectra are read a block of each in turn, more of them than the processor looks ahead in. */
+static inline void ask_ahead(const float *from)
+{
+    enum { AHEAD = 8 * V2V_BLOCK_FLOATS };
+    __builtin_prefetch(from + AHEAD);
+    __builtin_prefetch(from + AHEAD + V2V_BLOCK);
+}
+
 V2V_SIMD_CLONES
 void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t stride, int64_t n,
                      int64_t width)
@@ -10,14 +18,18 @@ void v2v_block_split(float *split, const struct v2v_complex *spectra, int64_t st
         float *restrict re = split + i * V2V_BLOCK_FLOATS;
         float *restrict im = re + V2V_BLOCK;
         const struct v2v_complex *from = spectra + i * stride;
+        ask_ahead(&from->re);
+        if (width == V2V_BLOCK) {
 #pragma omp simd
-        for (int64_t f = 0; f < width; f++) {
-            re[f] = from[f].re;
-            im[f] = from[f].im;
-        }
-        if (width < V2V_BLOCK) {
-            memset(re + width, 0, (size_t)(V2V_BLOCK - width) * sizeof *re);
-            memset(im + width, 0, (size_t)(V2V_BLOCK - width) * sizeof *im);
+            for (int64_t f = 0; f < V2V_BLOCK; f++) {
+                re[f] = from[f].re;
+                im[f] = from[f].im;
+            }
+        } else {
+            for (int64_t f = 0; f < V2V_BLOCK; f++) {
+                re[f] = f < width ? from[f].re : 0.0f;
+                im[f] = f < width ? from[f].im : 0.0f;
+            }
         }
     }
 }
@@ -30,41 +42,36 @@ void v2v_block_merge(struct v2v_complex *spectra, const float *split, int64_t st
         const float *re = split + i * V2V_BLOCK_FLOATS;
         const float *im = re + V2V_BLOCK;
         struct v2v_complex *restrict to = spectra + i * stride;
+        if (width == V2V_BLOCK) {
 #pragma omp simd
-        for (int64_t f = 0; f < width; f++) {
-            to[f].re = re[f];
-            to[f].im = im[f];
+            for (int64_t f = 0; f < V2V_BLOCK; f++) {
+                to[f].re = re[f];
+                to[f].im = im[f];
+            }
+        } else {
+            for (int64_t f = 0; f < width; f++) {
+                to[f].re = re[f];
+                to[f].im = im[f];
+            }
         }
-    }
-}
-
-/* OTFs come from memory, front to back. The processor's own looking ahead ends with each page of
- * 4 KB, which is two slices. */
-static inline void ask_ahead(const float *otf)
-{
-    enum { AHEAD = 8 * V2V_BLOCK_FLOATS, LINE = 16 };
-    for (int64_t k = 0; k < V2V_BLOCK_FLOATS; k += LINE) {
-        __builtin_prefetch(otf + AHEAD + k);
     }
 }
 
 V2V_SIMD_CLONES
 void v2v_block_project(double *sum, const float *otf, const float *slice, int64_t slices)
 {
-    double *restrict sum_re = sum;
-    double *restrict sum_im = sum + V2V_BLOCK;
-    memset(sum, 0, V2V_BLOCK_FLOATS * sizeof *sum);
-    for (int64_t z = 0; z < slices; z++) {
-        const float *a_re = otf + z * V2V_BLOCK_FLOATS, *a_im = a_re + V2V_BLOCK;
-        const float *b_re = slice + z * V2V_BLOCK_FLOATS, *b_im = b_re + V2V_BLOCK;
-        ask_ahead(a_re);
+    double re[V2V_BLOCK] = {0}, im[V2V_BLOCK] = {0};
+    for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
+        ask_ahead(otf);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
-            const double re = b_re[f], im = b_im[f];
-            sum_re[f] += a_re[f] * re - a_im[f] * im;
-            sum_im[f] += a_re[f] * im + a_im[f] * re;
+            const double b_re = slice[f], b_im = slice[V2V_BLOCK + f];
+            re[f] += otf[f] * b_re - otf[V2V_BLOCK + f] * b_im;
+            im[f] += otf[f] * b_im + otf[V2V_BLOCK + f] * b_re;
         }
     }
+    memcpy(sum, re, sizeof re);
+    memcpy(sum + V2V_BLOCK, im, sizeof im);
 }
 
 V2V_SIMD_CLONES
@@ -77,27 +84,43 @@ void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t wi
     }
 }
 
+/* Four sums, so that none waits for another's addition. */
 V2V_SIMD_CLONES
-void v2v_block_rest(float *rest, const float *recorded, const double *sum)
+void v2v_block_rest(float *rest, const float *recorded, const float *otf, const float *slice,
+                    int64_t slices, int64_t ahead)
 {
+    float re_re[V2V_BLOCK] = {0}, im_im[V2V_BLOCK] = {0};
+    float re_im[V2V_BLOCK] = {0}, im_re[V2V_BLOCK] = {0};
+    for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
+        __builtin_prefetch(otf + ahead);
 #pragma omp simd
-    for (int64_t f = 0; f < V2V_BLOCK_FLOATS; f++) {
-        rest[f] = (float)(recorded[f] - sum[f]);
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            re_re[f] += otf[f] * slice[f];
+            im_im[f] += otf[V2V_BLOCK + f] * slice[V2V_BLOCK + f];
+            re_im[f] += otf[f] * slice[V2V_BLOCK + f];
+            im_re[f] += otf[V2V_BLOCK + f] * slice[f];
+        }
+    }
+#pragma omp simd
+    for (int64_t f = 0; f < V2V_BLOCK; f++) {
+        rest[f] = recorded[f] - (re_re[f] - im_im[f]);
+        rest[V2V_BLOCK + f] = recorded[V2V_BLOCK + f] - (re_im[f] + im_re[f]);
     }
 }
 
 V2V_SIMD_CLONES
-void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices)
+void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices,
+                               int64_t ahead)
 {
-    const float *b_re = view, *b_im = view + V2V_BLOCK;
-    for (int64_t z = 0; z < slices; z++) {
-        const float *a_re = otf + z * V2V_BLOCK_FLOATS, *a_im = a_re + V2V_BLOCK;
-        float *restrict sum_re = slice + z * V2V_BLOCK_FLOATS;
-        float *restrict sum_im = sum_re + V2V_BLOCK;
+    float re[V2V_BLOCK], im[V2V_BLOCK];
+    memcpy(re, view, sizeof re);
+    memcpy(im, view + V2V_BLOCK, sizeof im);
+    for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
+        __builtin_prefetch(otf + ahead + V2V_BLOCK);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
-            sum_re[f] += a_re[f] * b_re[f] + a_im[f] * b_im[f];
-            sum_im[f] += a_re[f] * b_im[f] - a_im[f] * b_re[f];
+            slice[f] += otf[f] * re[f] + otf[V2V_BLOCK + f] * im[f];
+            slice[V2V_BLOCK + f] += otf[f] * im[f] - otf[V2V_BLOCK + f] * re[f];
         }
     }
 }

@@ -1,8 +1,9 @@
 /** Products of spectra, one block of frequencies at a time.
  *
- *  A block of all slice spectra stays in the second-level cache while the OTFs stream past it once.
- *  Inside a block real and imaginary parts lie apart, so that a product is four fused multiply-adds
- *  without shuffles.
+ *  A block is what a vector register or two hold of one number of each frequency, real and
+ *  imaginary parts apart: sums stay in registers, the slices' blocks in the first-level cache, and
+ *  the OTFs of all views (13 x 39: 65 KB) in the second-level one from the way there to the way
+ *  back.
  */
 #ifndef V2V3D_SRC_OPTICS_SPECTRUM_BLOCK_H
 #define V2V3D_SRC_OPTICS_SPECTRUM_BLOCK_H
@@ -10,9 +11,8 @@
 #include "v2v3d/fft/fft2.h"
 #include <stdint.h>
 
-/** Frequencies of a block: 39 slices are 80 KB, below the smallest second-level cache in use
- *  (256 KB). */
-#define V2V_BLOCK 256
+/** Frequencies of a block: a cache line of floats. */
+#define V2V_BLOCK 16
 #define V2V_BLOCK_FLOATS (2 * V2V_BLOCK)
 
 /** split[n,2,V2V_BLOCK] = `width` frequencies of n spectra that lie `stride` apart; zeros behind.
@@ -31,10 +31,14 @@ void v2v_block_project(double *sum, const float *otf, const float *slice, int64_
 /** The sum, rounded. @param spectrum [width] */
 void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t width);
 
-/** rest = recorded - sum; both [2,V2V_BLOCK]. */
-void v2v_block_rest(float *rest, const float *recorded, const double *sum);
+/** rest[2,V2V_BLOCK] = recorded - sum_z otf[z] * slice[z], in single precision.
+ *  @param ahead floats to the OTF that memory is asked for meanwhile: half of it here, the other
+ *         half by v2v_block_project_adjoint */
+void v2v_block_rest(float *rest, const float *recorded, const float *otf, const float *slice,
+                    int64_t slices, int64_t ahead);
 
-/** slice[z,f] += conj(otf[z,f]) * view[f]. */
-void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices);
+/** slice[z,f] += conj(otf[z,f]) * view[f]. @param ahead as of v2v_block_rest */
+void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices,
+                               int64_t ahead);
 
 #endif
