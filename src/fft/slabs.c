@@ -29,9 +29,11 @@ struct layout {
 
 /* One exchange: equal pieces from and to each rank r, as large as the fullest ranks'. On the rows'
  * side [r, frame, kx of r, y of this rank], on the columns' side [r, frame, kx of this rank, y of
- * r], or as FFTW3-MPI leaves it: [frame, kx of this rank, r, y of r]. One rank has one side. */
+ * r], or as FFTW3-MPI leaves it: [frame, kx of this rank, r, y of r]. The own exchange finds a
+ * rank's piece for itself on the other side already. One rank has one side. */
 struct lane {
     struct v2v_complex *rows_side, *columns_side;
+    int *counts, *offsets; /* [rank]: numbers of the own exchange */
     MPI_Request request;
 };
 enum { LANES = 2 };
@@ -98,12 +100,14 @@ int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks)
         return -1;
     }
     const int64_t threads = omp_get_max_threads();
-    const int64_t buffers = ranks == 1 ? threads : 2 * lanes_of(shape, ranks);
+    const int lanes = lanes_of(shape, ranks);
+    const int64_t buffers = ranks == 1 ? threads : 2 * lanes;
+    const int64_t counts = ranks == 1 ? 0 : 2 * lanes * (int64_t)ranks;
     return (buffers * layout.side +
             threads * (ROWS * layout.row_stride + 2 * layout.column_stride)) *
                (int64_t)sizeof(struct v2v_complex) +
            threads * 2 * layout.row_floats * (int64_t)sizeof(float) +
-           (int64_t)sizeof(struct v2v_fft_slabs);
+           counts * (int64_t)sizeof(int) + (int64_t)sizeof(struct v2v_fft_slabs);
 }
 
 int64_t v2v_fft_slabs_batch(const struct v2v_fft_shape *shape, int ranks)
@@ -138,6 +142,8 @@ static enum v2v_status take_lanes(struct v2v_fft_slabs *fft, int size)
         lane->request = MPI_REQUEST_NULL;
         V2V_TRY(V2V_ALLOC(lane->rows_side, "fft.exchange", fft->layout.side));
         V2V_TRY(V2V_ALLOC(lane->columns_side, "fft.exchange", fft->layout.side));
+        V2V_TRY(V2V_ALLOC(lane->counts, "fft.exchange", size));
+        V2V_TRY(V2V_ALLOC(lane->offsets, "fft.exchange", size));
     }
     if (size == 1) {
         V2V_TRY(V2V_ALLOC(fft->lane[0].rows_side, "fft.exchange",
@@ -217,6 +223,8 @@ void v2v_fft_slabs_destroy(struct v2v_fft_slabs **fft)
     for (int i = 0; i < LANES; i++) {
         v2v_mem_free(old->lane[i].rows_side);
         v2v_mem_free(old->lane[i].columns_side);
+        v2v_mem_free(old->lane[i].counts);
+        v2v_mem_free(old->lane[i].offsets);
     }
     v2v_mem_free(old->pixels);
     v2v_mem_free(old->restored);
@@ -308,9 +316,17 @@ static int64_t column_place(const struct v2v_fft_slabs *fft, int r, int64_t n, i
     return place * fft->layout.rows;
 }
 
+/* Where rank r's piece is written: on this side of the exchange, but for the own one. */
+static struct v2v_complex *piece_side(const struct v2v_fft_slabs *fft, int r,
+                                      struct v2v_complex *this_side, struct v2v_complex *other_side)
+{
+    const int is_own = r == v2v_comm_rank(fft->comm) && fft->transposition == NULL;
+    return is_own ? other_side : this_side;
+}
+
 /* Rows y .. y+ROWS-1 of frame i of n into the rows' side. */
-static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
-                      const float *frames, int64_t n, int64_t i, int64_t y)
+static void send_rows(const struct v2v_fft_slabs *fft, const struct lane *lane, const float *frames,
+                      int64_t n, int64_t i, int64_t y)
 {
     const int size = v2v_comm_size(fft->comm);
     const int64_t mine = fft->rows.count, width = fft->shape.width;
@@ -323,7 +339,8 @@ static void send_rows(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
     }
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->layout.half, size, r);
-        struct v2v_complex *to = side + rows_place(fft, r, n, i) + y;
+        struct v2v_complex *to =
+            piece_side(fft, r, lane->rows_side, lane->columns_side) + rows_place(fft, r, n, i) + y;
         if (count == ROWS) {
             turn(to, step, numbers + part.first, stride, part.count, ROWS);
         } else {
@@ -348,7 +365,7 @@ static void take_column(const struct v2v_fft_slabs *fft, struct v2v_complex *spe
 }
 
 /* Column k of frame i of n into the columns' side. */
-static void send_column(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
+static void send_column(const struct v2v_fft_slabs *fft, const struct lane *lane,
                         const struct v2v_complex *spectrum, int64_t n, int64_t i, int64_t k)
 {
     const int size = v2v_comm_size(fft->comm);
@@ -358,8 +375,9 @@ static void send_column(const struct v2v_fft_slabs *fft, struct v2v_complex *sid
     fftwf_execute_dft(fft->column_inverse, from, (fftwf_complex *)(void *)changed);
     for (int r = 0; r < size; r++) {
         const struct v2v_part part = v2v_par_part(fft->shape.height, size, r);
-        memcpy(side + column_place(fft, r, n, i, k), changed + part.first,
-               (size_t)part.count * sizeof *changed);
+        memcpy(piece_side(fft, r, lane->columns_side, lane->rows_side) +
+                   column_place(fft, r, n, i, k),
+               changed + part.first, (size_t)part.count * sizeof *changed);
     }
 }
 
@@ -395,6 +413,7 @@ static void take_rows(const struct v2v_fft_slabs *fft, float *frames, float fact
 static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n, int forward)
 {
     const int count = (int)(n * fft->layout.rows * fft->layout.columns);
+    const int size = v2v_comm_size(fft->comm), rank = v2v_comm_rank(fft->comm);
     struct v2v_complex *to = forward ? lane->columns_side : lane->rows_side;
     const struct v2v_complex *from = forward ? lane->rows_side : lane->columns_side;
     if (fft->transposition != NULL) {
@@ -402,8 +421,12 @@ static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n,
         v2v_transposition_run(fft->transposition, n, forward);
         v2v_par_spent(V2V_PAR_EXCHANGE, began);
     } else {
-        MPI_Ialltoall(from, count, MPI_C_FLOAT_COMPLEX, to, count, MPI_C_FLOAT_COMPLEX,
-                      v2v_comm_mpi(fft->comm), &lane->request);
+        for (int r = 0; r < size; r++) {
+            lane->counts[r] = r == rank ? 0 : count;
+            lane->offsets[r] = r * count;
+        }
+        MPI_Ialltoallv(from, lane->counts, lane->offsets, MPI_C_FLOAT_COMPLEX, to, lane->counts,
+                       lane->offsets, MPI_C_FLOAT_COMPLEX, v2v_comm_mpi(fft->comm), &lane->request);
     }
 }
 
@@ -436,7 +459,7 @@ static void rows_to_lane(const struct v2v_fft_slabs *fft, const struct job *job,
 #pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
     for (int64_t i = 0; i < batch.count; i++) {
         for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
-            send_rows(fft, lane->rows_side, frames, batch.count, i, y);
+            send_rows(fft, lane, frames, batch.count, i, y);
         }
     }
 }
@@ -459,8 +482,7 @@ static void columns_to_lane(const struct v2v_fft_slabs *fft, const struct job *j
 #pragma omp parallel for collapse(2) schedule(static) num_threads(fft->threads)
     for (int64_t i = 0; i < batch.count; i++) {
         for (int64_t k = 0; k < fft->columns.count; k++) {
-            send_column(fft, lane->columns_side, job->kept + (batch.first + i) * job->stride,
-                        batch.count, i, k);
+            send_column(fft, lane, job->kept + (batch.first + i) * job->stride, batch.count, i, k);
         }
     }
 }
@@ -510,32 +532,33 @@ static void share(struct v2v_fft_slabs *fft, const struct job *job, int64_t n, i
     } while (batch.count > 0);
 }
 
-static void forward_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *side,
+static void forward_alone(const struct v2v_fft_slabs *fft, const struct lane *lane,
                           struct v2v_complex *spectrum, const float *frame)
 {
     for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
-        send_rows(fft, side, frame, 1, 0, y);
+        send_rows(fft, lane, frame, 1, 0, y);
     }
     for (int64_t k = 0; k < fft->columns.count; k++) {
-        take_column(fft, spectrum, side, 1, 0, k);
+        take_column(fft, spectrum, lane->columns_side, 1, 0, k);
     }
 }
 
-static void inverse_alone(const struct v2v_fft_slabs *fft, struct v2v_complex *side, float *frame,
+static void inverse_alone(const struct v2v_fft_slabs *fft, const struct lane *lane, float *frame,
                           float factor, const struct v2v_complex *spectrum)
 {
     for (int64_t k = 0; k < fft->columns.count; k++) {
-        send_column(fft, side, spectrum, 1, 0, k);
+        send_column(fft, lane, spectrum, 1, 0, k);
     }
     for (int64_t y = 0; y < fft->rows.count; y += ROWS) {
-        take_rows(fft, frame, factor, side, 1, 0, y);
+        take_rows(fft, frame, factor, lane->rows_side, 1, 0, y);
     }
 }
 
 /* On one rank a thread's frame lies here between its rows and its columns. */
-static struct v2v_complex *thread_side(const struct v2v_fft_slabs *fft)
+static struct lane thread_lane(const struct v2v_fft_slabs *fft)
 {
-    return fft->lane[0].rows_side + omp_get_thread_num() * fft->layout.side;
+    struct v2v_complex *side = fft->lane[0].rows_side + omp_get_thread_num() * fft->layout.side;
+    return (struct lane){.rows_side = side, .columns_side = side};
 }
 
 void v2v_fft_slabs_forward(struct v2v_fft_slabs *fft, struct v2v_complex *spectra, int64_t stride,
@@ -550,7 +573,8 @@ void v2v_fft_slabs_forward(struct v2v_fft_slabs *fft, struct v2v_complex *spectr
     }
 #pragma omp parallel for schedule(dynamic) num_threads(fft->threads)
     for (int64_t i = 0; i < n; i++) {
-        forward_alone(fft, thread_side(fft), spectra + i * stride, frames + i * pixels);
+        const struct lane lane = thread_lane(fft);
+        forward_alone(fft, &lane, spectra + i * stride, frames + i * pixels);
     }
 }
 
@@ -567,7 +591,8 @@ void v2v_fft_slabs_inverse(struct v2v_fft_slabs *fft, float *frames, float facto
     }
 #pragma omp parallel for schedule(dynamic) num_threads(fft->threads)
     for (int64_t i = 0; i < n; i++) {
-        inverse_alone(fft, thread_side(fft), frames + i * pixels, factor, spectra + i * stride);
+        const struct lane lane = thread_lane(fft);
+        inverse_alone(fft, &lane, frames + i * pixels, factor, spectra + i * stride);
     }
 }
 
