@@ -16,6 +16,9 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
                    "tv: weight of the variation, in noise of the views (0.048); auto: by views "
                    "left out of the first frame"),
+    V2V_OPTION_SET(
+        "noise", "deconv.noise", "auto|gaussian|poisson",
+        "tv: the same for all samples, or of photons; auto (default): as the views show"),
     V2V_OPTIONS_VOLUMES,
     V2V_OPTION_NEIGHBOURS,
     V2V_OPTION_OFFSET,

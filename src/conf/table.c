@@ -151,6 +151,9 @@ const struct v2v_key v2v_key_table[] = {
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     DEFAULT(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
+    WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
+         "tv: the same for all samples, or of photons; auto: as the views show", "auto", "gaussian",
+         "poisson"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),
 

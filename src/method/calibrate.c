@@ -454,6 +454,7 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
         return V2V_FAIL(V2V_E_INPUT, "one view alone: there is no other to predict it");
     }
     self.config.deconv.stop = V2V_STOP_FIXED;
+    self.config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* a volume's errors are no photons' */
     self.rows = v2v_registration_judged(problem->height);
     self.columns = v2v_registration_judged(problem->width);
     V2V_TRY(v2v_par_agree(comm, take_memory(&self)));

@@ -25,13 +25,17 @@ enum v2v_status v2v_features_create(struct v2v_features **features,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_features *self = NULL;
+    struct v2v_config config = *problem->config;
+    struct v2v_problem even = *problem;
+    config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* as v2v_features_simulate adds it */
+    even.config = &config;
     V2V_TRY(V2V_ALLOC(self, "features", 1));
     *self = (struct v2v_features){.views = problem->psf->views,
                                   .slices = problem->psf->slices,
                                   .height = problem->height,
                                   .width = problem->width,
                                   .light = v2v_psf_light(problem->psf)};
-    V2V_TRY(v2v_estimator_create(&self->estimator, &v2v_estimator_tv, problem, NULL));
+    V2V_TRY(v2v_estimator_create(&self->estimator, &v2v_estimator_tv, &even, NULL));
     self->step = v2v_tv_data_step(self->estimator);
     self->torus = v2v_data_step_torus(self->step);
     V2V_TRY(V2V_ALLOC(self->volume, "features.volume",

@@ -22,7 +22,7 @@
  * method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011), over-relaxed as Condat, J.
  * Optim. Theory Appl. 158, 460 (2013)). The step towards the views is taken in closed form
  * (optics/data_step.h). Views and volume are in units of sigma here, so that lambda is one number
- * for all scenes. */
+ * for all scenes. Noise of photons weighs the squares by the inverse of its variance. */
 
 /* Over-relaxation, below 2. */
 static const float relax = 1.8f;
@@ -59,6 +59,7 @@ struct tv {
     int64_t views, slices, height, width;
     int64_t iterations;
     double lambda, depth, tolerance;
+    enum v2v_noise_model model;
     double light;   /* sum of a view's PSF, mean of all views */
     double noise;   /* of the views of the last run; 0: a dark frame */
     float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
@@ -91,13 +92,14 @@ static enum v2v_split split_of(const struct v2v_config *config)
 
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
 {
-    enum { VOLUMES = 3, VIEWS = 3 }; /* those of the caller with them */
+    enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 2 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
     const int64_t volumes = v2v_mem_product(VOLUMES * psf->slices, height, width);
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
-    const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width);
+    const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width) +
+                           v2v_mem_product(WEIGHTS * psf->views, torus.height, torus.width);
     const int64_t data_step = v2v_data_step_bytes(psf, &torus, split_of(problem->config), 1);
     *work = (struct v2v_grid_work){
         .height = height,
@@ -144,6 +146,9 @@ static enum v2v_status take_memory(struct tv *self)
     V2V_TRY(V2V_ALLOC(self->scratch, "tv.noise",
                       v2v_mem_product(self->views, self->height, self->width)));
     V2V_TRY(V2V_ALLOC(self->of_row, "tv.change", 2 * self->torus.height));
+    if (self->model != V2V_NOISE_MODEL_GAUSSIAN) {
+        V2V_TRY(v2v_data_step_take_weights(self->step));
+    }
 done:
     v2v_mem_free(rows);
     return rc;
@@ -165,6 +170,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .lambda = config->deconv.lambda.value,
                         .depth = config->deconv.depth,
                         .tolerance = config->deconv.tolerance,
+                        .model = config->deconv.noise,
                         .light = v2v_psf_light(problem->psf)};
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
                                  split_of(config), self->comm));
@@ -203,8 +209,40 @@ static const double brighter_part = 1e-3, least_of_brightest = 1e-3;
 /* What a frame's iterations are scaled by; all 0 without light. */
 struct level {
     double brightness; /* of the views */
-    double sigma;      /* of their noise */
+    double sigma;      /* of their noise; of photons: where they are that bright */
+    double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
+    double floor; /* the variance where there is no light, likewise */
 };
+
+/* For `auto` the variance is four times as large in the light as in the dark: below, weights gained
+ * nothing. The noise is white: else it isn't noise. And so many samples are brighter than the
+ * percentile: else it may be a hot pixel. */
+static const double least_contrast = 3.0, most_colour = 2.0, least_brighter = 4.0;
+
+/* The variance counts as at least this part of that in the light, so that few dark samples don't
+ * outweigh all others; and what isn't of photons twice, or the dark would have more of it in the
+ * volume than the light. */
+static const double least_variance = 0.05, dark_twice = 2.0;
+
+/** The noise of photons, where it is and isn't too small; else the level stays.
+ *  Local. @param bright percentile of the views, which few samples don't lift
+ *  @param least noise that float32 holds */
+static void of_photons(struct level *level, const struct tv *self, const float *views,
+                       double bright, double least)
+{
+    const struct v2v_noise_line line =
+        v2v_noise_line_of_images(views, self->views, self->height, self->width, bright);
+    const double in_light = line.gain * bright, dark = fmax(line.variance, 0.0);
+    const double variance = in_light + dark, unit = sqrt(variance);
+    const double samples = (double)(self->views * self->height * self->width);
+    const int is_clear = in_light > least_contrast * dark && line.colour < most_colour &&
+                         samples * brighter_part >= least_brighter;
+    if (line.gain > 0.0 && unit > least && (is_clear || self->model == V2V_NOISE_MODEL_POISSON)) {
+        level->sigma = unit;
+        level->gain = line.gain / unit;
+        level->floor = fmax(dark_twice * dark / variance, least_variance);
+    }
+}
 
 /** Local. */
 static struct level measure(const struct tv *self, const float *views)
@@ -217,15 +255,19 @@ static struct level measure(const struct tv *self, const float *views)
         largest = fmax(largest, fabs((double)views[i]));
     }
     if (brightest == 0.0) {
-        return (struct level){0.0, 0.0};
+        return (struct level){0};
     }
     const double sigma =
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
     memcpy(self->scratch, views, (size_t)count * sizeof *views);
-    const double brightness =
-        fmax((double)v2v_select(self->scratch, count, bright), least_of_brightest * brightest);
+    const double usual = (double)v2v_select(self->scratch, count, bright);
+    const double brightness = fmax(usual, least_of_brightest * brightest);
     const double noisy = fmax(brightness, least_of_brightest * largest);
-    return (struct level){brightness, fmax(sigma, least_noise * noisy)};
+    struct level level = {brightness, fmax(sigma, least_noise * noisy), 0.0, 0.0};
+    if (self->model != V2V_NOISE_MODEL_GAUSSIAN && usual > 0.0) {
+        of_photons(&level, self, views, usual, least_noise * noisy);
+    }
+    return level;
 }
 
 /* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share
@@ -351,6 +393,10 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct lev
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
         done = i;
     }
+    if (level->gain > 0.0) {
+        v2v_log(V2V_LOG_DEBUG, "frame %lld: noise of photons, %.3g of the brightness",
+                (long long)estimator->frame, level->sigma / level->brightness);
+    }
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
             (long long)estimator->frame, (long long)done, missed);
     if (self->iterations == 0 && done == most) {
@@ -372,6 +418,9 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     v2v_tv_planes_clear(&self->planes);
     if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
         v2v_data_step_begin(self->step, views, 1.0 / level.sigma);
+        if (level.gain > 0.0) {
+            v2v_data_step_weigh(self->step, level.gain, level.floor);
+        }
         V2V_TRY(iterate(estimator, &level, monitor));
     }
     cut(self, level.sigma);

@@ -15,14 +15,17 @@ struct v2v_data_step {
     int64_t views, slices;
     int64_t height, width; /* of a frame */
     struct v2v_torus torus;
-    double tau;      /* of the factors; 0: none yet */
-    float *factor;   /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
-    float *recorded; /* [v,rows,torus width]: y */
-    float *spectra;  /* [block,v,2,V2V_BLOCK]: of y */
-    float *missed;   /* [v,rows,torus width]: y - A x */
-    float *scratch;  /* [thread,2 v,2,V2V_BLOCK] */
-    double *entries; /* [thread,v2v_hermitian_scratch] */
-    double *of_row;  /* [torus height]: squares of a row of all views */
+    double tau;        /* of the factors; 0: none yet */
+    float *factor;     /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
+    float *recorded;   /* [v,rows,torus width]: y */
+    float *spectra;    /* [block,v,2,V2V_BLOCK]: of y */
+    float *missed;     /* [v,rows,torus width]: y - A x */
+    float gain, floor; /* of the noise's variance over A x; gain 0: no weights */
+    float *kept;       /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
+    float *split;      /* [v,rows,torus width]: p */
+    float *scratch;    /* [thread,2 v,2,V2V_BLOCK] */
+    double *entries;   /* [thread,v2v_hermitian_scratch] */
+    double *of_row;    /* [torus height]: squares of a row of all views */
 };
 
 /* Light of the pixels whose row or column is r from the kernel's centre, none farther. */
@@ -154,6 +157,8 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->recorded);
         v2v_mem_free(old->spectra);
         v2v_mem_free(old->missed);
+        v2v_mem_free(old->kept);
+        v2v_mem_free(old->split);
         v2v_mem_free(old->scratch);
         v2v_mem_free(old->entries);
         v2v_mem_free(old->of_row);
@@ -164,6 +169,11 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
 struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step)
 {
     return step->torus;
+}
+
+static int64_t samples_of(const struct v2v_data_step *step)
+{
+    return v2v_mem_product(step->views, step->torus.rows.count, step->torus.width);
 }
 
 static float *factor_of(const struct v2v_data_step *step, int64_t block)
@@ -232,6 +242,7 @@ static void transform_views(struct v2v_data_step *step)
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale)
 {
     const struct v2v_torus *torus = &step->torus;
+    step->gain = 0.0f;
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < step->views; v++) {
         for (int64_t y = 0; y < torus->rows.count; y++) {
@@ -244,8 +255,8 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
 
 void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views)
 {
-    const int64_t count = step->views * step->torus.rows.count * step->torus.width;
-    memcpy(step->recorded, views, (size_t)count * sizeof *views);
+    step->gain = 0.0f;
+    memcpy(step->recorded, views, (size_t)samples_of(step) * sizeof *views);
     transform_views(step);
 }
 
@@ -282,6 +293,24 @@ static void run_block(struct v2v_data_step *step, int64_t b)
                     step->slices, block->width);
 }
 
+enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_ALLOC(step->kept, "data_step.weights", samples_of(step)));
+    V2V_TRY(V2V_ALLOC(step->split, "data_step.weights", samples_of(step)));
+done:
+    return rc;
+}
+
+void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor)
+{
+    V2V_ASSERT(step->kept != NULL && step->split != NULL && gain > 0.0 && floor > 0.0);
+    step->gain = (float)gain;
+    step->floor = (float)floor;
+    memcpy(step->kept, step->recorded, (size_t)samples_of(step) * sizeof *step->kept);
+    memset(step->split, 0, (size_t)samples_of(step) * sizeof *step->split);
+}
+
 static double pixels_of(const struct v2v_data_step *step)
 {
     return (double)step->torus.height * (double)step->torus.width;
@@ -315,6 +344,28 @@ static double take_row(float *recorded, const float *missed, int64_t inside, int
     return squares;
 }
 
+/* Likewise, with weights over the frame. */
+static double weigh_row(const struct v2v_data_step *step, int64_t at, int64_t inside)
+{
+    float *recorded = step->recorded + at, *split = step->split + at;
+    const float *kept = step->kept + at, *missed = step->missed + at;
+    double squares = 0.0;
+    for (int64_t x = 0; x < inside; x++) {
+        const float projected = recorded[x] - missed[x];
+        const float weight = 1.0f / (step->gain * fmaxf(projected, 0.0f) + step->floor);
+        const float moved = projected + split[x];
+        const float between = (weight * kept[x] + moved) / (weight + 1.0f);
+        const double d = (double)kept[x] - (double)projected;
+        squares += (double)weight * d * d;
+        split[x] = moved - between;
+        recorded[x] = between - split[x];
+    }
+    for (int64_t x = inside; x < step->torus.width; x++) {
+        recorded[x] -= missed[x];
+    }
+    return squares;
+}
+
 double v2v_data_step_extend(struct v2v_data_step *step)
 {
     struct v2v_projector *projector = step->projector;
@@ -329,8 +380,11 @@ double v2v_data_step_extend(struct v2v_data_step *step)
         const int64_t whole = torus->rows.first + y;
         for (int64_t v = 0; v < step->views; v++) {
             const int64_t at = (v * torus->rows.count + y) * torus->width;
-            step->of_row[whole] += take_row(step->recorded + at, step->missed + at,
-                                            whole < step->height ? step->width : 0, torus->width);
+            const int64_t inside = whole < step->height ? step->width : 0;
+            step->of_row[whole] +=
+                step->gain > 0.0f
+                    ? weigh_row(step, at, inside)
+                    : take_row(step->recorded + at, step->missed + at, inside, torus->width);
         }
     }
     transform_views(step);

@@ -123,6 +123,10 @@ struct v2v_recon_settings {
  *  hardly better any more. */
 enum v2v_stop { V2V_STOP_FIXED, V2V_STOP_HELDOUT };
 
+/** Of the views: the same for every sample; or of photons, its variance growing with the light.
+ *  AUTO: the second where the views show it. */
+enum v2v_noise_model { V2V_NOISE_MODEL_AUTO, V2V_NOISE_MODEL_GAUSSIAN, V2V_NOISE_MODEL_POISSON };
+
 /** Methods that deconvolve by iteration. */
 struct v2v_deconv_settings {
     char method[V2V_CONFIG_NAME_BYTES]; /**< an estimator of method/estimator.h */
@@ -132,6 +136,7 @@ struct v2v_deconv_settings {
     int stop;                           /**< enum v2v_stop */
     struct v2v_number
         lambda;       /**< tv: weight of the variation, in units of the noise of the views */
+    int noise;        /**< tv: enum v2v_noise_model */
     double depth;     /**< tv: of differences along z, against those along x and y */
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };

@@ -77,14 +77,27 @@ void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views);
  *  @param views [v, torus rows of this rank, torus width] @param volume as of run */
 void v2v_data_step_project(struct v2v_data_step *step, float *views, const float *volume);
 
+/** Room for v2v_data_step_weigh. @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step) V2V_MUST_CHECK;
+
+/** From here to the next begin a sample's square counts by weight = 1 / (gain * max(A x, 0) +
+ *  floor), both in units of what begin took: noise of photons, and floor > 0. Every extend then
+ *  makes of y what splits A x = u off (alternating directions, with a penalty of 1),
+ *      u = (weight * y + A x + p) / (weight + 1),   p <- A x + p - u,   y' = u - p
+ *  so that runs and extends in turn end at the minimum of the weighted squares, whatever the
+ *  weights' size. @kind Local, after take_weights and begin. */
+void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
+
 /** x from v, in place. @kind Collective(comm), no allocation.
  *  @param  volume [slices, torus rows of this rank, torus width]: v on entry, x on return
  *  @cost   Z forward and Z inverse transforms, 2*V*Z + V^2 complex products a frequency; every OTF
  *          comes once from memory */
 void v2v_data_step_run(struct v2v_data_step *step, float *volume);
 
-/** Beyond the frame, y becomes A x of the last run. @kind Collective(comm), no allocation.
- *  @cost V inverse and V forward transforms. @return |A x - y|^2 over the frame, all views */
+/** Beyond the frame, y becomes A x of the last run; in it, with weights, what they make of it.
+ *  @kind Collective(comm), no allocation.
+ *  @cost V inverse and V forward transforms. @return |A x - y|^2 over the frame, all views; with
+ *  weights the sum of the weighted squares */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
 #ifdef __cplusplus

@@ -28,6 +28,19 @@ float v2v_select(float *x, int64_t count, int64_t k);
 double v2v_noise_of_images(float *scratch, const float *images, int64_t count, int64_t height,
                            int64_t width);
 
+/** The noise's variance over the level of the light: gain * level + variance. */
+struct v2v_noise_line {
+    double gain, variance;
+    double colour; /**< what 2 x 2 differences see of it, of what 3 x 3 see: 1 for white noise */
+};
+
+/** The line of images of at least 3 x 3 pixels (0 below), by the squares of their second
+ *  differences in both directions, which light that PSFs have smoothed leaves alone, over its level
+ *  in 1 : 2 : 1 means; through the means of levels, weighted by the variance to the power of -2.
+ *  Levels beyond +-most, about, count for nothing. @kind Local, nothing is allocated. */
+struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
+                                               int64_t width, double most);
+
 /** Sum of squares in double precision, in a fixed order of blocks. @kind Local. */
 double v2v_sum_of_squares(const float *x, int64_t count);
 

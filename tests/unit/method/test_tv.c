@@ -121,6 +121,32 @@ static void noise_of_the_views_is_found(void **state)
     assert_true(v2v_noise_of_images(scratch, images, COUNT, 1, SIDE) == 0.0);
 }
 
+/* A ramp of light 0 .. 4, photons of 0.5 each: variance 0.5 light, and 0.02 beside it. Their
+ * squares' mean over a tenth of 11,500 blocks, which overlap nine times, is known to sqrt(2 * 9 /
+ * 1150), a tenth; the slope of the line, from all of them, to half of that. */
+static void noise_of_photons_is_found(void **state)
+{
+    (void)state;
+    enum { COUNT = 3, SIDE = 64 };
+    static float images[COUNT * SIDE * SIDE];
+    for (int64_t i = 0; i < COUNT * SIDE * SIDE; i++) {
+        const double light = 4.0 * (double)(i % SIDE) / SIDE;
+        const uint64_t pixel = (uint64_t)i;
+        const double photons = (double)v2v_random_poisson(53, 0, pixel, light / 0.5);
+        images[i] = (float)(0.5 * photons + sqrt(0.02) * v2v_random_normal(53, 1, pixel));
+    }
+    struct v2v_noise_line line = v2v_noise_line_of_images(images, COUNT, SIDE, SIDE, 6.0);
+    if (!(fabs(line.gain / 0.5 - 1.0) < 0.1 && fabs(line.variance - 0.02) < 0.02 &&
+          fabs(line.colour - 1.0) < 0.1)) {
+        fail_msg("gain %g, variance %g, colour %g", line.gain, line.variance, line.colour);
+    }
+    images[5 * SIDE + 7] = 3e38f; /* out of the levels */
+    const struct v2v_noise_line hot = v2v_noise_line_of_images(images, COUNT, SIDE, SIDE, 6.0);
+    assert_true(fabs(hot.gain / line.gain - 1.0) < 0.01);
+    line = v2v_noise_line_of_images(images, COUNT, 2, SIDE, 6.0);
+    assert_true(line.gain == 0.0 && line.variance == 0.0 && line.colour == 0.0);
+}
+
 enum { SIDE = 40, PIXELS = SIDE * SIDE };
 
 static void noisy_views(float *views, float scale)
@@ -287,6 +313,51 @@ static void the_weight_is_found_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* A scene of dark and bright boxes with `photons` at 1 and otherwise noise `read`; the error of its
+ * volume by a model of the noise, of the truth's length. */
+static double error_by(enum v2v_noise_model model, float *volume, double photons, double read)
+{
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_projector *projector = NULL;
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+        const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
+        truth[i] = (y / 6 + 2 * (x / 7) + z / 2) % 5 == 0 ? (float)(x * x) / (SIDE * SIDE) : 0.0f;
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        const double light = fmax(0.0, (double)views[i]);
+        const double made =
+            photons > 0.0
+                ? (double)v2v_random_poisson(59, 0, (uint64_t)i, light * photons) / photons
+                : light;
+        views[i] = (float)(made + read * v2v_random_normal(59, 1, (uint64_t)i));
+    }
+    config.deconv.noise = model;
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+    return test_relative_l2(volume, truth, SLICES * PIXELS);
+}
+
+/* Of photons: weighted, and closer to the truth. Else `auto` gives the bits of `gaussian`. */
+static void noise_of_photons_is_weighted(void **state)
+{
+    (void)state;
+    static float even[SLICES * PIXELS], found[SLICES * PIXELS], told[SLICES * PIXELS];
+    const double without = error_by(V2V_NOISE_MODEL_GAUSSIAN, even, 200.0, 0.0);
+    const double with = error_by(V2V_NOISE_MODEL_AUTO, found, 200.0, 0.0);
+    (void)error_by(V2V_NOISE_MODEL_POISSON, told, 200.0, 0.0);
+    if (!(with < 0.97 * without)) {
+        fail_msg("error %g, without weights %g", with, without);
+    }
+    assert_memory_equal(found, told, sizeof found);
+    (void)error_by(V2V_NOISE_MODEL_GAUSSIAN, even, 0.0, 0.05);
+    (void)error_by(V2V_NOISE_MODEL_AUTO, found, 0.0, 0.05);
+    assert_memory_equal(found, even, sizeof found);
+}
+
 static void a_rule_of_another_method_is_refused(void **state)
 {
     (void)state;
@@ -304,6 +375,8 @@ int main(void)
         cmocka_unit_test_setup(edges_are_lowered_by_the_weight, setup),
         cmocka_unit_test_setup(slices_are_pulled_together_by_the_weight_of_depth, setup),
         cmocka_unit_test_setup(noise_of_the_views_is_found, setup),
+        cmocka_unit_test_setup(noise_of_photons_is_found, setup),
+        cmocka_unit_test_setup(noise_of_photons_is_weighted, setup),
         cmocka_unit_test_setup(views_at_any_brightness_give_the_volume_at_that, setup),
         cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
         cmocka_unit_test_setup(a_deep_sample_gives_no_light, setup),

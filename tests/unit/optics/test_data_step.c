@@ -193,6 +193,71 @@ static void the_border_follows_the_volume(void **state)
     v2v_data_step_destroy(&step);
 }
 
+static int is_in_frame(int64_t i)
+{
+    return i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
+}
+
+/* Runs from one v and extends in turn end where A^T W (A x - y) + (x - v) / tau = 0, W the weights
+ * by the volume itself and 0 beyond the frame: that is gradient_of for y' = A x + W (y - A x). */
+static void weights_give_the_minimum_of_weighted_squares(void **state)
+{
+    (void)state;
+    enum { ROUNDS = 300 };
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    static double volume[SLICES * MOST], image[VIEWS * MOST], recorded[VIEWS * MOST];
+    const double tau = 5.0, gain = 2.0, floor = 0.05; /* weights of 0.2 to 20 */
+    double squares = 0.0, even = 0.0;
+    struct v2v_data_step *step = make(tau, 1.0);
+    assert_ok(v2v_data_step_take_weights(step));
+    v2v_data_step_weigh(step, gain, floor);
+    random_volume(v);
+    for (int round = 0; round < ROUNDS; round++) {
+        memcpy(x, v, sizeof v);
+        v2v_data_step_run(step, x);
+        squares = v2v_data_step_extend(step);
+    }
+    memcpy(recorded, y, sizeof y);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    project(image, volume);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        const double d = recorded[i] - image[i];
+        const double weight = is_in_frame(i) ? 1.0 / (gain * fmax(image[i], 0.0) + floor) : 0.0;
+        squares -= weight * d * d;
+        even += weight * d * d;
+        y[i] = image[i] + weight * d;
+    }
+    assert_true(fabs(squares) < 1e-4 * even);
+    const double gradient = gradient_of(x, v, tau);
+    /* round-off as without weights, times the largest of them */
+    if (!(gradient < bound_of(tau) / floor)) {
+        fail_msg("gradient %g", gradient);
+    }
+    v2v_data_step_begin(step, views, 1.0); /* none any more */
+    bridge_views(1.0);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    (void)v2v_data_step_extend(step);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    v2v_data_step_destroy(&step);
+    struct v2v_data_step *plain = make(tau, 1.0);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(plain, x);
+    (void)v2v_data_step_extend(plain);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(plain, x);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        assert_true(volume[i] == (double)x[i]);
+    }
+    v2v_data_step_destroy(&plain);
+}
+
 /* Two views alike, and a view of a slice that gives no light: A A^H has no inverse, its sum with
  * 1 / tau has. */
 static void views_alike_and_dark_slices_are_no_matter(void **state)
@@ -216,6 +281,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(the_step_is_the_minimum, setup, teardown),
         cmocka_unit_test_setup_teardown(the_border_follows_the_volume, setup, teardown),
+        cmocka_unit_test_setup_teardown(weights_give_the_minimum_of_weighted_squares, setup,
+                                        teardown),
         cmocka_unit_test_setup_teardown(views_alike_and_dark_slices_are_no_matter, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
