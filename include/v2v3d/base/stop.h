@@ -11,8 +11,8 @@ void v2v_stop_install(void);
 void v2v_stop_request(void);
 int v2v_stop_requested(void);
 
-/** From now on SIGTERM and SIGINT ask likewise, and end the process only where it was asked already:
- *  for loops that poll. @kind Local. */
+/** From now on SIGTERM and SIGINT ask likewise, and end the process only where it was asked
+ *  already: for loops that poll. @kind Local. */
 void v2v_stop_heed_ending(void);
 
 #ifdef __cplusplus
