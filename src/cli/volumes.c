@@ -180,6 +180,8 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     }
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));
+    } else {
+        work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, V2V_RECON_SKIP_AUTO);
     }
     V2V_TRY(settle_by_frame(work, session, &input));
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
@@ -267,8 +269,15 @@ static enum v2v_status open_output(struct work *work, const struct v2v_session *
 static void report_skipped(const struct work *work)
 {
     const double part = v2v_recon_computed_part(work->recon);
-    if (work->problem.skip > 0.0 &&
-        (work->problem.precision == V2V_PRECISION_F32 || v2v_tile_conv_usable())) {
+    const double left = v2v_recon_left(work->recon);
+    if (work->problem.skip > 0.0 && !work->ops->skips_light) {
+        v2v_log(
+            V2V_LOG_INFO,
+            "computed %.1f %% of the frames; the rest changed by %.2g of the brightest light at "
+            "most, and is taken over",
+            100.0 * part, left);
+    } else if (work->problem.skip > 0.0 &&
+               (work->problem.precision == V2V_PRECISION_F32 || v2v_tile_conv_usable())) {
         v2v_log(V2V_LOG_INFO,
                 "computed %.1f %% of the tiles; the rest holds less light than %g of the "
                 "brightest, or than noise",

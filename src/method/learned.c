@@ -118,6 +118,7 @@ const struct v2v_estimator_ops v2v_estimator_learned = {
     .meaning = "a trained network",
     .is_learned = 1,
     .has_gain = 1,
+    .skips_light = 1,
     .describe_work = describe_work,
     .create = create,
     .destroy = destroy,

@@ -49,6 +49,14 @@ static const double least_lambda = 1e-6;
 /* Views of less noise than this part of their brightness count as this noisy. */
 static const double least_noise = 1e-4;
 
+/* What a frame's iterations are scaled by; all 0 without light. */
+struct level {
+    double brightness; /* of the views */
+    double sigma;      /* of their noise; of photons: where they are that bright */
+    double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
+    double floor; /* the variance where there is no light, likewise */
+};
+
 struct tv {
     const struct v2v_comm *comm;
     struct v2v_data_step *step;
@@ -60,8 +68,10 @@ struct tv {
     int64_t iterations;
     double lambda, depth, tolerance;
     enum v2v_noise_model model;
-    double light;   /* sum of a view's PSF, mean of all views */
-    double noise;   /* of the views of the last run; 0: a dark frame */
+    double light; /* sum of a view's PSF, mean of all views */
+    double noise; /* of the views of the last run; 0: a dark frame */
+    int is_told;  /* bool: `level` is that of a larger frame */
+    struct level level;
     float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch; /* [v,height,width] */
     double *of_row; /* [2 * torus height] */
@@ -205,14 +215,6 @@ static void destroy(struct v2v_estimator *estimator)
  * brightness: few pixels may be anything. A deep negative one is no brightness: in steps as long as
  * that, 500 iterations left half of it as light. It raises the noise, so that float32 holds it. */
 static const double brighter_part = 1e-3, least_of_brightest = 1e-3;
-
-/* What a frame's iterations are scaled by; all 0 without light. */
-struct level {
-    double brightness; /* of the views */
-    double sigma;      /* of their noise; of photons: where they are that bright */
-    double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
-    double floor; /* the variance where there is no light, likewise */
-};
 
 /* For `auto` the variance is four times as large in the light as in the dark: below, weights gained
  * nothing. The noise is white: else it isn't noise. And so many samples are brighter than the
@@ -375,7 +377,8 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct lev
         .shrink = (float)(1.0 / (1.0 + sigma * smooth_below / (light * lambda))),
         .relax = relax};
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
-    const int64_t most = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
+    const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
+    const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;
     const double samples = (double)(self->views * self->height * self->width);
     double change = INFINITY, missed = 0.0;
     int64_t done = 0;
@@ -399,7 +402,8 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct lev
     }
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
             (long long)estimator->frame, (long long)done, missed);
-    if (self->iterations == 0 && done == most) {
+    estimator->iterations = done;
+    if (self->iterations == 0 && done == MOST_ITERATIONS) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
                 (long long)estimator->frame, (long long)done, change);
     }
@@ -413,7 +417,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
-    const struct level level = measure(self, views);
+    const struct level level = self->is_told ? self->level : measure(self, views);
     self->noise = level.sigma;
     v2v_tv_planes_clear(&self->planes);
     if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
@@ -429,6 +433,14 @@ done:
     return rc;
 }
 
+static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole,
+                 const float *views)
+{
+    struct tv *self = window->self;
+    self->level = measure(whole->self, views);
+    self->is_told = 1;
+}
+
 const struct v2v_estimator_ops v2v_estimator_tv = {
     .name = "tv",
     .meaning = "total variation by maximum a posteriori",
@@ -438,4 +450,5 @@ const struct v2v_estimator_ops v2v_estimator_tv = {
     .create = create,
     .destroy = destroy,
     .run = run,
+    .tell = tell,
 };

@@ -192,14 +192,14 @@ static void fill_ring(const struct v2v_carve *carve, int64_t v)
     }
 }
 
-static void prepare_view(struct v2v_carve *carve, int64_t v, const float *view)
+static void prepare_view(struct v2v_carve *carve, int64_t v, const float *view, int has_background)
 {
     float *probes = carve->probes + omp_get_thread_num() * PROBES;
     carve->noise[v] = (float)noise_of(carve, probes, view);
     for (int64_t y = 0; y < carve->height; y++) {
         smooth_line(carve, smooth_row(carve, v, y), view, y);
     }
-    double background = background_of(carve, probes, v);
+    double background = has_background ? background_of(carve, probes, v) : 0.0;
     for (int64_t y = 0; y < carve->height; y++) {
         subtract(smooth_row(carve, v, y), carve->width, (float)background);
     }
@@ -290,14 +290,15 @@ static void carve_tiles(const struct v2v_carve *carve, float *tiles, int64_t row
     }
 }
 
-double v2v_carve_light(struct v2v_carve *carve, float *light, const float *views)
+static double carve_views(struct v2v_carve *carve, float *light, const float *views,
+                          int has_background)
 {
     int64_t pixels = carve->height * carve->width, count = carve->shifts.views;
     int64_t rows = (carve->height + TILE - 1) / TILE, columns = (carve->width + TILE - 1) / TILE;
     double squares = 0.0;
 #pragma omp parallel for schedule(dynamic) num_threads(carve->threads)
     for (int64_t v = 0; v < count; v++) {
-        prepare_view(carve, v, views + v * pixels);
+        prepare_view(carve, v, views + v * pixels, has_background);
     }
 #pragma omp parallel for schedule(dynamic) num_threads(carve->threads)
     for (int64_t row = 0; row < rows; row++) {
@@ -307,4 +308,14 @@ double v2v_carve_light(struct v2v_carve *carve, float *light, const float *views
         squares += (double)carve->noise[v] * (double)carve->noise[v];
     }
     return sqrt(squares) / (double)count / BOX;
+}
+
+double v2v_carve_light(struct v2v_carve *carve, float *light, const float *views)
+{
+    return carve_views(carve, light, views, 1);
+}
+
+double v2v_carve_gain(struct v2v_carve *carve, float *light, const float *difference)
+{
+    return carve_views(carve, light, difference, 0);
 }

@@ -1,5 +1,6 @@
 #include "v2v3d/recon/recon.h"
 
+#include "recon/still.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
@@ -14,6 +15,12 @@
 
 enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
 
+#define NO_FRAME INT64_MIN
+
+/* Frames on either side that a key frame is fused with, at least: its noise is in all frames that
+ * take from it. */
+enum { NEIGHBOURS_OF_KEY = 3 };
+
 struct v2v_recon {
     struct v2v_estimator *estimator; /* NULL on an idle rank */
     struct v2v_grid grid;
@@ -25,6 +32,7 @@ struct v2v_recon {
     int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
     int64_t own_rows;                /* .. and what of them is not padding */
     struct v2v_fusion *fusion;       /* with neighbouring frames */
+    struct v2v_fusion *of_key;       /* of key frames: with some at least; NULL: there are none */
     float *recorded;                 /* [v,y,x] as recorded, or fused */
     float *padded;                   /* [v,y,x] what the method takes */
     float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
@@ -37,6 +45,9 @@ struct v2v_recon {
     double level;                    /* what the frame at hand was multiplied by for that */
     double parts[2];                 /* computed of the frames so far, and how many */
     int64_t rounds;                  /* done: every attempt gets one further */
+    struct v2v_still *still;         /* what did not change is taken over; NULL: nothing is */
+    int64_t refresh;                 /* frames from one key frame to the next */
+    int64_t key;                     /* the key frame at hand; may lie before a cut */
     struct v2v_agreement *agreement; /* of all ranks, on the rounds */
     /* of the run under way */
     struct v2v_recording *recording;
@@ -186,7 +197,11 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     struct v2v_grid_work work;
     struct v2v_problem own = *problem;
     *recon = NULL;
+    const int is_still = problem->skip > 0.0 && !ops->skips_light;
     rc = ops->describe_work(&work, problem);
+    if (rc == V2V_OK && is_still) {
+        rc = v2v_still_allow(&work, ops, problem);
+    }
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(made, "recon", 1);
     }
@@ -199,6 +214,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .height = problem->height,
                            .width = problem->width,
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
+                           .refresh = problem->config->recon.refresh,
                            .level = 1.0};
     V2V_TRY(lay_out(made, &work, problem, frames, world));
     rc = v2v_agreement_create(&made->agreement, world);
@@ -208,6 +224,15 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
         rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
         if (rc == V2V_OK) {
             rc = take_memory(made, problem->config->recon.neighbours);
+        }
+        if (rc == V2V_OK && is_still) {
+            rc = v2v_fusion_create(&made->of_key,
+                                   v2v_larger(problem->config->recon.neighbours, NEIGHBOURS_OF_KEY),
+                                   made->views, made->height, made->width);
+        }
+        rc = v2v_par_agree(made->grid.shard, rc);
+        if (rc == V2V_OK && is_still) {
+            rc = v2v_still_create(&made->still, made->estimator, &own);
         }
     }
     V2V_TRY(v2v_par_agree(world, rc));
@@ -236,7 +261,9 @@ void v2v_recon_destroy(struct v2v_recon **recon)
     v2v_mem_free(old->padded);
     v2v_mem_free(old->recorded);
     v2v_fusion_destroy(&old->fusion);
+    v2v_fusion_destroy(&old->of_key);
     v2v_mem_free(old->todo);
+    v2v_still_destroy(&old->still);
     v2v_estimator_destroy(&old->estimator);
     v2v_grid_destroy(&old->grid);
     v2v_mem_free(old);
@@ -280,12 +307,12 @@ static enum v2v_status heed_stop(const struct v2v_recon *recon)
 }
 
 /** Local: the views of frame t, as the method takes them. */
-static enum v2v_status load(struct v2v_recon *recon, int64_t t)
+static enum v2v_status load(struct v2v_recon *recon, struct v2v_fusion *fusion, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
     V2V_TRY(heed_stop(recon));
-    V2V_TRY(v2v_fusion_read(recon->fusion, recon->recorded, recon->recording, recon->scaling, t));
+    V2V_TRY(v2v_fusion_read(fusion, recon->recorded, recon->recording, recon->scaling, t));
     if (recon->is_homogeneous) {
         recon->level = v2v_scaling_level(recon->recorded, recon->padded, recon->views,
                                          recon->height, recon->width);
@@ -296,14 +323,32 @@ done:
     return rc;
 }
 
+/** Collective(shard): frame t by itself, or what of it is not as in the key frame. The status is
+ *  this rank's. */
+static enum v2v_status run_frame(struct v2v_recon *recon, int64_t t, int is_whole)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *estimator = recon->estimator;
+    double part = 0.0;
+    estimator->frame = t;
+    if (is_whole) {
+        V2V_TRY(estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor));
+        part = estimator->computed_part;
+    } else {
+        V2V_TRY(v2v_still_run(recon->still, &part, recon->output[0], recon->padded));
+    }
+    recon->parts[0] += part;
+done:
+    return rc;
+}
+
 /** Collective(shard): the outputs that this rank holds. The status is this rank's. */
 static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_estimator *estimator = recon->estimator;
-    estimator->frame = t;
-    V2V_TRY(estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor));
-    recon->parts[0] += estimator->computed_part;
+    if (recon->still == NULL || t != recon->key) { /* else it is there */
+        V2V_TRY(run_frame(recon, t, recon->still == NULL));
+    }
     recon->parts[1] += 1.0;
     for (int o = 0; o < recon->outputs; o++) {
         if (v2v_estimator_holds(recon->estimator, o)) {
@@ -346,11 +391,32 @@ static const float *make_slices(struct v2v_recon *recon, const float *rows)
     return recon->whole;
 }
 
+/** Collective(sample): the key frame of frame t: the first of its `refresh` frames, counted from
+ *  the recording's first, so that a range has the bits of the whole. */
+static enum v2v_status make_key(struct v2v_recon *recon, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t before = v2v_recording_info(recon->recording)->before;
+    const int64_t key = t - (t + before) % recon->refresh;
+    if (key != recon->key) {
+        recon->key = NO_FRAME;
+        V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, recon->of_key, key)));
+        V2V_TRY(v2v_par_agree(recon->grid.sample, run_frame(recon, key, 1)));
+        v2v_still_keep(recon->still, recon->padded, recon->output[0]);
+        recon->key = key;
+    }
+done:
+    return rc;
+}
+
 /** Collective(sample): frame t's outputs. The status is that of all its ranks. */
 static enum v2v_status make_frame(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, t)));
+    if (recon->still != NULL) {
+        V2V_TRY(make_key(recon, t));
+    }
+    V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, recon->fusion, t)));
     V2V_TRY(v2v_par_agree(recon->grid.sample, compute(recon, t)));
 done:
     return rc;
@@ -415,6 +481,18 @@ done:
     return rc;
 }
 
+/** Local: this rank's, or -1. Ranks take turns; where frames have a key frame, each takes frames
+ *  that follow one another, so that few key frames are made twice. */
+static int64_t frame_of_round(const struct v2v_recon *recon, int64_t round)
+{
+    const struct v2v_grid *grid = &recon->grid;
+    const struct v2v_part mine = v2v_par_part(recon->frames, grid->data_size, grid->data_rank);
+    const int64_t i = recon->still == NULL ? round * grid->data_size + grid->data_rank
+                      : round < mine.count ? mine.first + round
+                                           : recon->frames;
+    return i < recon->frames ? recon->todo[i] : -1;
+}
+
 /** Collective(world): the frames of all ranks, each rank's as fast as it can. */
 static enum v2v_status run_rounds(struct v2v_recon *recon)
 {
@@ -424,8 +502,7 @@ static enum v2v_status run_rounds(struct v2v_recon *recon)
     v2v_progress_begin(&progress, recon->title, 0, recon->frames);
     V2V_TRY(v2v_agreement_meet(recon->agreement)); /* all are connected: beats get through */
     for (int64_t done = 0; done < recon->frames; done += grid->data_size) {
-        const int64_t i = done + grid->data_rank;
-        const int64_t t = grid->idle || i >= recon->frames ? -1 : recon->todo[i];
+        const int64_t t = grid->idle ? -1 : frame_of_round(recon, done / grid->data_size);
         mine = make_round(recon, t, mine);
         if (v2v_volume_keeps_step(recon->writer)) {
             V2V_TRY(v2v_agreement_meet(recon->agreement));
@@ -471,6 +548,7 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
     recon->writer = writer;
     recon->branches = branches;
     recon->monitor = monitor;
+    recon->key = NO_FRAME;
     if (recon->estimator != NULL) {
         recon->estimator->units = 1 / scaling->gain;
     }
@@ -485,4 +563,11 @@ double v2v_recon_computed_part(const struct v2v_recon *recon)
     double parts[2] = {recon->parts[0], recon->parts[1]};
     v2v_par_sum_f64(recon->grid.world, parts, 2);
     return parts[1] > 0.0 ? parts[0] / parts[1] : 1.0;
+}
+
+double v2v_recon_left(const struct v2v_recon *recon)
+{
+    double left = recon->still != NULL ? v2v_still_left(recon->still) : 0.0;
+    v2v_par_max_f64(recon->grid.world, &left, 1);
+    return left;
 }

@@ -61,6 +61,16 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"
 same tv.h5 tv_alone.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_unskipped.h5 --skip 0 --refresh 2
+same tv_unskipped.h5 tv_alone.h5 /volume 0
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_skipped.h5 --skip auto
+grep -q 'computed [0-9.]* % of the frames; the rest changed by' stderr ||
+    fail "no word on what was taken over: $(cat stderr)"
+"$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_skipped_alone.h5 --skip auto 2>stderr ||
+    fail "$(cat stderr)"
+same tv_skipped.h5 tv_skipped_alone.h5 /volume
+refuses 78 "'rld' skips nothing" deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o out.h5 \
+    --skip auto
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_smooth.h5 --lambda 0.5
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto.h5 --lambda auto
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto_alone.h5 --lambda auto 2>stderr ||

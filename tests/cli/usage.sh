@@ -56,7 +56,8 @@ refuses 2 "--stop: 'soon' is not fixed or heldout" "${deconvolve[@]}" --stop soo
 refuses 78 "deconv.method: 'lucy' is none of rl.rld.frl.tv" "${deconvolve[@]}" --method lucy
 refuses 2 '--method learned takes weights: v2v3d reconstruct' "${deconvolve[@]}" --method learned
 refuses 2 '--frames FIRST:COUNT: ' "${deconvolve[@]}" --frames 3
-refuses 2 'unknown option --skip' "${deconvolve[@]}" --skip auto
+refuses 2 '--skip: 1.5 is outside' "${deconvolve[@]}" --skip 1.5
+refuses 2 '--refresh: 0 is outside' "${deconvolve[@]}" --skip auto --refresh 0
 refuses 2 '--frames: ' simulate --frames 0
 refuses 2 '--seed: ' simulate --seed -1
 refuses 2 "--max-time: 'soon' is no duration" train --max-time soon

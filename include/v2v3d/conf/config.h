@@ -115,6 +115,7 @@ struct v2v_train_settings {
 struct v2v_recon_settings {
     int precision;              /**< enum v2v_precision */
     struct v2v_number skip;     /**< of the brightest light; none: nothing is skipped */
+    int64_t refresh;            /**< with skip, frames from one whole frame to the next */
     struct v2v_number strength; /**< unrolled: part of the correction that is made, 0 .. 1 */
     int64_t neighbours;         /**< frames on either side that a frame is fused with */
 };

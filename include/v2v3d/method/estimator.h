@@ -54,6 +54,8 @@ struct v2v_estimator {
     struct v2v_part slices; /**< of the volumes, on this rank: all but where ranks share slices */
     const struct v2v_output *output; /**< which views each output may not see; NULL: it sees all */
     double computed_part;            /**< of the work, by the last run, 0 .. 1 */
+    int64_t iterations;              /**< of the last run, where the method counts them */
+    int64_t most_iterations;         /**< of the runs from here on; 0: as configured */
     int64_t frame;                   /**< under way: set by the caller, for monitors and messages */
     double units; /**< volume * units is in the recording's: set by the caller, else 1 */
     void *self;   /**< the method's own */
@@ -85,6 +87,7 @@ struct v2v_estimator_ops {
     int is_learned;      /**< bool: it needs weights */
     int has_gain;        /**< bool: views are to have the gain, and volumes are projected, as in the
                               training; else views scaled by s give the volume scaled by s */
+    int skips_light;     /**< bool: by itself it leaves out the tiles that are dark */
     const void *variant; /**< what rows with the same functions differ in */
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
@@ -111,6 +114,11 @@ struct v2v_estimator_ops {
      *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC; agreed by the shard */
     enum v2v_status (*run)(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor);
+    /** Runs of `window`, of a part of a frame, shall take from the frame's views [v,y,x] what is
+     *  measured of them; NULL: parts of a frame are not computed by themselves. @kind Local, no
+     *  allocation. */
+    void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole,
+                 const float *views);
 };
 
 int64_t v2v_estimator_count(void);

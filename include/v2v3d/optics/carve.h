@@ -29,6 +29,10 @@ void v2v_carve_destroy(struct v2v_carve **carve);
  *  @return standard deviation that the noise of the views alone gives the light of one place */
 double v2v_carve_light(struct v2v_carve *carve, float *light, const float *views);
 
+/** The same of the difference of two frames, which has no background: where light was added.
+ *  @kind Local */
+double v2v_carve_gain(struct v2v_carve *carve, float *light, const float *difference);
+
 #ifdef __cplusplus
 }
 #endif

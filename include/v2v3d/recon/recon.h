@@ -25,6 +25,9 @@
 extern "C" {
 #endif
 
+/** The tolerance of skipping over time that is called auto. */
+#define V2V_RECON_SKIP_AUTO 0.02
+
 struct v2v_recon;
 
 /** Lay the ranks out for `frames` frames and make the method ready, as problem->config->parallel
@@ -55,6 +58,10 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
 
 /** Mean over the frames of the part of the work that was done. @kind Collective(world) */
 double v2v_recon_computed_part(const struct v2v_recon *recon);
+
+/** With skipping over time, the largest change of a tile that was taken over, of the brightest
+ *  light; else 0. @kind Collective(world) */
+double v2v_recon_left(const struct v2v_recon *recon);
 
 #ifdef __cplusplus
 }

@@ -68,6 +68,28 @@ static void light_that_all_views_show_is_found_in_any_slice(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+/* What is added everywhere is no background of it, and what is taken away is not added. */
+static void light_of_a_difference_is_counted_from_zero(void **state)
+{
+    (void)state;
+    struct v2v_shifts shifts = small_shifts(VIEWS, SLICES);
+    struct v2v_carve *carve = NULL;
+    fill_background(0.25, 0.0);
+    add_square(&shifts, 3, 30, 42, 0, VIEWS);
+    assert_ok(v2v_carve_create(&carve, &shifts, HEIGHT, WIDTH));
+    v2v_carve_gain(carve, light, views);
+    assert_int_equal(brightest_tile(), 30 / 4 * COLUMNS + 42 / 4);
+    assert_true(fabs((double)light[brightest_tile()] - 1.25) <= 1e-5);
+    assert_true(fabs((double)light[0] - 0.25) <= 1e-5);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = -views[i];
+    }
+    v2v_carve_gain(carve, light, views);
+    assert_true((double)light[brightest_tile()] <= -0.25 + 1e-5);
+    v2v_carve_destroy(&carve);
+    v2v_shifts_fini(&shifts);
+}
+
 /* Half of the views, four of eight, are left out. */
 static void light_that_half_the_views_show_is_none(void **state)
 {
@@ -123,6 +145,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(light_that_all_views_show_is_found_in_any_slice),
+        cmocka_unit_test(light_of_a_difference_is_counted_from_zero),
         cmocka_unit_test(light_that_half_the_views_show_is_none),
         cmocka_unit_test(noise_is_measured_and_seldom_looks_like_light),
         cmocka_unit_test(scaled_views_have_scaled_light),

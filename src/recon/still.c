@@ -1,0 +1,274 @@
+#include "recon/still.h"
+
+#include "recon/windows.h"
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/optics/carve.h"
+#include "v2v3d/optics/data_step.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { TILE = V2V_CARVE_TILE };
+
+/* Pixels about a tile that changed: they changed less than a tile shows. */
+enum { HALO = TILE };
+
+/* Of noise alone: of 4096 tiles the brightest shows 2.8 to 3.4 standard deviations (v2v/scene.c),
+ * more where less of a key frame was averaged; every tile that is taken for changed costs a
+ * window. */
+static const double noise_deviations = 4.5;
+
+/* Brightest: a hundredth of the tiles is brighter still, so that a hot pixel is not the measure. */
+static const double brightest_share = 0.99;
+
+/* Pixels of a window around what it gives: one of two edges over which light comes. With 0.2, 0.4
+ * and 0.7 a part that moved lost 0.45, 0.11 and 0.07 dB (tests/bench/README.md). */
+static const double margin_of_border = 0.4;
+
+/* A frame of which more is to be computed is computed whole. */
+static const double most_part = 0.8;
+
+struct v2v_still {
+    struct v2v_estimator *whole;  /* borrowed */
+    struct v2v_estimator *window; /* of the last window's size; NULL: none yet */
+    struct v2v_problem problem;
+    struct v2v_carve *carve;
+    struct v2v_windows_plan plan;
+    int64_t tiles, samples;
+    double brightest;   /* light of the key frame */
+    int64_t iterations; /* that the key frame took */
+    double left;        /* the largest change left out, of the brightest light */
+    float *key_views;   /* [v,y,x] */
+    float *key;         /* [slices,y,x] */
+    float *views;       /* [v,y,x]: the change, then those of a window */
+    float *volume;      /* [slices,y,x] of a window */
+    float *light;       /* [2,tile rows,tile columns]: gained and lost */
+    uint8_t *changed;   /* [tile rows,tile columns] */
+};
+
+enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_estimator_ops *ops,
+                                const struct v2v_problem *problem)
+{
+    if (ops->tell == NULL) {
+        return V2V_FAIL(V2V_E_CONFIG, "method '%s' skips nothing (--skip off)", ops->name);
+    }
+    work->bytes = 2 * v2v_smaller(work->bytes, INT64_MAX / 2); /* as much for windows, at most */
+    work->fixed_bytes = 2 * v2v_smaller(work->fixed_bytes, INT64_MAX / 2);
+    work->most_shards = (int)v2v_smaller(work->most_shards, problem->psf->height); /* a window's */
+    return V2V_OK;
+}
+
+static void make_plan(struct v2v_still *still, const struct v2v_problem *problem)
+{
+    const struct v2v_psf_file *psf = problem->psf;
+    const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
+    const int64_t border = torus.height - problem->height;
+    still->plan = (struct v2v_windows_plan){.height = problem->height,
+                                            .width = problem->width,
+                                            .tile = TILE,
+                                            .halo = HALO,
+                                            .margin = (int64_t)(margin_of_border * (double)border),
+                                            .border = border,
+                                            .least = v2v_larger(psf->height, psf->width)};
+    still->tiles = v2v_parts(problem->height, TILE) * v2v_parts(problem->width, TILE);
+    still->samples = v2v_mem_product(psf->views, problem->height, problem->width);
+}
+
+static enum v2v_status take_memory(struct v2v_still *still)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_problem *problem = &still->problem;
+    const int64_t voxels =
+        v2v_mem_product(still->whole->slices.count, problem->height, problem->width);
+    struct v2v_shifts shifts = {0};
+    V2V_TRY(v2v_shifts_from_psf(&shifts, problem->psf));
+    V2V_TRY(v2v_carve_create(&still->carve, &shifts, problem->height, problem->width));
+    V2V_TRY(V2V_ALLOC(still->key_views, "still.views", still->samples));
+    V2V_TRY(V2V_ALLOC(still->views, "still.views", still->samples));
+    V2V_TRY(V2V_ALLOC(still->key, "still.volume", voxels));
+    V2V_TRY(V2V_ALLOC(still->volume, "still.volume", voxels));
+    V2V_TRY(V2V_ALLOC(still->light, "still.tiles", 2 * still->tiles));
+    V2V_TRY(V2V_ALLOC(still->changed, "still.tiles", still->tiles));
+done:
+    v2v_shifts_fini(&shifts);
+    return rc;
+}
+
+enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator *whole,
+                                 const struct v2v_problem *problem)
+{
+    struct v2v_still *made = NULL;
+    enum v2v_status rc = V2V_ALLOC(made, "still", 1);
+    *still = NULL;
+    if (rc == V2V_OK) {
+        made->whole = whole;
+        made->problem = *problem;
+        make_plan(made, problem);
+        rc = take_memory(made);
+    }
+    V2V_TRY(v2v_par_agree(whole->shard, rc));
+    *still = made;
+    made = NULL;
+done:
+    v2v_still_destroy(&made);
+    return rc;
+}
+
+void v2v_still_destroy(struct v2v_still **still)
+{
+    struct v2v_still *old = *still;
+    *still = NULL;
+    if (old != NULL) {
+        v2v_estimator_destroy(&old->window);
+        v2v_carve_destroy(&old->carve);
+        v2v_mem_free(old->key_views);
+        v2v_mem_free(old->views);
+        v2v_mem_free(old->key);
+        v2v_mem_free(old->volume);
+        v2v_mem_free(old->light);
+        v2v_mem_free(old->changed);
+        v2v_mem_free(old);
+    }
+}
+
+static int64_t voxels_of(const struct v2v_still *still)
+{
+    return still->whole->slices.count * still->plan.height * still->plan.width;
+}
+
+void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume)
+{
+    const int64_t bright = (int64_t)(brightest_share * (double)(still->tiles - 1));
+    memcpy(still->key_views, views, (size_t)still->samples * sizeof *views);
+    memcpy(still->key, volume, (size_t)voxels_of(still) * sizeof *volume);
+    (void)v2v_carve_light(still->carve, still->light, views);
+    still->iterations = still->whole->iterations;
+    still->brightest = fmax(0.0, (double)v2v_select(still->light, still->tiles, bright));
+}
+
+/* ---- what changed ---- */
+
+static void subtract(struct v2v_still *still, const float *from, const float *what)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < still->samples; i++) {
+        still->views[i] = from[i] - what[i];
+    }
+}
+
+/** Local: mark the tiles whose light changed, by any slice's. */
+static void find_changed(struct v2v_still *still, const float *views)
+{
+    const int64_t tiles = still->tiles;
+    float *gained = still->light, *lost = still->light + tiles;
+    subtract(still, views, still->key_views);
+    const double noise = v2v_carve_gain(still->carve, gained, still->views);
+    subtract(still, still->key_views, views);
+    (void)v2v_carve_gain(still->carve, lost, still->views);
+    const double least = fmax(noise_deviations * noise, still->problem.skip * still->brightest);
+    for (int64_t i = 0; i < tiles; i++) {
+        const double change = fmax((double)gained[i], (double)lost[i]);
+        still->changed[i] = change > least;
+        if (!still->changed[i] && still->brightest > 0.0) {
+            still->left = fmax(still->left, change / still->brightest);
+        }
+    }
+}
+
+/* ---- windows ---- */
+
+/** Collective(shard): an estimator of frames of this size. */
+static enum v2v_status make_window(struct v2v_still *still, int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_problem problem = still->problem;
+    if (still->window != NULL && still->window->height == height && still->window->width == width) {
+        return V2V_OK;
+    }
+    v2v_watchdog_beat("preparing a window of the frame");
+    v2v_estimator_destroy(&still->window);
+    problem.height = height;
+    problem.width = width;
+    V2V_TRY(v2v_estimator_create(&still->window, still->whole->ops, &problem, still->whole->shard));
+done:
+    return rc;
+}
+
+/* Of planes, each [height,width], `data` a pixel of the first. */
+struct image {
+    const float *data;
+    int64_t height, width;
+};
+
+static void copy_rows(float *to, int64_t height, int64_t width, const struct image *from,
+                      int64_t planes, int64_t rows, int64_t columns)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < planes * rows; i++) {
+        const int64_t plane = i / rows, y = i % rows;
+        memcpy(to + (plane * height + y) * width,
+               from->data + (plane * from->height + y) * from->width, (size_t)columns * sizeof *to);
+    }
+}
+
+/** Collective(shard): reconstruct a window and put its core in its place. */
+static enum v2v_status fill(struct v2v_still *still, float *volume, const float *views,
+                            const struct v2v_window *window)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t height = still->plan.height, width = still->plan.width;
+    const struct v2v_part *rows = &window->rows, *columns = &window->columns;
+    const struct v2v_part *core_rows = &window->core_rows, *core_columns = &window->core_columns;
+    const struct image of_frame = {views + rows->first * width + columns->first, height, width};
+    V2V_TRY(make_window(still, rows->count, columns->count));
+    copy_rows(still->views, rows->count, columns->count, &of_frame, still->problem.psf->views,
+              rows->count, columns->count);
+    still->window->frame = still->whole->frame;
+    still->window->most_iterations = still->iterations;
+    still->window->ops->tell(still->window, still->whole, views);
+    V2V_TRY(still->window->ops->run(still->window, &still->volume, still->views, NULL));
+    const int64_t top = core_rows->first - rows->first, left = core_columns->first - columns->first;
+    const struct image of_window = {still->volume + top * columns->count + left, rows->count,
+                                    columns->count};
+    copy_rows(volume + core_rows->first * width + core_columns->first, height, width, &of_window,
+              still->whole->slices.count, core_rows->count, core_columns->count);
+done:
+    return rc;
+}
+
+enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
+                              const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *whole = still->whole;
+    struct v2v_window windows[V2V_WINDOWS_MOST];
+    rc = v2v_estimator_check_views(whole, views, still->problem.psf->views);
+    V2V_TRY(v2v_par_agree(whole->shard, rc));
+    find_changed(still, views);
+    /* one answer for all: ranks on other processors may round another way */
+    v2v_par_broadcast(whole->shard, still->changed, still->tiles, 0);
+    const int64_t count = v2v_windows_cover(windows, still->changed, &still->plan);
+    *part = fmin(v2v_windows_part(windows, count, &still->plan), 1.0);
+    v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld windows, %.1f %% of the frame",
+            (long long)whole->frame, (long long)count, 100.0 * *part);
+    if (*part > most_part) {
+        *part = 1.0;
+        V2V_TRY(whole->ops->run(whole, &volume, views, NULL));
+        goto done;
+    }
+    memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
+    for (int64_t i = 0; i < count; i++) {
+        V2V_TRY(fill(still, volume, views, &windows[i]));
+    }
+done:
+    return rc;
+}
+
+double v2v_still_left(const struct v2v_still *still)
+{
+    return still->left;
+}

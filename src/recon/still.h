@@ -1,0 +1,40 @@
+/** What did not change since a key frame is taken over from it; what did is reconstructed by
+ *  itself, in windows of the frame.
+ *
+ *  A frame depends on itself and on its key frame alone, so that ranks, order and resuming change
+ *  nothing.
+ */
+#ifndef RECON_STILL_H
+#define RECON_STILL_H
+
+#include "v2v3d/method/estimator.h"
+
+struct v2v_still;
+
+/** Local: can this method's frames be taken over in part? @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_estimator_ops *ops,
+                                const struct v2v_problem *problem) V2V_MUST_CHECK;
+
+/** @kind  Collective(shard)
+ *  @param whole of whole frames, one output of whole slices; borrowed @param problem as whole's,
+ *         with the tolerance in skip; what it points to is borrowed
+ *  @return V2V_OK | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator *whole,
+                                 const struct v2v_problem *problem) V2V_MUST_CHECK;
+void v2v_still_destroy(struct v2v_still **still);
+
+/** A key frame: its views [v,y,x] and its volume [slices,y,x]. @kind Local, no allocation. */
+void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume);
+
+/** The volume of a frame after a key frame. @kind Collective(shard); a window of a size unlike the
+ *  last one's is allocated anew
+ *  @param  part out: computed of the frame, 0 .. 1 @param volume [slices,y,x] out
+ *  @param  views [v,y,x]
+ *  @return V2V_OK | as run and create of the method; agreed */
+enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
+                              const float *views) V2V_MUST_CHECK;
+
+/** The largest change that was left out so far, of the brightest light. @kind Local. */
+double v2v_still_left(const struct v2v_still *still);
+
+#endif

@@ -1,0 +1,37 @@
+/** Parts of a frame around the tiles that changed, each to be reconstructed by itself. */
+#ifndef RECON_WINDOWS_H
+#define RECON_WINDOWS_H
+
+#include "v2v3d/par/grid.h"
+#include <stdint.h>
+
+enum { V2V_WINDOWS_MOST = 16, V2V_WINDOWS_STEP = 16 };
+
+struct v2v_window {
+    struct v2v_part rows, columns;           /**< pixels that it reconstructs .. */
+    struct v2v_part core_rows, core_columns; /**< .. and those of them that it gives */
+};
+
+/** The frame, its tiles, and what a window takes around its core. */
+struct v2v_windows_plan {
+    int64_t height, width; /**< of the frame, pixels */
+    int64_t tile;          /**< pixels of a tile's side */
+    int64_t halo;          /**< pixels around changed tiles that the core takes in .. */
+    int64_t margin;        /**< .. and those around the core that the window does */
+    int64_t border;        /**< pixels of both sides that a reconstruction adds to a window .. */
+    int64_t least;         /**< .. whose sides then are this long at least */
+};
+
+/** Windows that together give all the tiles marked: the box about them, cut in two, and again, as
+ *  long as the windows' pixels get fewer. Sides are multiples of V2V_WINDOWS_STEP or the frame's.
+ *  @kind  Local, no allocation @param windows [V2V_WINDOWS_MOST] out
+ *  @param changed [tile rows, tile columns] bool @return how many */
+int64_t v2v_windows_cover(struct v2v_window *windows, const uint8_t *changed,
+                          const struct v2v_windows_plan *plan);
+
+/** Pixels that windows compute, with their borders, of those that the whole frame does.
+ *  @kind Local. */
+double v2v_windows_part(const struct v2v_window *windows, int64_t count,
+                        const struct v2v_windows_plan *plan);
+
+#endif

@@ -1,0 +1,253 @@
+/* Skipping over time: what did not change is its key frame's, and neither ranks nor resuming nor a
+ * range of frames change a bit. */
+#include "small_optics.h"
+#include "small_recording.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/recon/recon.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Groups of three frames, the last one of one. */
+enum { HEIGHT = 96, WIDTH = 80, FRAMES = 7, REFRESH = 3 };
+enum { PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
+
+/* Where something blinks, and the size of all spots, pixels. */
+enum { BLINKS_AT_Y = 60, BLINKS_AT_X = 24, SIZE = 4 };
+
+static const struct v2v_scaling scaling = {.offset = 0, .gain = 1};
+static float frames[FRAMES][SAMPLES], reference[FRAMES * VOXELS];
+static struct v2v_config config;
+static struct v2v_psf_file psf;
+static const struct v2v_estimator_ops *method;
+static double part, left;
+
+static double spot(int64_t y, int64_t x, int64_t at_y, int64_t at_x)
+{
+    return exp(-(double)((y - at_y) * (y - at_y) + (x - at_x) * (x - at_x)) / (2.0 * SIZE * SIZE));
+}
+
+/* All views show the same: light half way down. */
+static int setup(void **state)
+{
+    (void)state;
+    assert_ok(v2v_estimator_find(&method, "tv"));
+    psf = small_psf();
+    v2v_config_defaults(&config);
+    config.deconv.iterations = 4;
+    config.recon.refresh = REFRESH;
+    config.parallel.split = V2V_SPLIT_SLABS; /* the same bits at any number of ranks */
+    config.parallel.transform = V2V_TRANSFORM_OWN;
+    for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
+        const int64_t t = i / SAMPLES, y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const double blinks = t % 2 == 0 ? 200 : 800;
+        frames[t][i % SAMPLES] = (float)(600 * spot(y, x, 20, 60) + 400 * spot(y, x, 80, 65) +
+                                         blinks * spot(y, x, BLINKS_AT_Y, BLINKS_AT_X) +
+                                         30 * v2v_random_normal(3, 0, (uint64_t)i));
+    }
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    v2v_psf_file_fini(&psf);
+    return 0;
+}
+
+/** Frames first .. of the recording into a file, by the ranks of `world`. */
+static enum v2v_status reconstruct(const char *path, double skip, int64_t first, int64_t count,
+                                   struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recon *recon = NULL;
+    struct v2v_volume_writer *writer = NULL;
+    const struct v2v_recording_info recorded = {
+        .frames = FRAMES, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
+    struct v2v_recording *recording =
+        small_recording(test_folder(test_world()), &frames[0][0], &recorded);
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH, .skip = skip};
+    const struct v2v_volume_info info = {
+        .frames = count, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
+    const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "these frames"};
+    assert_ok(v2v_recording_cut(recording, first, count));
+    assert_ok(v2v_recon_create(&recon, method, &problem, count, world));
+    assert_ok(v2v_volume_resume(&writer, path, &info, 1u << V2V_VOLUME_MEAN, &task, 1, world));
+    V2V_TRY(v2v_recon_run(recon, recording, &scaling, writer, 0, NULL));
+    part = v2v_recon_computed_part(recon);
+    left = v2v_recon_left(recon);
+    V2V_TRY(v2v_volume_finish(&writer));
+done:
+    v2v_recording_close(&recording);
+    v2v_recon_destroy(&recon);
+    if (rc != V2V_OK) {
+        v2v_volume_suspend(&writer);
+    }
+    v2v_volume_abandon(&writer);
+    return rc;
+}
+
+static void path_of(char path[1024], const char *name)
+{
+    snprintf(path, 1024, "%s/%s", test_folder(test_world()), name);
+}
+
+static void read_into(float *volumes, const char *path, int64_t voxels)
+{
+    int64_t count = 0;
+    double *values = test_h5_read(path, "/volume", &count);
+    assert_int_equal(count, voxels);
+    for (int64_t i = 0; i < count; i++) {
+        volumes[i] = (float)values[i];
+    }
+    test_release(values);
+}
+
+/** What every rank makes by itself. */
+static void alone(double skip)
+{
+    char path[1024], name[32];
+    snprintf(name, sizeof name, "alone%d.h5", v2v_comm_rank(test_world()));
+    path_of(path, name);
+    assert_ok(reconstruct(path, skip, 0, FRAMES, NULL));
+    read_into(reference, path, FRAMES * VOXELS);
+}
+
+static void assert_bits(const char *path, int64_t first, int64_t count)
+{
+    static float volumes[FRAMES * VOXELS];
+    read_into(volumes, path, count * VOXELS);
+    assert_memory_equal(volumes, reference + first * VOXELS,
+                        (size_t)(count * VOXELS) * sizeof *volumes);
+}
+
+static const float *volume_of(int64_t t)
+{
+    return reference + t * VOXELS;
+}
+
+/** Light of the slices around a place. */
+static double light(const float *volume, int64_t at_y, int64_t at_x)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < VOXELS; i++) {
+        const int64_t y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const int is_near = llabs(y - at_y) <= 2 * SIZE && llabs(x - at_x) <= 2 * SIZE;
+        sum += is_near ? (double)volume[i] : 0.0;
+    }
+    return sum;
+}
+
+/* Rows above 40 are farther from what blinks than its spot, the light's way and a tile. */
+static void what_is_still_is_the_key_frames_and_what_blinks_is_followed(void **state)
+{
+    (void)state;
+    static double whole[FRAMES];
+    alone(0.0);
+    assert_true(part == 1.0 && left == 0.0);
+    for (int64_t t = 0; t < FRAMES; t++) {
+        whole[t] = light(volume_of(t), BLINKS_AT_Y, BLINKS_AT_X);
+        assert_true(t == 0 || memcmp(volume_of(t), volume_of(t - 1), VOXELS * sizeof(float)) != 0);
+    }
+    alone(0.05);
+    assert_true(part > 3.0 / FRAMES && part < 0.8); /* three of seven are key frames */
+    assert_true(left > 0.0 && left < 0.2);
+    for (int64_t t = 0; t < FRAMES; t++) {
+        const float *key = volume_of(t - t % REFRESH);
+        for (int64_t z = 0; z < SLICES; z++) {
+            assert_memory_equal(volume_of(t) + z * PIXELS, key + z * PIXELS,
+                                40 * WIDTH * sizeof *key);
+        }
+        /* a third of it blinks at least, and a tenth is more than noise makes of it */
+        const double now = light(volume_of(t), BLINKS_AT_Y, BLINKS_AT_X);
+        assert_true(fabs(now - whole[t]) <= 0.1 * whole[t]);
+    }
+}
+
+static void ranks_change_no_bit(void **state)
+{
+    (void)state;
+    char path[1024];
+    alone(0.05);
+    path_of(path, "volume.h5");
+    const int size = v2v_comm_size(test_world());
+    for (int i = 0; i < (size > 1 ? 2 : 1); i++) {
+        config.parallel.shards = i == 0 ? 1 : size;
+        assert_ok(reconstruct(path, 0.05, 0, FRAMES, test_world()));
+        assert_bits(path, 0, FRAMES);
+        v2v_par_barrier(test_world());
+        if (v2v_comm_rank(test_world()) == 0) {
+            assert_int_equal(remove(path), 0);
+        }
+        v2v_par_barrier(test_world());
+    }
+}
+
+/* The key frames of both lie before it. */
+static void a_range_has_the_bits_of_the_whole(void **state)
+{
+    (void)state;
+    char path[1024];
+    alone(0.05);
+    path_of(path, "range.h5");
+    assert_ok(reconstruct(path, 0.05, 1, 4, test_world()));
+    assert_bits(path, 1, 4);
+}
+
+static const struct v2v_estimator_ops *uninterrupted;
+
+static enum v2v_status run_until(struct v2v_estimator *estimator, float *const *volume,
+                                 const float *views, const struct v2v_monitor *monitor)
+{
+    if (estimator->frame >= 4) {
+        return V2V_FAIL(V2V_STOPPED, "frame 4 is too much");
+    }
+    return uninterrupted->run(estimator, volume, views, monitor);
+}
+
+/* In the middle of a group, all ranks on one frame. */
+static void an_interrupted_run_goes_on_to_the_same_bits(void **state)
+{
+    (void)state;
+    char path[1024];
+    struct v2v_estimator_ops interrupted = *method;
+    alone(0.05);
+    path_of(path, "resumed.h5");
+    config.parallel.shards = v2v_comm_size(test_world());
+    uninterrupted = method;
+    interrupted.run = run_until;
+    method = &interrupted;
+    assert_int_equal(reconstruct(path, 0.05, 0, FRAMES, test_world()), V2V_STOPPED);
+    method = uninterrupted;
+    assert_ok(reconstruct(path, 0.05, 0, FRAMES, test_world()));
+    assert_bits(path, 0, FRAMES);
+}
+
+static void a_method_without_windows_is_refused(void **state)
+{
+    (void)state;
+    struct v2v_recon *recon = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH, .skip = 0.05};
+    assert_ok(v2v_estimator_find(&method, "rld"));
+    assert_int_equal(v2v_recon_create(&recon, method, &problem, FRAMES, test_world()),
+                     V2V_E_CONFIG);
+    assert_non_null(strstr(v2v_status_message(), "'rld' skips nothing"));
+}
+
+int main(int argc, char **argv)
+{
+#define TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+    const struct CMUnitTest tests[] = {
+        TEST(what_is_still_is_the_key_frames_and_what_blinks_is_followed),
+        TEST(ranks_change_no_bit),
+        TEST(a_range_has_the_bits_of_the_whole),
+        TEST(an_interrupted_run_goes_on_to_the_same_bits),
+        TEST(a_method_without_windows_is_refused),
+    };
+    return test_mpi_main(tests, argc, argv);
+}
