@@ -24,6 +24,7 @@ struct work {
     const struct v2v_volumes *given;
     const struct v2v_estimator_ops *ops;
     struct v2v_part frames;
+    struct v2v_file_state weights; /* as this rank first saw the file */
     struct v2v_psf_file psf;
     struct v2v_recording *recording;
     struct v2v_scaling scaling;
@@ -160,6 +161,9 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     struct v2v_input_settings input = session->config.input;
+    if (given->weights != NULL) {
+        V2V_TRY(v2v_par_agree(session->world, v2v_file_remember(&work->weights, given->weights)));
+    }
     if (work->ops == NULL) {
         const struct v2v_network_ops *network = NULL;
         V2V_TRY(v2v_step_network(session, &network, given->weights));
@@ -192,6 +196,16 @@ done:
     return rc;
 }
 
+/* Each rank reads the weights by itself, and the provenance holds their checksum: these are one and
+ * the same file. Collective. */
+static enum v2v_status check_weights(const struct work *work, const struct v2v_session *session)
+{
+    const char *path = work->given->weights;
+    return path == NULL
+               ? V2V_OK
+               : v2v_par_agree(session->world, v2v_file_unchanged(V2V_OK, &work->weights, path));
+}
+
 /* What the output will be, and of which task. Collective. */
 static enum v2v_status describe(struct work *work, const struct v2v_session *session)
 {
@@ -205,6 +219,7 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
     V2V_TRY(v2v_provenance_init(&work->provenance, session, &work->psf, given->weights,
                                 &work->scaling));
     V2V_TRY(v2v_provenance_task(&work->provenance, session, given->input, work->frames.first));
+    V2V_TRY(check_weights(work, session));
 done:
     return rc;
 }

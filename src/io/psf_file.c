@@ -68,20 +68,37 @@ done:
     return rc;
 }
 
+static enum v2v_status view_path(char path[V2V_PATH_BYTES], const char *folder, int64_t v)
+{
+    return v2v_text_format(path, V2V_PATH_BYTES, "%s/psf_%lld.tif", folder, (long long)v + 1);
+}
+
+/* All are remembered before the first is read: a set is not to be made of two. */
 static enum v2v_status read_folder(struct v2v_psf_file *file, const char *folder)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
+    struct v2v_file_state *states = NULL;
     V2V_TRY(count_views(&file->views, folder));
+    V2V_TRY(V2V_ALLOC(states, "io.psf", file->views));
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_text_format(path, sizeof path, "%s/psf_%lld.tif", folder, (long long)v + 1));
+        V2V_TRY(view_path(path, folder, v));
         if (!v2v_file_exists(path)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is missing, psf_%lld.tif is there", path,
                              (long long)file->views));
         }
-        V2V_TRY(read_view(file, path, v));
+        V2V_TRY(v2v_file_remember(&states[v], path));
+    }
+    for (int64_t v = 0; v < file->views; v++) {
+        V2V_TRY(view_path(path, folder, v));
+        V2V_TRY(v2v_file_unchanged(read_view(file, path, v), &states[v], path));
+    }
+    for (int64_t v = 0; v < file->views; v++) {
+        V2V_TRY(view_path(path, folder, v));
+        V2V_TRY(v2v_file_unchanged(V2V_OK, &states[v], path));
     }
 done:
+    v2v_mem_free(states);
     return rc;
 }
 
@@ -89,7 +106,9 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_array array = {0};
+    struct v2v_file_state state;
     V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_file_remember(&state, path));
     V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_array_open(&array, path, &v2v_h5_psf));
     file->views = array.shape[0];
@@ -104,6 +123,7 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
                                   file->data + v * file->slices * file->height * file->width, v, 0,
                                   file->slices));
     }
+    rc = v2v_file_unchanged(V2V_OK, &state, path);
 done:
     v2v_h5_array_close(&array);
     return rc;

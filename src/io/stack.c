@@ -69,6 +69,9 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
     int hdf5 = 0;
     if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
         rc = v2v_file_check_input(stack->path);
+        if (rc == V2V_OK) {
+            rc = v2v_file_remember(&stack->state, stack->path);
+        }
         hdf5 = rc == V2V_OK && v2v_stack_is_hdf5(stack->path);
         if (hdf5) {
             rc = v2v_h5_guard(stack->path);
@@ -76,7 +79,13 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_broadcast(comm, &hdf5, sizeof hdf5, 0);
-    V2V_TRY(v2v_par_agree(comm, open_local(stack, hdf5)));
+    if (v2v_comm_rank(comm) != 0) {
+        rc = v2v_file_remember(&stack->state, stack->path);
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_file_unchanged(open_local(stack, hdf5), &stack->state, stack->path);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
 done:
     if (rc != V2V_OK) {
         v2v_stack_fini(stack);
@@ -101,7 +110,7 @@ enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page
         count -= here;
     }
 done:
-    return rc;
+    return v2v_file_unchanged(rc, &stack->state, stack->path);
 }
 
 void v2v_stack_fini(struct v2v_stack *stack)

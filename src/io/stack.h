@@ -10,6 +10,7 @@
 
 struct v2v_stack {
     char path[V2V_PATH_BYTES];
+    struct v2v_file_state state; /**< before it was opened; every read fails once it differs */
     const struct v2v_h5_kind *kind;
     struct v2v_h5_array array;
     struct v2v_tiff *tiff;  /**< NULL for HDF5 */
@@ -33,7 +34,8 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
                                const struct v2v_h5_kind *kind,
                                const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** Pages page .. page+count-1 as float32. @kind Local. @return V2V_OK | V2V_E_INPUT */
+/** Pages page .. page+count-1 as float32. @kind Local. @return V2V_OK | V2V_E_INPUT (unreadable, or
+ *  the file changed since it was opened) */
 enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page,
                                int64_t count) V2V_MUST_CHECK;
 

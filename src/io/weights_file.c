@@ -216,11 +216,13 @@ done:
 enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info, const char *path)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_file_remember(&state, path));
     V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_open(&file, path));
-    V2V_TRY(read_info(info, file, path));
+    V2V_TRY(v2v_file_unchanged(read_info(info, file, path), &state, path));
 done:
     v2v_h5_close(&file);
     return rc;
@@ -230,12 +232,14 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
                                       const struct v2v_fields *fields)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_file_remember(&state, path));
     V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(check_version(file, path));
-    V2V_TRY(read_fields(arena, file, path, group, fields));
+    V2V_TRY(v2v_file_unchanged(read_fields(arena, file, path, group, fields), &state, path));
 done:
     v2v_h5_close(&file);
     return rc;

@@ -36,6 +36,20 @@ int v2v_file_is_folder(const char *path);
  *  @kind Local. */
 enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
 
+/** What tells a file that is read from itself after a change. */
+struct v2v_file_state {
+    int64_t bytes, inode;
+    int64_t seconds, nanoseconds; /**< of its last modification */
+};
+
+/** Take it before the file is opened; after every read hand what that came to, `rc`, back, unless
+ *  the file has changed since: it was cut off, written to, replaced or removed, and neither what was
+ *  read nor why it could not be read means anything.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (no such file); rc | V2V_E_INPUT (what changed) */
+enum v2v_status v2v_file_remember(struct v2v_file_state *state, const char *path) V2V_MUST_CHECK;
+enum v2v_status v2v_file_unchanged(enum v2v_status rc, const struct v2v_file_state *state,
+                                   const char *path) V2V_MUST_CHECK;
+
 /** Fail with V2V_E_USAGE when `path` exists and `force` is 0, or is one of the `count` inputs (same
  *  inode), and with V2V_E_IO when its folder is missing or not writable. @kind Local. */
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,

@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <time.h>
 
 /* Frames that need padding on both sides; a number of them that 2, 3, 4 ranks don't share evenly.
  */
@@ -332,6 +333,7 @@ static struct v2v_grid_shape with_an_idle_rank(void)
 
 static const struct v2v_estimator_ops *whole; /* the method, where one stands before it */
 static int64_t runs;                          /* frames of this rank */
+static const char *failing;                   /* the folder where fail_with is at work */
 
 /* A NaN on the last rank. */
 static enum v2v_status run_broken(struct v2v_estimator *estimator, float *const *volume,
@@ -363,7 +365,7 @@ static enum v2v_status fail_with(enum v2v_status (*run)(struct v2v_estimator *, 
                                  const char *name, struct v2v_grid_shape shape, int64_t most)
 {
     char path[1024], temporary[V2V_PATH_BYTES];
-    const char *folder = test_folder(test_world());
+    const char *folder = failing = test_folder(test_world());
     snprintf(path, sizeof path, "%s/%s", folder, name);
     whole = method;
     struct v2v_estimator_ops own = *method;
@@ -412,6 +414,36 @@ static void a_tiff_that_cannot_be_written_ends_all_in_its_round(void **state)
     assert_int_equal(fail_with(run_to_a_full_disk, "volume.tif", with_an_idle_rank(), 1), V2V_E_IO);
     assert_non_null(strstr(v2v_status_message(), "volume.tif"));
     assert_non_null(strstr(v2v_status_message(), "page "));
+}
+
+/* Some ticks after it was written: clocks of file systems have some hundred a second. */
+static void write_into_recording(void)
+{
+    const struct timespec ticks = {.tv_nsec = 50 * 1000 * 1000};
+    char path[1024];
+    snprintf(path, sizeof path, "%s/recording.h5", failing);
+    nanosleep(&ticks, NULL);
+    FILE *file = fopen(path, "r+b");
+    assert_non_null(file);
+    assert_int_equal(fseek(file, -4, SEEK_END), 0);
+    assert_int_equal(fputs("late", file) >= 0 && fclose(file) == 0, 1);
+}
+
+/* The first frame of rank 0 is computed when another program writes into the recording. */
+static enum v2v_status run_while_written_to(struct v2v_estimator *estimator, float *const *volume,
+                                            const float *views, const struct v2v_monitor *monitor)
+{
+    if (v2v_comm_rank(test_world()) == 0 && runs++ == 0) {
+        write_into_recording();
+    }
+    return whole->run(estimator, volume, views, monitor);
+}
+
+static void a_recording_that_changes_meanwhile_makes_no_volume(void **state)
+{
+    (void)state;
+    assert_int_equal(fail_with(run_while_written_to, "volume.h5", paired(), FRAMES), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "recording.h5: changed while it was read"));
 }
 
 static int64_t stop_at; /* the frame that ends an attempt */
@@ -477,6 +509,8 @@ int main(int argc, char **argv)
         WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),
         WITH_ALL(rows_shared_by_ranks_give_one_ranks_volumes),
         WITH_ALL(a_nan_of_one_rank_ends_all_and_names_the_frame),
+        WITH(a_recording_that_changes_meanwhile_makes_no_volume, learned),
+        WITH(a_recording_that_changes_meanwhile_makes_no_volume, rld),
         WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, learned),
         WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, tv),
         WITH_ALL(an_interrupted_run_goes_on_with_the_frames_that_are_missing),

@@ -6,6 +6,7 @@
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/tiff.h"
 
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -524,6 +525,94 @@ static void the_real_recording_has_its_known_counts(void **state)
     v2v_recording_close(&recording);
 }
 
+/* Ways in which another program changes a file that is being read. */
+static void cut_off(void)
+{
+    struct stat status;
+    assert_int_equal(stat(path, &status), 0);
+    assert_int_equal(truncate(path, status.st_size - 8), 0);
+}
+
+/* A byte of the pixels, which lie at the end. */
+static void overwrite(void)
+{
+    FILE *file = fopen(path, "r+b");
+    assert_non_null(file);
+    assert_int_equal(fseek(file, -1, SEEK_END), 0);
+    assert_int_equal(fputc(42, file), 42);
+    assert_int_equal(fclose(file), 0);
+}
+
+static void replace(void)
+{
+    char other[600];
+    snprintf(other, sizeof other, "%s.new", path);
+    FILE *file = fopen(other, "wb");
+    assert_non_null(file);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(rename(other, path), 0);
+}
+
+static void take_away(void)
+{
+    assert_int_equal(unlink(path), 0);
+}
+
+static void make_pages(void)
+{
+    const struct v2v_tiff_info info = {.pages = 6, .height = 2, .width = 2, .slices = 6};
+    const float page[4] = {1, 2, 3, 4};
+    struct v2v_tiff_writer *writer = NULL;
+    assert_ok(v2v_tiff_create(&writer, path, &info));
+    for (int64_t i = 0; i < info.pages; i++) {
+        assert_ok(v2v_tiff_write_page(writer, page));
+    }
+    assert_ok(v2v_tiff_finish(&writer));
+}
+
+/* An old file: clocks of file systems tick some hundred times a second. */
+static void make_old(void)
+{
+    const struct timespec times[2] = {{.tv_sec = 1000000000}, {.tv_sec = 1000000000}};
+    assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+}
+
+static void a_file_that_changes_while_it_is_read_is_refused(void **state)
+{
+    (void)state;
+    static const struct {
+        void (*change)(void);
+        const char *words;
+    } cases[] = {
+        {cut_off, "changed while it was read: it was written to, had "},
+        {overwrite, "changed while it was read: it was written to"},
+        {replace, "changed while it was read: another file took its place"},
+        {take_away, "changed while it was read: it is gone: No such file"},
+    };
+    static const char *const names[] = {"rec.h5", "rec.tif"};
+    for (size_t i = 0; i < 2 * sizeof cases / sizeof cases[0]; i++) {
+        struct v2v_recording *recording = NULL;
+        float views[12];
+        use(names[i % 2]);
+        if (i % 2 == 0) {
+            test_h5_make(path, &(struct test_h5_spec){
+                                   .dataset = "/views", .rank = 4, .shape = {2, 3, 2, 2}});
+        } else {
+            make_pages();
+        }
+        make_old();
+        assert_ok(
+            v2v_recording_open(&recording, path, &(struct v2v_input_settings){.views = 3}, NULL));
+        assert_ok(v2v_recording_read(recording, views, 1));
+        cases[i / 2].change();
+        assert_int_equal(v2v_recording_read(recording, views, 0), V2V_E_INPUT);
+        assert_says(path);
+        assert_says(cases[i / 2].words);
+        v2v_recording_close(&recording);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -545,6 +634,7 @@ int main(void)
         cmocka_unit_test(nothing_is_invented_in_the_attributes),
         cmocka_unit_test(an_abandoned_recording_leaves_the_old_file_alone),
         cmocka_unit_test(a_recording_larger_than_the_disk_is_refused_at_once),
+        cmocka_unit_test(a_file_that_changes_while_it_is_read_is_refused),
         cmocka_unit_test(the_real_recording_has_its_known_counts),
     };
     return cmocka_run_group_tests_name("recording", tests, NULL, NULL);
