@@ -2,10 +2,8 @@
 #include "io/h5_common.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
+#include <stdio.h>
 #include <strings.h>
-
-/* A chunk is decoded in one piece: this bounds what one read of an image may take. */
-#define MOST_CHUNK_BYTES ((int64_t)2 << 30)
 
 static enum v2v_status check_type(struct v2v_h5_array *array)
 {
@@ -76,31 +74,13 @@ static enum v2v_status check_written(const struct v2v_h5_array *array, int64_t e
                           (long long)bytes);
 }
 
-static enum v2v_status check_storage(const struct v2v_h5_array *array)
+static enum v2v_status check_storage(struct v2v_h5_array *array)
 {
     enum v2v_status rc = V2V_OK;
-    const char *path = array->path, *name = array->kind->dataset;
-    hsize_t chunk[H5S_MAX_RANK] = {0};
     hid_t type = H5Dget_type(array->set);
     hid_t creation = H5Dget_create_plist(array->set);
-    const H5D_layout_t layout = H5Pget_layout(creation);
-    const int64_t element = (int64_t)H5Tget_size(type);
-    if (creation < 0 || layout < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "its layout can't be read"));
-    }
-    if (layout == H5D_CHUNKED) {
-        if (H5Pget_chunk(creation, array->rank, chunk) != array->rank) {
-            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "its chunks can't be read"));
-        }
-        int64_t bytes = element;
-        for (int i = 0; i < array->rank && bytes >= 0; i++) {
-            bytes = v2v_mem_product(bytes, (int64_t)chunk[i], 1);
-        }
-        if (bytes < 0 || bytes > MOST_CHUNK_BYTES) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: one chunk takes more than 2 GiB", path, name));
-        }
-    }
-    V2V_TRY(check_written(array, element, H5Pget_nfilters(creation)));
+    V2V_TRY(check_written(array, (int64_t)H5Tget_size(type), H5Pget_nfilters(creation)));
+    V2V_TRY(v2v_h5_chunks_create(&array->chunks, array->set, array->path, array->kind->dataset));
 done:
     v2v_h5_close(&creation);
     v2v_h5_close(&type);
@@ -145,23 +125,25 @@ static enum v2v_status read_block(const struct v2v_h5_array *array, float *out,
 {
     enum v2v_status rc = V2V_OK;
     hsize_t from[4], size[4];
+    char what[128];
     const int skipped = 4 - array->rank;
     for (int i = 0; i < 4; i++) {
         from[i] = (hsize_t)start[i];
         size[i] = (hsize_t)count[i];
     }
+    snprintf(what, sizeof what, "%s %lld, %s %lld can't be read", array->kind->axis[0],
+             (long long)start[0], array->kind->axis[1], (long long)start[1]);
     /* In the file's shape: HDF5 walks through selections of unequal ranks element by element. */
     hid_t memory = H5Screate_simple(array->rank, size + skipped, NULL);
     hid_t space = H5Dget_space(array->set);
+    V2V_TRY(v2v_h5_chunks_check(array->chunks, what, from + skipped, size + skipped));
     if (memory < 0 ||
         H5Sselect_hyperslab(space, H5S_SELECT_SET, from + skipped, NULL, size + skipped, NULL) <
             0 ||
         H5Dread(array->set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, out) < 0) {
-        char reason[V2V_H5_REASON_BYTES];
-        rc = V2V_FAIL(V2V_E_INPUT, "%s: %s: %s %lld, %s %lld can't be read: %s", array->path,
-                      array->kind->dataset, array->kind->axis[0], (long long)start[0],
-                      array->kind->axis[1], (long long)start[1], v2v_h5_reason(reason));
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, array->path, array->kind->dataset, what));
     }
+done:
     v2v_h5_close(&space);
     v2v_h5_close(&memory);
     return rc;
@@ -193,6 +175,7 @@ done:
 
 void v2v_h5_array_close(struct v2v_h5_array *array)
 {
+    v2v_h5_chunks_destroy(&array->chunks);
     v2v_h5_close(&array->set);
     v2v_h5_close(&array->file);
 }

@@ -2,6 +2,7 @@
 #ifndef V2V_IO_H5_ARRAY_H
 #define V2V_IO_H5_ARRAY_H
 
+#include "io/h5_chunks.h"
 #include "v2v3d/base/status.h"
 #include <hdf5.h>
 #include <stdint.h>
@@ -18,6 +19,7 @@ struct v2v_h5_array {
     const char *path; /**< borrowed */
     const struct v2v_h5_kind *kind;
     hid_t file, set;
+    struct v2v_h5_chunks *chunks;
     int rank;         /**< axes in the file */
     int64_t shape[4]; /**< 1 in front for three axes */
     double type_max;  /**< of an integer type; 1 for floats */

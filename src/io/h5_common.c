@@ -121,7 +121,7 @@ static herr_t refuse_external_link(const char *parent_file, const char *parent_g
     return -1;
 }
 
-static enum v2v_status check_decoding(hid_t set, const char *path, const char *name)
+static enum v2v_status check_decoding(hid_t set, int *filtered, const char *path, const char *name)
 {
     enum v2v_status rc = V2V_OK;
     hid_t creation = H5Dget_create_plist(set);
@@ -132,6 +132,7 @@ static enum v2v_status check_decoding(hid_t set, const char *path, const char *n
     if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: keeps its data in other files", path, name));
     }
+    *filtered = filters > 0;
     for (int i = 0; i < filters; i++) {
         unsigned flags = 0, config = 0;
         size_t values = 0;
@@ -150,10 +151,12 @@ done:
 enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, const char *name)
 {
     enum v2v_status rc = V2V_OK;
-    int refused = 0;
+    int refused = 0, filtered = 0;
     hid_t access = H5Pcreate(H5P_DATASET_ACCESS);
     *set = H5I_INVALID_HID;
-    if (H5Pset_elink_cb(access, refuse_external_link, &refused) >= 0) {
+    /* What is not cached is read from where the index says, in the dataset's own size. */
+    if (H5Pset_elink_cb(access, refuse_external_link, &refused) >= 0 &&
+        H5Pset_chunk_cache(access, 0, 0, H5D_CHUNK_CACHE_W0_DEFAULT) >= 0) {
         *set = H5Dopen2(file, name, access);
     }
     if (refused) {
@@ -164,7 +167,14 @@ enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, co
                     ? V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset", path, name)
                     : V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
     }
-    V2V_TRY(check_decoding(*set, path, name));
+    V2V_TRY(check_decoding(*set, &filtered, path, name));
+    if (filtered) { /* decoded chunks are kept: the next image may lie in them, too */
+        v2v_h5_close(set);
+        *set = H5Dopen2(file, name, H5P_DEFAULT);
+        if (*set < 0) {
+            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
+        }
+    }
 done:
     v2v_h5_close(&access);
     if (rc != V2V_OK) {

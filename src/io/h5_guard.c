@@ -1,4 +1,5 @@
 #include "io/h5_guard.h"
+#include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
@@ -50,17 +51,25 @@ static herr_t look_at_attribute(hid_t object, const char *name, const H5A_info_t
     return 0;
 }
 
-/* The first element and the last. */
-static void read_ends(hid_t set)
+/* The first element and the last, unless the dataset's storage is refused: so will the caller. */
+static void read_ends(hid_t set, const char *path, const char *name)
 {
     const hsize_t one = 1;
-    hsize_t at[H5S_MAX_RANK] = {0};
+    hsize_t at[H5S_MAX_RANK] = {0}, ones[H5S_MAX_RANK];
+    struct v2v_h5_chunks *chunks = NULL;
     float value;
+    if (v2v_h5_chunks_create(&chunks, set, path, name) != V2V_OK) {
+        return;
+    }
+    for (int i = 0; i < H5S_MAX_RANK; i++) {
+        ones[i] = 1;
+    }
     const hid_t space = H5Dget_space(set), memory = H5Screate_simple(1, &one, NULL);
     const int rank = H5Sget_simple_extent_ndims(space);
     need(rank >= 0 && memory >= 0);
     for (int end = 0; end < 2 && rank > 0 && H5Sget_simple_extent_npoints(space) > 0; end++) {
-        need(H5Sselect_elements(space, H5S_SELECT_SET, 1, at) >= 0 &&
+        need(v2v_h5_chunks_check(chunks, name, at, ones) == V2V_OK &&
+             H5Sselect_elements(space, H5S_SELECT_SET, 1, at) >= 0 &&
              H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, &value) >= 0 &&
              H5Sget_simple_extent_dims(space, at, NULL) == rank);
         for (int i = 0; i < rank; i++) {
@@ -83,7 +92,7 @@ static herr_t look_at_link(hid_t file, const char *name, const H5L_info_t *info,
         v2v_h5_open_dataset(&set, file, path, name) == V2V_OK) {
         const H5T_class_t class = H5Tget_class(H5Dget_type(set));
         if (class == H5T_INTEGER || class == H5T_FLOAT) {
-            read_ends(set);
+            read_ends(set, path, name);
         }
     }
     return 0;

@@ -1,5 +1,6 @@
 #include "io/h5_resume.h"
 
+#include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/log.h"
@@ -78,9 +79,7 @@ static enum v2v_status read_numbers(void *out, hid_t file, const char *path, con
     enum v2v_status rc = V2V_OK;
     hid_t set = H5I_INVALID_HID;
     V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
-    if (H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, out) < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be read"));
-    }
+    V2V_TRY(v2v_h5_read_all(out, set, type, path, name));
 done:
     v2v_h5_close(&set);
     return rc;

@@ -1,3 +1,4 @@
+#include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/stack.h"
 #include "v2v3d/base/log.h"
@@ -78,7 +79,7 @@ static enum v2v_status read_done(struct v2v_volume *volume)
     if (H5Lexists(stack->array.file, "/done", H5P_DEFAULT) <= 0) {
         goto done;
     }
-    set = H5Dopen2(stack->array.file, "/done", H5P_DEFAULT);
+    V2V_TRY(v2v_h5_open_dataset(&set, stack->array.file, stack->path, "/done"));
     space = H5Dget_space(set);
     type = H5Dget_type(set);
     if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_ndims(space) != 1 ||
@@ -87,9 +88,7 @@ static enum v2v_status read_done(struct v2v_volume *volume)
                          stack->path, (long long)stack->frames));
     }
     V2V_TRY(V2V_ALLOC(volume->done, "io.done", stack->frames));
-    if (H5Dread(set, H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, volume->done) < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, stack->path, "/done", "can't be read"));
-    }
+    V2V_TRY(v2v_h5_read_all(volume->done, set, H5T_NATIVE_UINT8, stack->path, "/done"));
 done:
     v2v_h5_close(&type);
     v2v_h5_close(&space);

@@ -1,4 +1,5 @@
 #include "v2v3d/io/weights_file.h"
+#include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/fault.h"
@@ -202,9 +203,7 @@ static enum v2v_status read_fields(float *arena, hid_t file, const char *path, c
         V2V_TRY(v2v_text_format(place, sizeof place, "/%s/%s", group, field->name));
         V2V_TRY(open_field(&set, file, path, place, field));
         float *values = arena + field->offset;
-        if (H5Dread(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
-            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, place, "can't be read"));
-        }
+        V2V_TRY(v2v_h5_read_all(values, set, H5T_NATIVE_FLOAT, path, place));
         V2V_TRY(check_values(values, field->count, set, path, place));
         v2v_h5_close(&set);
     }

@@ -243,6 +243,72 @@ static void write_odd_sets(void)
     H5Tclose(text);
 }
 
+/* Recordings of a chunk a view, of whose index one entry is changed: what HDF5 records of the size
+ * of a chunk, and which filters it was written without. */
+static const struct {
+    const char *name;
+    int shuffled, latest;
+    uint32_t bytes, left_out;
+} odd_chunks[] = {{"chunk_short.h5", 0, 0, 16, 0},
+                  {"chunk_past_memory.h5", 0, 0, 0xfffffff0u, 0},
+                  {"chunk_past_end.h5", 1, 0, 0x7fffffffu, 0},
+                  {"chunk_shuffled.h5", 1, 0, 16, 0},
+                  {"chunk_unshuffled.h5", 1, 0, 16, UINT32_MAX},
+                  {"chunk_latest.h5", 1, 1, 16, 0}};
+
+/* Of the middle entry: in a B-tree's leaf (version 1, a key of 8 + 5 * 8 bytes, an address), or in
+ * a fixed array, whose entries are an address, 3 bytes for the size and a mask. */
+static void patch_chunk(const char *name, int latest, uint32_t bytes, uint32_t left_out)
+{
+    static char content[1 << 18];
+    const char *sign = latest ? "FADB" : "TREE";
+    const size_t entry = latest ? 15 : 56, first = latest ? 14 + 8 : 24;
+    size_t at = 0;
+    FILE *file = fopen(name, "rb");
+    CHECK(file != NULL);
+    size_t size = fread(content, 1, sizeof content, file);
+    CHECK(fclose(file) == 0 && size < sizeof content);
+    while (at < size && (memcmp(content + at, sign, 4) != 0 || (!latest && content[at + 4] != 1))) {
+        at++;
+    }
+    CHECK(at + first + 6 * entry < size);
+    memcpy(content + at + first + 5 * entry, &bytes, latest ? 3 : 4);
+    if (!latest) {
+        memcpy(content + at + first + 5 * entry + 4, &left_out, 4);
+    }
+    write_file(name, content, size);
+}
+
+static void write_odd_chunks(void)
+{
+    static const hsize_t shape[] = {2, VIEWS, SIDE, SIDE}, chunk[] = {1, 1, SIDE, SIDE};
+    float *x = calloc(2 * VIEWS * SIDE * SIDE, sizeof *x);
+    CHECK(x != NULL);
+    for (int i = 0; i < 2 * VIEWS * SIDE * SIDE; i++) {
+        x[i] = (float)(1 + i % 97);
+    }
+    for (size_t i = 0; i < sizeof odd_chunks / sizeof odd_chunks[0]; i++) {
+        hid_t access = H5Pcreate(H5P_FILE_ACCESS), storage = H5Pcreate(H5P_DATASET_CREATE);
+        CHECK(!odd_chunks[i].latest ||
+              H5Pset_libver_bounds(access, H5F_LIBVER_LATEST, H5F_LIBVER_LATEST) >= 0);
+        CHECK(H5Pset_chunk(storage, 4, chunk) >= 0 &&
+              (!odd_chunks[i].shuffled || H5Pset_shuffle(storage) >= 0));
+        hid_t file = H5Fcreate(odd_chunks[i].name, H5F_ACC_TRUNC, H5P_DEFAULT, access);
+        hid_t space = H5Screate_simple(4, shape, NULL);
+        hid_t set =
+            H5Dcreate2(file, "/views", H5T_IEEE_F32LE, space, H5P_DEFAULT, storage, H5P_DEFAULT);
+        CHECK(H5Dwrite(set, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, x) >= 0);
+        H5Dclose(set);
+        H5Sclose(space);
+        CHECK(H5Fclose(file) >= 0);
+        H5Pclose(storage);
+        H5Pclose(access);
+        patch_chunk(odd_chunks[i].name, odd_chunks[i].latest, odd_chunks[i].bytes,
+                    odd_chunks[i].left_out);
+    }
+    free(x);
+}
+
 static void write_links(void)
 {
     hid_t file = H5Fcreate("volume_link.h5", H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
@@ -303,6 +369,7 @@ int main(int argc, char **argv)
         write_set(&sets[i]);
     }
     write_odd_sets();
+    write_odd_chunks();
     write_links();
     write_cuts();
     write_psf_folders();
