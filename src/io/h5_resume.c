@@ -1,24 +1,13 @@
 #include "io/h5_resume.h"
 
+#include "io/h5_checksum.h"
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/random.h"
 #include "v2v3d/io/file.h"
-#include "v2v3d/io/volume.h"
 #include <string.h>
-
-uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width)
-{
-    uint64_t sum = 0;
-    for (int64_t i = 0; i < count; i++) {
-        const uint32_t crc = v2v_file_crc32c(0, rows + i * width, width * (int64_t)sizeof *rows);
-        sum += v2v_random_splitmix64(v2v_random_splitmix64((uint64_t)(first + i)) + crc);
-    }
-    return sum;
-}
 
 /* A dataset of this very shape with all its space, so that its index can be walked through. */
 static enum v2v_status check_dataset(hid_t file, const char *path, const char *name, int rank,
@@ -85,52 +74,10 @@ done:
     return rc;
 }
 
-/* Add frame t of dataset number i, image by image. */
-static enum v2v_status add_frame(uint64_t *sum, float *image, hid_t file, const char *path,
-                                 const struct v2v_h5_plan *plan, int i, int64_t t)
-{
-    enum v2v_status rc = V2V_OK;
-    const int64_t *shape = plan->shape;
-    const hsize_t size[4] = {1, 1, (hsize_t)shape[2], (hsize_t)shape[3]};
-    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID;
-    hid_t memory = H5Screate_simple(4, size, NULL);
-    V2V_TRY(v2v_h5_open_dataset(&set, file, path, plan->dataset[i]));
-    space = H5Dget_space(set);
-    for (int64_t m = 0; m < shape[1]; m++) {
-        const hsize_t start[4] = {(hsize_t)t, (hsize_t)m, 0, 0};
-        if (H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) < 0 ||
-            H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, image) < 0) {
-            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, plan->dataset[i], "can't be read"));
-        }
-        *sum += v2v_h5_rows_checksum(image, ((i * shape[0] + t) * shape[1] + m) * shape[2],
-                                     shape[2], shape[3]);
-    }
-done:
-    v2v_h5_close(&space);
-    v2v_h5_close(&memory);
-    v2v_h5_close(&set);
-    return rc;
-}
-
-static enum v2v_status sum_frame(uint64_t *sum, float *image, hid_t file, const char *path,
-                                 const struct v2v_h5_plan *plan, int64_t t)
-{
-    enum v2v_status rc = V2V_OK;
-    *sum = 0;
-    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
-        if (plan->dataset[i] != NULL) {
-            V2V_TRY(add_frame(sum, image, file, path, plan, i, t));
-        }
-    }
-done:
-    return rc;
-}
-
 /* What this rank finds in its share of the frames. */
 struct verdict {
     uint8_t *marked;    /* [t] as the file says */
     uint64_t *checksum; /* [t] */
-    float *image;       /* [y,x] */
     int64_t *good;      /* [t] 1: verified by this rank */
 };
 
@@ -140,26 +87,28 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
 {
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
+    struct v2v_h5_summed summed = {0};
     const int64_t frames = plan->shape[0];
     V2V_TRY(V2V_ALLOC(verdict->marked, "io.resume", frames));
     V2V_TRY(V2V_ALLOC(verdict->checksum, "io.resume", frames));
     V2V_TRY(V2V_ALLOC(verdict->good, "io.resume", frames));
-    V2V_TRY(V2V_ALLOC(verdict->image, "io.resume", plan->shape[2] * plan->shape[3]));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(read_numbers(verdict->marked, file, path, "/done", H5T_NATIVE_UINT8));
     V2V_TRY(read_numbers(verdict->checksum, file, path, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64));
+    V2V_TRY(v2v_h5_summed_open(&summed, path, plan->dataset));
     for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
         uint64_t sum = 0;
         if (verdict->marked[t] != 1) {
             continue;
         }
-        verdict->good[t] = sum_frame(&sum, verdict->image, file, path, plan, t) == V2V_OK &&
-                           sum == verdict->checksum[t];
+        verdict->good[t] =
+            v2v_h5_summed_frame(&summed, &sum, t) == V2V_OK && sum == verdict->checksum[t];
         if (!verdict->good[t]) {
             v2v_log(V2V_LOG_INFO, "%s: frame %lld is damaged", path, (long long)t);
         }
     }
 done:
+    v2v_h5_summed_close(&summed);
     v2v_h5_close(&file);
     return rc == V2V_E_INPUT ? V2V_OK : rc;
 }
@@ -182,7 +131,6 @@ enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct
         done[t] = verdict.good[t] != 0;
     }
 done:
-    v2v_mem_free(verdict.image);
     v2v_mem_free(verdict.good);
     v2v_mem_free(verdict.checksum);
     v2v_mem_free(verdict.marked);

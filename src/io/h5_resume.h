@@ -11,14 +11,6 @@
 #include "io/h5_writer.h"
 #include "v2v3d/io/volume.h"
 
-/** The dataset of checksums [t]. */
-#define V2V_H5_CHECKSUM "/checksum"
-
-/** What rows first .. first+count-1 add to the checksum of their frame, modulo 2^64; row n is
- *  ((set * T + t) * M + m) * Y + y of all rows of the file. Sums over any split of a frame, in any
- *  order, are the same. @kind Local. @param rows [count,width] */
-uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width);
-
 /** Which frames of a file are good, and is it what the plan says, of its task and shape?
  *  @kind Collective(comm). @param done [t], 1 where a frame is good
  *  @return V2V_OK | V2V_E_INPUT (it is not, or cannot be read: the reason) | V2V_E_MEMORY; agreed.

@@ -1,4 +1,5 @@
 #include "io/h5_writer.h"
+#include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_resume.h"
 #include "par/comm_mpi.h"

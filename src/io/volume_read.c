@@ -1,4 +1,4 @@
-#include "io/h5_chunks.h"
+#include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/stack.h"
 #include "v2v3d/base/log.h"
@@ -9,8 +9,12 @@
 struct v2v_volume {
     struct v2v_volume_info info;
     struct v2v_stack stack;
-    float scale;   /* 1 / the integer type's maximum */
-    uint8_t *done; /* [t]; NULL: the file doesn't say, all frames count */
+    float scale;        /* 1 / the integer type's maximum */
+    uint8_t *done;      /* [t]; NULL: the file doesn't say, all frames count */
+    uint64_t *checksum; /* [t]; NULL: the file has none */
+    uint8_t
+        *verified; /* [t] its checksum was seen to hold; with `checksum` alone, as what follows */
+    struct v2v_h5_summed summed;
 };
 
 /* How many pages of a TIFF make a frame. */
@@ -70,29 +74,60 @@ done:
     return rc;
 }
 
-/* `/done` of our own files; anything else under that name is none of ours. */
-static enum v2v_status read_done(struct v2v_volume *volume)
+/* `name` of our own files; anything else under it is none of ours. */
+static enum v2v_status read_numbers(void *out, const struct v2v_stack *stack, const char *name,
+                                    hid_t memory)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_stack *stack = &volume->stack;
     hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, type = H5I_INVALID_HID;
-    if (H5Lexists(stack->array.file, "/done", H5P_DEFAULT) <= 0) {
-        goto done;
-    }
-    V2V_TRY(v2v_h5_open_dataset(&set, stack->array.file, stack->path, "/done"));
+    V2V_TRY(v2v_h5_open_dataset(&set, stack->array.file, stack->path, name));
     space = H5Dget_space(set);
     type = H5Dget_type(set);
     if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_ndims(space) != 1 ||
         H5Sget_simple_extent_npoints(space) != stack->frames) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: /done: is not one number for each of %lld frames",
-                         stack->path, (long long)stack->frames));
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not one number for each of %lld frames",
+                         stack->path, name, (long long)stack->frames));
     }
-    V2V_TRY(V2V_ALLOC(volume->done, "io.done", stack->frames));
-    V2V_TRY(v2v_h5_read_all(volume->done, set, H5T_NATIVE_UINT8, stack->path, "/done"));
+    V2V_TRY(v2v_h5_read_all(out, set, memory, stack->path, name));
 done:
     v2v_h5_close(&type);
     v2v_h5_close(&space);
     v2v_h5_close(&set);
+    return rc;
+}
+
+static enum v2v_status read_done(struct v2v_volume *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_stack *stack = &volume->stack;
+    if (H5Lexists(stack->array.file, "/done", H5P_DEFAULT) > 0) {
+        V2V_TRY(V2V_ALLOC(volume->done, "io.done", stack->frames));
+        V2V_TRY(read_numbers(volume->done, stack, "/done", H5T_NATIVE_UINT8));
+    }
+done:
+    return rc;
+}
+
+/* Files that can be gone on with have them, and their datasets are what they cover. */
+static enum v2v_status read_checksums(struct v2v_volume *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_stack *stack = &volume->stack;
+    const hid_t file = stack->array.file;
+    const char *there[V2V_H5_WRITER_SETS];
+    if (H5Lexists(file, V2V_H5_CHECKSUM, H5P_DEFAULT) <= 0 ||
+        H5Aexists(file, V2V_VOLUME_TASK) <= 0) {
+        return V2V_OK;
+    }
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        const char *name = v2v_h5_volume_sets[i];
+        there[i] = H5Lexists(file, name, H5P_DEFAULT) > 0 ? name : NULL;
+    }
+    V2V_TRY(V2V_ALLOC(volume->checksum, "io.checksum", stack->frames));
+    V2V_TRY(V2V_ALLOC(volume->verified, "io.checksum", stack->frames));
+    V2V_TRY(read_numbers(volume->checksum, stack, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64));
+    V2V_TRY(v2v_h5_summed_open(&volume->summed, stack->path, there));
+done:
     return rc;
 }
 
@@ -110,6 +145,7 @@ static enum v2v_status describe(struct v2v_volume *volume, int64_t slices)
         volume->info.slices = stack->images;
         V2V_TRY(read_lengths(volume));
         V2V_TRY(read_done(volume));
+        V2V_TRY(read_checksums(volume));
     }
 done:
     return rc;
@@ -136,6 +172,26 @@ const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume)
     return &volume->info;
 }
 
+/* The whole frame, whatever part of it is asked for: once. */
+static enum v2v_status verify(struct v2v_volume *volume, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *path = volume->stack.path;
+    uint64_t sum = 0;
+    if (volume->checksum == NULL || volume->verified[t]) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_file_unchanged(v2v_h5_summed_frame(&volume->summed, &sum, t), &volume->stack.state,
+                               path));
+    if (sum != volume->checksum[t]) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: frame %lld is damaged: its checksum doesn't hold", path,
+                         (long long)t));
+    }
+    volume->verified[t] = 1;
+done:
+    return rc;
+}
+
 enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t, int64_t first,
                                 int64_t count)
 {
@@ -147,6 +203,7 @@ enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: /done: frame %lld was never finished",
                          volume->stack.path, (long long)t));
     }
+    V2V_TRY(verify(volume, t));
     V2V_TRY(v2v_stack_read(&volume->stack, out, t * info->slices + first, count));
     if (volume->scale != 1.0f) {
         const int64_t elements = count * info->height * info->width;
@@ -161,7 +218,10 @@ done:
 void v2v_volume_close(struct v2v_volume **volume)
 {
     if (*volume != NULL) {
+        v2v_h5_summed_close(&(*volume)->summed);
         v2v_stack_fini(&(*volume)->stack);
+        v2v_mem_free((*volume)->verified);
+        v2v_mem_free((*volume)->checksum);
         v2v_mem_free((*volume)->done);
         v2v_mem_free(*volume);
         *volume = NULL;

@@ -1,3 +1,4 @@
+#include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_resume.h"
 #include "io/h5_writer.h"
@@ -11,13 +12,6 @@
 
 /* An attribute ends at 64 KiB; longer text becomes a dataset of the same name. */
 #define MOST_ATTRIBUTE_BYTES 60000
-
-static const char *const dataset_name[V2V_H5_WRITER_SETS] = {
-    [V2V_VOLUME_MEAN] = "/volume",
-    [V2V_VOLUME_BRANCH1] = "/branch1",
-    [V2V_VOLUME_BRANCH2] = "/branch2",
-    [V2V_VOLUME_UNCERTAINTY] = "/uncertainty",
-};
 
 struct v2v_volume_writer {
     struct v2v_h5_writer *h5; /* one of the two */
@@ -59,9 +53,9 @@ static enum v2v_status describe(hid_t file, const char *path, const void *contex
     hid_t set = H5I_INVALID_HID;
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (description->datasets & (1u << i)) {
-            set = H5Dopen2(file, dataset_name[i], H5P_DEFAULT);
+            set = H5Dopen2(file, v2v_h5_volume_sets[i], H5P_DEFAULT);
             V2V_TRY(describe_dataset(set, path, description->info));
-            V2V_TRY(v2v_h5_close_written(V2V_OK, &set, path, dataset_name[i]));
+            V2V_TRY(v2v_h5_close_written(V2V_OK, &set, path, v2v_h5_volume_sets[i]));
         }
     }
     for (int64_t i = 0; i < description->attribute_count; i++) {
@@ -131,7 +125,7 @@ static void make_plan(struct v2v_h5_plan *plan, const struct description *descri
         .context = description,
     };
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
-        plan->dataset[i] = description->datasets & (1u << i) ? dataset_name[i] : NULL;
+        plan->dataset[i] = description->datasets & (1u << i) ? v2v_h5_volume_sets[i] : NULL;
     }
 }
 

@@ -43,8 +43,8 @@ struct v2v_file_state {
 };
 
 /** Take it before the file is opened; after every read hand what that came to, `rc`, back, unless
- *  the file has changed since: it was cut off, written to, replaced or removed, and neither what was
- *  read nor why it could not be read means anything.
+ *  the file has changed since: it was cut off, written to, replaced or removed, and neither what
+ *  was read nor why it could not be read means anything.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (no such file); rc | V2V_E_INPUT (what changed) */
 enum v2v_status v2v_file_remember(struct v2v_file_state *state, const char *path) V2V_MUST_CHECK;
 enum v2v_status v2v_file_unchanged(enum v2v_status rc, const struct v2v_file_state *state,

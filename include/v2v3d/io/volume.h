@@ -20,14 +20,16 @@ struct v2v_volume;
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack (`slices` from its
  *  ImageJ description; else `slices` given, > 0, must divide the pages; else all pages are slices
  * of one frame). Integer data are read as fractions of their type's maximum.
- *  A frame that `/done` doesn't mark is refused when it is read.
+ *  A frame that `/done` doesn't mark, or whose `/checksum` doesn't hold, is refused when it is
+ *  read.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
 const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume);
 
 /** Slices first .. first+count-1 of frame t. @kind Local. @param out [count,y,x]
- *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, slice, pixel) */
+ *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, slice, pixel; unfinished or damaged: frame)
+ *  @cost a frame with a checksum is read as a whole before any of it is */
 enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t, int64_t first,
                                 int64_t count) V2V_MUST_CHECK;
 
