@@ -7,6 +7,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
+#include <stdio.h>
 #include <string.h>
 
 /* A dataset of this very shape with all its space, so that its index can be walked through. */
@@ -198,8 +199,12 @@ done:
 
 void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task)
 {
+    char message[V2V_MESSAGE_BYTES], place[256];
+    snprintf(message, sizeof message, "%s", v2v_status_message());
+    snprintf(place, sizeof place, "%s", v2v_status_place());
     *left = (struct v2v_volume_left){0};
     if (v2v_file_check_input(temporary) == V2V_OK && count_left(left, temporary, task) != V2V_OK) {
         *left = (struct v2v_volume_left){0};
     }
+    v2v_status_set_message(message, place);
 }

@@ -28,7 +28,7 @@ enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
 
 /** What an interrupted run left under a temporary name: how many frames it had done of how many,
  *  and is it of this task (which may be NULL: of none)? All 0 where nothing is there that can be
- *  read. @kind Local. */
+ *  read. The record of an earlier failure stays. @kind Local. */
 void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task);
 
 #endif
