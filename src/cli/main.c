@@ -12,6 +12,7 @@
 #include <errno.h>
 #include <signal.h>
 #include <string.h>
+#include <unistd.h>
 
 static const struct v2v_command *const commands[] = {
     &v2v_command_demo,         &v2v_command_psf_simulate, &v2v_command_psf_info,
@@ -289,6 +290,17 @@ static enum v2v_status run_program(int argc, char *const *argv, struct v2v_comm 
     return v2v_cli_run(argc - 1, argv + 1, world);
 }
 
+/* HDF5 1.10 closes what a failed close has left, here or on another rank, once more when MPI or the
+ * process ends, and then can crash or wait for ever. */
+static _Noreturn void leave_without_end(enum v2v_status rc, const struct v2v_comm *world)
+{
+    if (v2v_comm_size(world) > 1) {
+        v2v_par_abort(v2v_status_exit_code(rc));
+    }
+    (void)fflush(stdout);
+    _exit(v2v_status_exit_code(rc));
+}
+
 int v2v_cli_main(int argc, char **argv)
 {
     struct v2v_comm *world = NULL;
@@ -313,9 +325,8 @@ int v2v_cli_main(int argc, char **argv)
          * 85: that shall not look like a crash. */
         signal(SIGTERM, SIG_IGN);
     }
-    if (rc == V2V_E_IO && v2v_comm_size(world) > 1) {
-        /* after a failed close HDF5 1.10 can crash or wait in MPI_Finalize */
-        v2v_par_abort(v2v_status_exit_code(rc));
+    if (rc != V2V_OK && ((rc == V2V_E_IO && v2v_comm_size(world) > 1) || v2v_file_left_open())) {
+        leave_without_end(rc, world);
     }
     if (world != NULL) { /* where it could not start, v2v_par_init has ended MPI */
         v2v_par_finalize(&world);

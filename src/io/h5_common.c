@@ -56,6 +56,11 @@ void v2v_h5_close(hid_t *id)
     *id = H5I_INVALID_HID;
 }
 
+int v2v_file_left_open(void)
+{
+    return H5Fget_obj_count((hid_t)H5F_OBJ_ALL, H5F_OBJ_ALL) > 0;
+}
+
 enum v2v_status v2v_h5_close_written(enum v2v_status rc, hid_t *set, const char *path,
                                      const char *name)
 {

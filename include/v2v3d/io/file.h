@@ -102,6 +102,10 @@ enum v2v_status v2v_file_write_text(const char *path, const char *text) V2V_MUST
 void v2v_file_guard_start(void);
 void v2v_file_guard_stop(void);
 
+/** Has HDF5 anything open in this process? After all files were closed: what it could not close.
+ *  @kind Local. */
+int v2v_file_left_open(void);
+
 /** CRC-32C of bytes, continuing from `crc` (0 to start). @kind Local. */
 uint32_t v2v_file_crc32c(uint32_t crc, const void *data, int64_t bytes);
 
