@@ -88,18 +88,18 @@ if [ "$ranks" -eq 1 ]; then
     for signal in TERM INT; do
         # a shell without jobs would have its children ignore SIGINT
         env --default-signal=INT "$program" deconvolve --psf psf.h5 --input many.h5 -o many_out.h5 \
-            --resume --method rld --iterations 100 2>stderr &
+            --resume --method rld --iterations 100 2>log.$signal &
         pid=$!
         for _ in $(seq 600); do
-            grep -q 'deconvolve [0-9]' stderr && break
+            [ -s log.$signal ] && grep -q 'deconvolve [0-9]' log.$signal && break
             sleep 0.1
         done
         kill -$signal $pid
         wait $pid
         code=$?
-        [ $code -eq 85 ] || fail "SIG$signal: exit code $code, not 85: $(cat stderr)"
-        grep -qE 'many_out.h5: [0-9]+ of 400 frames are done; --resume' stderr ||
-            fail "SIG$signal: no word of the frames: $(cat stderr)"
+        [ $code -eq 85 ] || fail "SIG$signal: exit code $code, not 85: $(cat log.$signal)"
+        grep -qE 'many_out.h5: [0-9]+ of 400 frames are done; --resume' log.$signal ||
+            fail "SIG$signal: no word of the frames: $(cat log.$signal)"
     done
     rm -f ./*.v2v3d-*
 fi
