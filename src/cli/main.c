@@ -10,6 +10,7 @@
 #include "v2v3d/op/gemm.h"
 #include "v2v3d/par/watchdog.h"
 #include <errno.h>
+#include <poll.h>
 #include <signal.h>
 #include <string.h>
 #include <unistd.h>
@@ -148,6 +149,13 @@ done:
     return rc;
 }
 
+/* Of a pipe. An earlier write may have failed for that, and its errno is gone. */
+static int reader_is_gone(void)
+{
+    struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
+    return poll(&out, 1, 0) == 1 && (out.revents & (POLLERR | POLLHUP)) != 0;
+}
+
 /* What is left in stdout's buffer must arrive; a reader that went away (| head) is fine. */
 static enum v2v_status flush_results(void)
 {
@@ -155,7 +163,11 @@ static enum v2v_status flush_results(void)
     if (fflush(stdout) == 0 && !ferror(stdout)) {
         return V2V_OK;
     }
-    return errno == EPIPE ? V2V_OK : V2V_FAIL(V2V_E_IO, "standard output: %s", strerror(errno));
+    const int reason = errno;
+    return reason == EPIPE || reader_is_gone()
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_IO, "standard output: %s",
+                          reason != 0 ? strerror(reason) : "not all could be written");
 }
 
 static enum v2v_status run_parsed(const struct v2v_command *command,

@@ -153,6 +153,28 @@ done:
     return rc;
 }
 
+/* What a file has instead of the dataset that is asked for: the first names. */
+static enum v2v_status there_is_none(hid_t file, const char *path, const char *name)
+{
+    enum { MOST = 8, NAME_BYTES = 48 };
+    char names[MOST * (NAME_BYTES + 4)] = "";
+    H5G_info_t group = {0};
+    if (H5Gget_info(file, &group) < 0) {
+        group.nlinks = 0;
+    }
+    for (hsize_t i = 0; i < group.nlinks && i < MOST; i++) {
+        char one[NAME_BYTES];
+        const size_t used = strlen(names);
+        if (H5Lget_name_by_idx(file, "/", H5_INDEX_NAME, H5_ITER_INC, i, one, sizeof one,
+                               H5P_DEFAULT) > 0) {
+            (void)snprintf(names + used, sizeof names - used, "%s/%s", i > 0 ? ", " : "", one);
+        }
+    }
+    return V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset; %s%s%s", path, name,
+                    names[0] != '\0' ? "it has " : "it is empty", names,
+                    group.nlinks > MOST ? ", ..." : "");
+}
+
 enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, const char *name)
 {
     enum v2v_status rc = V2V_OK;
@@ -169,7 +191,7 @@ enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, co
     }
     if (*set < 0) {
         V2V_TRY(H5Lexists(file, name, H5P_DEFAULT) == 0
-                    ? V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset", path, name)
+                    ? there_is_none(file, path, name)
                     : V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
     }
     V2V_TRY(check_decoding(*set, &filtered, path, name));
