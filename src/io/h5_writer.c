@@ -444,7 +444,7 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
     V2V_TRY(v2v_par_agree(own->comm, rc));
     own->created = 0;
 done:
-    v2v_h5_writer_abandon(writer);
+    v2v_h5_writer_suspend(writer); /* a failure at the end costs no frame that is done */
     return rc;
 }
 

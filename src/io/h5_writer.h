@@ -58,7 +58,8 @@ enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
                                         const struct v2v_comm *writers) V2V_MUST_CHECK;
 
 /** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
- *  it succeeded or not. @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
+ *  it succeeded or not; after a failure what was written is left as by v2v_h5_writer_suspend.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
 enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer) V2V_MUST_CHECK;
 
 /** Close, and leave what was written for a later run to go on with; removed if it has no task or no
