@@ -40,10 +40,12 @@ static int run_with(struct scene *scene, enum phase phase, int ranks, const char
              scene->folder, scene->folder);
     assert_int_equal(system(copy), 0);
     setenv("V2V_FAULT", fault, 1);
-    int code = program_run(scene, ranks,
-                           phase == RESUMED ? TRAIN "run --steps 4 --resume"
-                                            : RECONSTRUCT "--weights run/weights.h5 -o volume.h5",
-                           text);
+    /* forced: frames that the job before finished are there */
+    int code =
+        program_run(scene, ranks,
+                    phase == RESUMED ? TRAIN "run --steps 4 --resume"
+                                     : RECONSTRUCT "--weights run/weights.h5 -o volume.h5 --force",
+                    text);
     unsetenv("V2V_FAULT");
     return code;
 }
