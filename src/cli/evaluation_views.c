@@ -211,18 +211,23 @@ done:
     return rc;
 }
 
-static void warn(struct v2v_evaluation *evaluation, const char *text)
+/* All ranks know it; one says it. Local. */
+static void warn(struct work *work, const char *text)
 {
+    struct v2v_evaluation *evaluation = work->evaluation;
     const size_t used = strlen(evaluation->warnings);
-    v2v_log(V2V_LOG_WARNING, "%s", text);
+    if (v2v_step_on_root(work->session)) {
+        v2v_log(V2V_LOG_WARNING, "%s", text);
+    }
     snprintf(evaluation->warnings + used, sizeof evaluation->warnings - used, "%s%s",
              used > 0 ? "; " : "", text);
 }
 
 /* The frame whose light is most out of proportion: what is trained at another brightness, too few
  * iterations, a pedestal of noise, a wrong offset. */
-static void judge_flux(struct v2v_evaluation *evaluation)
+static void judge_flux(struct work *work)
 {
+    const struct v2v_evaluation *evaluation = work->evaluation;
     const double *flux = evaluation->value[V2V_FIGURE_FLUX];
     double most = out_of_flux;
     char text[128];
@@ -236,7 +241,7 @@ static void judge_flux(struct v2v_evaluation *evaluation)
         }
     }
     if (most > out_of_flux) {
-        warn(evaluation, text);
+        warn(work, text);
     }
 }
 
@@ -270,16 +275,16 @@ done:
 /* What is wrong with the volume and with the recording, as far as they tell. */
 static void find_faults(struct work *work)
 {
-    struct v2v_evaluation *evaluation = work->evaluation;
+    const struct v2v_evaluation *evaluation = work->evaluation;
     char text[128];
-    judge_flux(evaluation);
+    judge_flux(work);
     if (work->saturated > 0) {
         snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",
                  work->saturated);
-        warn(evaluation, text);
+        warn(work, text);
     }
     if (work->levels[0] != '\0') {
-        warn(evaluation, work->levels);
+        warn(work, work->levels);
     }
     for (int64_t v = 0; v < evaluation->consistency.views; v++) {
         const double y = evaluation->of_view[V2V_VIEW_SHIFT_Y][v];
@@ -287,7 +292,7 @@ static void find_faults(struct work *work)
         if (sqrt(y * y + x * x) > out_of_register) {
             snprintf(text, sizeof text,
                      "view %" PRId64 " is out of register: %+.1f, %+.1f pixels in y, x", v, y, x);
-            warn(evaluation, text);
+            warn(work, text);
         }
     }
 }
