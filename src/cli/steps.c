@@ -9,7 +9,6 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
-#include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +21,7 @@ int v2v_step_on_root(const struct v2v_session *session)
 }
 
 /* Frames that an interrupted run finished are not thrown away unasked. Rank-0. */
-static enum v2v_status keep_frames(const char *path)
+static enum v2v_status check_left(const char *path)
 {
     struct v2v_volume_left left;
     v2v_volume_left(&left, path, NULL);
@@ -56,7 +55,7 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
     if (v2v_step_on_root(session)) {
         rc = v2v_file_check_output(path, session->force || resume, given, n);
         if (rc == V2V_OK && !session->force && !resume) {
-            rc = keep_frames(path);
+            rc = check_left(path);
         }
     }
     return v2v_par_agree(session->world, rc);
@@ -274,34 +273,6 @@ enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *confi
                                : V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
 }
 
-/* CRC-32C of a file's bytes. */
-static enum v2v_status checksum_of_file(uint32_t *crc, const char *path)
-{
-    enum { CHUNK = 1 << 20 };
-    enum v2v_status rc = V2V_OK;
-    char *buffer = NULL;
-    FILE *file = NULL;
-    size_t got = 0;
-    V2V_TRY(V2V_ALLOC(buffer, "cli.checksum", CHUNK));
-    file = fopen(path, "rb");
-    if (file == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
-    }
-    *crc = 0;
-    while ((got = fread(buffer, 1, CHUNK, file)) > 0) {
-        *crc = v2v_file_crc32c(*crc, buffer, (int64_t)got);
-    }
-    if (ferror(file)) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: cannot be read", path));
-    }
-done:
-    if (file != NULL) {
-        fclose(file);
-    }
-    v2v_mem_free(buffer);
-    return rc;
-}
-
 static void add_text(struct v2v_provenance *provenance, const char *name, const char *text)
 {
     V2V_ASSERT(provenance->count < V2V_PROVENANCE_MOST);
@@ -324,7 +295,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     *provenance = (struct v2v_provenance){0};
     rc = v2v_step_config_text(&provenance->config, &session->config, 0);
     if (rc == V2V_OK && weights != NULL && v2v_step_on_root(session)) {
-        rc = checksum_of_file(&crc, weights);
+        rc = v2v_file_crc32c_of(&crc, weights);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, &crc, (int64_t)sizeof crc, 0);

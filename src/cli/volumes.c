@@ -191,7 +191,6 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
-    V2V_TRY(warn_of_levels(work, session));
 done:
     return rc;
 }
@@ -243,7 +242,9 @@ static enum v2v_status meet_output(int *is_complete, const struct work *work,
                           session->world);
     snprintf(reason, sizeof reason, "%s", v2v_status_message());
     if (rc == V2V_E_INPUT && session->force) {
-        v2v_log(V2V_LOG_WARNING, "%s; it is made anew", reason);
+        if (v2v_step_on_root(session)) {
+            v2v_log(V2V_LOG_WARNING, "%s; it is made anew", reason);
+        }
         return V2V_OK;
     }
     if (rc == V2V_E_INPUT) {
@@ -424,6 +425,7 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
         goto done;
     }
     V2V_TRY(meet_frames(&work, session));
+    V2V_TRY(warn_of_levels(&work, session));
     V2V_TRY(
         v2v_recon_create(&work.recon, work.ops, &work.problem, work.info.frames, session->world));
     V2V_TRY(open_output(&work, session));

@@ -11,20 +11,23 @@
 
 enum { PIECE = 1 << 24 };
 
-/* Pieces rank, rank + ranks, ... to the end of the file. Local. */
-static enum v2v_status sum_pieces(uint64_t *sum, const char *path, int64_t rank, int64_t ranks)
+/* What is to be done with a piece of a file. */
+typedef void take_piece(void *context, int64_t number, const void *piece, int64_t bytes);
+
+/* Pieces first, first + every, ... to the end of the file. Local. */
+static enum v2v_status read_pieces(take_piece *take, void *context, const char *path, int64_t first,
+                                   int64_t every)
 {
     enum v2v_status rc = V2V_OK;
     char *piece = NULL;
     FILE *file = NULL;
-    *sum = 0;
     V2V_TRY(v2v_file_check_input(path));
     V2V_TRY(V2V_ALLOC(piece, "io.file_sum", PIECE));
     file = fopen(path, "rbe");
     if (file == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
     }
-    for (int64_t i = rank;; i += ranks) {
+    for (int64_t i = first;; i += every) {
         if (fseeko(file, (off_t)(i * PIECE), SEEK_SET) != 0) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
         }
@@ -36,8 +39,7 @@ static enum v2v_status sum_pieces(uint64_t *sum, const char *path, int64_t rank,
             break;
         }
         v2v_watchdog_beat("checksum of an input");
-        const uint32_t crc = v2v_file_crc32c(0, piece, (int64_t)bytes);
-        *sum += v2v_random_splitmix64(v2v_random_splitmix64((uint64_t)i) + crc);
+        take(context, i, piece, (int64_t)bytes);
     }
 done:
     if (file != NULL) {
@@ -47,11 +49,31 @@ done:
     return rc;
 }
 
+static void add_hash(void *context, int64_t number, const void *piece, int64_t bytes)
+{
+    uint64_t *const sum = context;
+    const uint32_t crc = v2v_file_crc32c(0, piece, bytes);
+    *sum += v2v_random_splitmix64(v2v_random_splitmix64((uint64_t)number) + crc);
+}
+
+static void go_on(void *context, int64_t number, const void *piece, int64_t bytes)
+{
+    uint32_t *const crc = context;
+    (void)number;
+    *crc = v2v_file_crc32c(*crc, piece, bytes);
+}
+
+enum v2v_status v2v_file_crc32c_of(uint32_t *crc, const char *path)
+{
+    *crc = 0;
+    return read_pieces(go_on, crc, path, 0, 1);
+}
+
 enum v2v_status v2v_file_sum(uint64_t *sum, const char *path, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     uint64_t part = 0;
-    rc = sum_pieces(&part, path, v2v_comm_rank(comm), v2v_comm_size(comm));
+    rc = read_pieces(add_hash, &part, path, v2v_comm_rank(comm), v2v_comm_size(comm));
     V2V_TRY(v2v_par_agree(comm, rc));
     int64_t all = (int64_t)part;
     v2v_par_sum_i64(comm, &all, 1);

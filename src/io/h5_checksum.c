@@ -1,4 +1,6 @@
 #include "io/h5_checksum.h"
+#include "io/h5_chunks.h"
+#include "io/h5_common.h"
 #include "io/stack.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
@@ -21,6 +23,27 @@ uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, i
         sum += v2v_random_splitmix64(v2v_random_splitmix64((uint64_t)(first + i)) + crc);
     }
     return sum;
+}
+
+enum v2v_status v2v_h5_read_of_frames(void *out, hid_t file, const char *path, const char *name,
+                                      hid_t type, int64_t frames)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, stored = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
+    space = H5Dget_space(set);
+    stored = H5Dget_type(set);
+    if (H5Tget_class(stored) != H5T_INTEGER || H5Sget_simple_extent_ndims(space) != 1 ||
+        H5Sget_simple_extent_npoints(space) != frames) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not one number for each of %lld frames", path,
+                         name, (long long)frames));
+    }
+    V2V_TRY(v2v_h5_read_all(out, set, type, path, name));
+done:
+    v2v_h5_close(&stored);
+    v2v_h5_close(&space);
+    v2v_h5_close(&set);
+    return rc;
 }
 
 enum v2v_status v2v_h5_summed_open(struct v2v_h5_summed *summed, const char *path,

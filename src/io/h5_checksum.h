@@ -16,6 +16,12 @@ extern const char *const v2v_h5_volume_sets[V2V_H5_WRITER_SETS];
  *  order, are the same. @kind Local. @param rows [count,width] */
 uint64_t v2v_h5_rows_checksum(const float *rows, int64_t first, int64_t count, int64_t width);
 
+/** Numbers of the file's frames: `/done`, `/checksum`. @kind Local.
+ *  @param out [frames] of `type`, of memory
+ *  @return V2V_OK | V2V_E_INPUT (unreadable, or not one integer a frame) | V2V_E_MEMORY */
+enum v2v_status v2v_h5_read_of_frames(void *out, hid_t file, const char *path, const char *name,
+                                      hid_t type, int64_t frames) V2V_MUST_CHECK;
+
 /** The datasets that a file's checksums cover, opened to be read. */
 struct v2v_h5_summed {
     struct v2v_h5_kind kind[V2V_H5_WRITER_SETS];

@@ -63,18 +63,6 @@ done:
     return rc;
 }
 
-static enum v2v_status read_numbers(void *out, hid_t file, const char *path, const char *name,
-                                    hid_t type)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t set = H5I_INVALID_HID;
-    V2V_TRY(v2v_h5_open_dataset(&set, file, path, name));
-    V2V_TRY(v2v_h5_read_all(out, set, type, path, name));
-done:
-    v2v_h5_close(&set);
-    return rc;
-}
-
 /* What this rank finds in its share of the frames. */
 struct verdict {
     uint8_t *marked;    /* [t] as the file says */
@@ -94,8 +82,9 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
     V2V_TRY(V2V_ALLOC(verdict->checksum, "io.resume", frames));
     V2V_TRY(V2V_ALLOC(verdict->good, "io.resume", frames));
     V2V_TRY(v2v_h5_open(&file, path));
-    V2V_TRY(read_numbers(verdict->marked, file, path, "/done", H5T_NATIVE_UINT8));
-    V2V_TRY(read_numbers(verdict->checksum, file, path, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64));
+    V2V_TRY(v2v_h5_read_of_frames(verdict->marked, file, path, "/done", H5T_NATIVE_UINT8, frames));
+    V2V_TRY(v2v_h5_read_of_frames(verdict->checksum, file, path, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64,
+                                  frames));
     V2V_TRY(v2v_h5_summed_open(&summed, path, plan->dataset));
     for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
         uint64_t sum = 0;
@@ -104,9 +93,6 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
         }
         verdict->good[t] =
             v2v_h5_summed_frame(&summed, &sum, t) == V2V_OK && sum == verdict->checksum[t];
-        if (!verdict->good[t]) {
-            v2v_log(V2V_LOG_INFO, "%s: frame %lld is damaged", path, (long long)t);
-        }
     }
 done:
     v2v_h5_summed_close(&summed);
@@ -130,6 +116,10 @@ enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct
     v2v_par_sum_i64(comm, verdict.good, frames);
     for (int64_t t = 0; t < frames; t++) {
         done[t] = verdict.good[t] != 0;
+        if (plan->resume && !done[t] && verdict.marked[t] == 1 && v2v_comm_rank(comm) == 0) {
+            v2v_log(V2V_LOG_WARNING, "%s: frame %lld is damaged and computed anew", path,
+                    (long long)t);
+        }
     }
 done:
     v2v_mem_free(verdict.good);
@@ -150,7 +140,9 @@ enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
     }
     rc = v2v_h5_good_frames(done, temporary, plan, comm);
     if (rc == V2V_E_INPUT) {
-        v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
+        if (v2v_comm_rank(comm) == 0) {
+            v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
+        }
         *found = 0;
         return V2V_OK;
     }
@@ -183,7 +175,7 @@ static enum v2v_status count_left(struct v2v_volume_left *left, const char *path
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: no volume that was begun", path));
     }
     V2V_TRY(V2V_ALLOC(marked, "io.resume", (int64_t)frames));
-    V2V_TRY(read_numbers(marked, file, path, "/done", H5T_NATIVE_UINT8));
+    V2V_TRY(v2v_h5_read_of_frames(marked, file, path, "/done", H5T_NATIVE_UINT8, (int64_t)frames));
     left->frames = (int64_t)frames;
     left->is_same = task != NULL && strcmp(task, its_task) == 0;
     for (int64_t t = 0; t < left->frames; t++) {

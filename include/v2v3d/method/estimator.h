@@ -114,11 +114,11 @@ struct v2v_estimator_ops {
      *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC; agreed by the shard */
     enum v2v_status (*run)(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor);
-    /** Runs of `window`, of a part of a frame, shall take from the frame's views [v,y,x] what is
-     *  measured of them; NULL: parts of a frame are not computed by themselves. @kind Local, no
-     *  allocation. */
-    void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole,
-                 const float *views);
+    /** What is measured of a frame's views [v,y,x] before its parts are computed by themselves;
+     *  runs of `window`, of a part, shall take it from `whole`, of the frame. Both NULL: parts
+     *  are not computed by themselves. @kind Local, no allocation. */
+    void (*look)(struct v2v_estimator *whole, const float *views);
+    void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole);
 };
 
 int64_t v2v_estimator_count(void);

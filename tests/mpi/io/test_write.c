@@ -2,13 +2,16 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/file_sum.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/io/volume.h"
 
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #define MEAN_ONLY (1u << V2V_VOLUME_MEAN)
 
@@ -379,6 +382,33 @@ static void two_writers_of_one_file_are_refused(void **state)
     assert_volume();
 }
 
+/* A task is gone on with on any number of ranks: so is the sum of its recording the same. */
+static void a_file_has_one_sum_on_any_ranks(void **state)
+{
+    (void)state;
+    enum { BYTES = (5 << 24) + 7 }; /* five pieces and a bit */
+    const off_t places[] = {0, (off_t)1 << 24, BYTES - 1};
+    uint64_t alone = 0, together = 0, seen[4] = {0};
+    use("bytes");
+    for (int i = 0; i < 4; i++) { /* zeros; then one byte after the other is not */
+        if (rank() == 0) {
+            int file = open(path, O_RDWR | O_CREAT, 0600);
+            assert_true(file >= 0 && ftruncate(file, BYTES) == 0);
+            assert_true(i == 0 || pwrite(file, "x", 1, places[i - 1]) == 1);
+            assert_int_equal(close(file), 0);
+        }
+        v2v_par_barrier(test_world());
+        assert_ok(v2v_file_sum(&alone, path, NULL));
+        assert_ok(v2v_file_sum(&together, path, test_world()));
+        assert_true(alone == together);
+        for (int k = 0; k < i; k++) {
+            assert_true(seen[k] != together);
+        }
+        seen[i] = together;
+        v2v_par_barrier(test_world());
+    }
+}
+
 static void every_rank_gets_the_psfs(void **state)
 {
     (void)state;
@@ -416,6 +446,7 @@ int main(int argc, char **argv)
         balanced(an_interrupted_volume_is_gone_on_with_frame_by_frame),
         balanced(a_frame_whose_data_were_damaged_is_not_done),
         balanced(two_writers_of_one_file_are_refused),
+        balanced(a_file_has_one_sum_on_any_ranks),
         balanced(every_rank_gets_the_psfs),
     };
     return test_mpi_main(tests, argc, argv);

@@ -221,6 +221,26 @@ static void an_unfinished_file_leaves_nothing(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+static void two_writers_of_one_file_are_refused(void **state)
+{
+    (void)state;
+    static const float page[PIXELS];
+    struct v2v_tiff_writer *first = NULL, *second = NULL;
+    const char *path = in_folder("twice.tif");
+
+    assert_ok(v2v_tiff_create(&first, path, &hyperstack));
+    assert_int_equal(v2v_tiff_create(&second, path, &hyperstack), V2V_E_BUSY);
+    assert_null(second);
+    for (int64_t i = 0; i < hyperstack.pages; i++) {
+        assert_ok(v2v_tiff_write_page(first, page));
+    }
+    assert_ok(v2v_tiff_finish(&first));
+    assert_true(v2v_file_exists(path));
+    assert_ok(v2v_tiff_create(&second, path, &hyperstack));
+    v2v_tiff_abandon(&second);
+    assert_false(v2v_file_exists(in_folder("twice.tif.v2v3d-lock")));
+}
+
 static void shapes_that_cannot_be_written_are_refused(void **state)
 {
     (void)state;
@@ -423,6 +443,7 @@ int main(void)
         cmocka_unit_test(every_kind_of_lossless_stack_is_read_exactly),
         cmocka_unit_test(a_written_hyperstack_is_read_back),
         cmocka_unit_test(an_unfinished_file_leaves_nothing),
+        cmocka_unit_test(two_writers_of_one_file_are_refused),
         cmocka_unit_test(shapes_that_cannot_be_written_are_refused),
         cmocka_unit_test(a_failing_write_is_an_io_error_that_leaves_nothing),
         cmocka_unit_test(more_than_65536_pages_are_written_and_read),

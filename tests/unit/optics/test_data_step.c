@@ -198,6 +198,18 @@ static int is_in_frame(int64_t i)
     return i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
 }
 
+/* Rounds of a run from v, and extended views; returns what the views missed. */
+static double run_and_extend(struct v2v_data_step *step, float *x, const float *v, int rounds)
+{
+    double squares = 0.0;
+    for (int round = 0; round < rounds; round++) {
+        memcpy(x, v, (size_t)(SLICES * MOST) * sizeof *x);
+        v2v_data_step_run(step, x);
+        squares = v2v_data_step_extend(step);
+    }
+    return squares;
+}
+
 /* Runs from one v and extends in turn end where A^T W (A x - y) + (x - v) / tau = 0, W the weights
  * by the volume itself and 0 beyond the frame: that is gradient_of for y' = A x + W (y - A x). */
 static void weights_give_the_minimum_of_weighted_squares(void **state)
@@ -212,11 +224,7 @@ static void weights_give_the_minimum_of_weighted_squares(void **state)
     assert_ok(v2v_data_step_take_weights(step));
     v2v_data_step_weigh(step, gain, floor);
     random_volume(v);
-    for (int round = 0; round < ROUNDS; round++) {
-        memcpy(x, v, sizeof v);
-        v2v_data_step_run(step, x);
-        squares = v2v_data_step_extend(step);
-    }
+    squares = run_and_extend(step, x, v, ROUNDS);
     memcpy(recorded, y, sizeof y);
     for (int64_t i = 0; i < SLICES * pixels; i++) {
         volume[i] = (double)x[i];
@@ -237,9 +245,7 @@ static void weights_give_the_minimum_of_weighted_squares(void **state)
     }
     v2v_data_step_begin(step, views, 1.0); /* none any more */
     bridge_views(1.0);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(step, x);
-    (void)v2v_data_step_extend(step);
+    (void)run_and_extend(step, x, v, 1);
     memcpy(x, v, sizeof v);
     v2v_data_step_run(step, x);
     for (int64_t i = 0; i < SLICES * pixels; i++) {
@@ -247,9 +253,7 @@ static void weights_give_the_minimum_of_weighted_squares(void **state)
     }
     v2v_data_step_destroy(&step);
     struct v2v_data_step *plain = make(tau, 1.0);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(plain, x);
-    (void)v2v_data_step_extend(plain);
+    (void)run_and_extend(plain, x, v, 1);
     memcpy(x, v, sizeof v);
     v2v_data_step_run(plain, x);
     for (int64_t i = 0; i < SLICES * pixels; i++) {
