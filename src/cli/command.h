@@ -95,6 +95,12 @@ extern const struct v2v_command v2v_command_weights_init;
                        "TIFF input: page of the first frame's first view"),                        \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \
                        "TIFF input: pages from frame to frame; 1: sliding window")
+#define V2V_OPTION_SLICES                                                                          \
+    V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
+                   "TIFF volume: slices of a frame, where it does not say")
+#define V2V_OPTION_CHANNEL                                                                         \
+    V2V_OPTION_SET("channel", "input.channel", "K",                                                \
+                   "TIFF with channels: read this one, counted from 1 as in Fiji")
 #define V2V_OPTION_OFFSET                                                                          \
     V2V_OPTION_SET("offset", "input.offset", "none|auto|N", "subtracted from the counts")
 #define V2V_OPTION_GAIN                                                                            \

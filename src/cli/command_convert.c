@@ -10,7 +10,6 @@ struct arguments {
     struct v2v_common common;
     const char *input, *output;
     int kind; /* enum v2v_content */
-    int64_t slices;
 };
 
 static const struct v2v_option options[] = {
@@ -22,14 +21,9 @@ static const struct v2v_option options[] = {
      .value = "auto|volume|recording|psf",
      .help = "of the content; a TIFF stack with --views is a recording, else a volume",
      .initial = "auto"},
-    {.name = "slices",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, slices),
-     .value = "Z",
-     .help = "of a frame, for TIFF volumes that do not say",
-     .least = 1,
-     .most = 1e6},
     V2V_OPTIONS_PAGES,
+    V2V_OPTION_SLICES,
+    V2V_OPTION_CHANNEL,
     {0}};
 
 static enum v2v_status convert_volume(const struct arguments *given,
@@ -41,7 +35,7 @@ static enum v2v_status convert_volume(const struct arguments *given,
     float *slices = NULL;
     struct v2v_attribute attributes[] = {{.name = "program", .text = "v2v3d " V2V_VERSION},
                                          {.name = "command_line", .text = session->command_line}};
-    V2V_TRY(v2v_volume_open(&volume, given->input, given->slices, session->world));
+    V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     struct v2v_part mine =
         v2v_par_part(info->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));

@@ -5,7 +5,7 @@ struct arguments {
     struct v2v_common common;
     const char *truth, *volume, *psf, *calibration, *input, *weights;
     const char *uncertainty;
-    int64_t slices, frames;
+    int64_t frames;
     int fit_scale, json;
 };
 
@@ -38,16 +38,11 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
                       "allow the volume one least-squares scale"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of a table"),
-    {.name = "slices",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, slices),
-     .value = "Z",
-     .help = "of a frame, for TIFF volumes that do not say",
-     .least = 1,
-     .most = 1e6},
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
+    V2V_OPTION_SLICES,
+    V2V_OPTION_CHANNEL,
     {0}};
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
@@ -60,7 +55,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                      .truth = given->truth,
                                      .psf = given->psf,
                                      .input = given->input,
-                                     .slices = given->slices,
                                      .weights = given->weights,
                                      .heldout_frames = given->frames,
                                      .uncertainty = given->uncertainty,

@@ -51,7 +51,7 @@ static enum v2v_status volume(const char *path, const struct v2v_session *sessio
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *file = NULL;
-    V2V_TRY(v2v_volume_open(&file, path, 0, session->world));
+    V2V_TRY(v2v_volume_open(&file, path, &session->config.input, session->world));
     const struct v2v_volume_info *info = v2v_volume_info(file);
     if (v2v_step_on_root(session)) {
         printf("%s: volume, %" PRId64 " frames, %" PRId64 " slices of %" PRId64 " x %" PRId64

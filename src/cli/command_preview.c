@@ -7,7 +7,7 @@
 struct arguments {
     struct v2v_common common;
     const char *volume, *output;
-    int64_t frame, slices, z_zoom;
+    int64_t frame, z_zoom;
     double low, high;
 };
 
@@ -27,13 +27,8 @@ static const struct v2v_option options[] = {
      .initial = "0",
      .least = 0,
      .most = 1e9},
-    {.name = "slices",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, slices),
-     .value = "Z",
-     .help = "of a frame, for TIFF volumes that do not say",
-     .least = 1,
-     .most = 1e6},
+    V2V_OPTION_SLICES,
+    V2V_OPTION_CHANNEL,
     {.name = "z-zoom",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, z_zoom),
@@ -64,7 +59,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_volume *volume = NULL;
     struct v2v_canvas canvas = {0};
     V2V_TRY(v2v_step_output(session, given->output, &given->volume, 1));
-    V2V_TRY(v2v_volume_open(&volume, given->volume, given->slices, session->world));
+    V2V_TRY(v2v_volume_open(&volume, given->volume, &session->config.input, session->world));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     if (given->frame >= info->frames) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--frame %" PRId64 ": %s has frames 0 .. %" PRId64,

@@ -22,6 +22,8 @@ static const struct v2v_option options[] = {
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
+    V2V_OPTION_SLICES,
+    V2V_OPTION_CHANNEL,
     {0}};
 
 static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,

@@ -39,6 +39,8 @@ static const struct v2v_option options[] = {
      .most = 1e6},
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
+    V2V_OPTION_SLICES,
+    V2V_OPTION_CHANNEL,
     {0}};
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)

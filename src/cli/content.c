@@ -17,7 +17,7 @@ static enum v2v_status open_weights(const char *path, const struct v2v_session *
 static enum v2v_status open_volume(const char *path, const struct v2v_session *session)
 {
     struct v2v_volume *volume = NULL;
-    enum v2v_status rc = v2v_volume_open(&volume, path, 0, session->world);
+    enum v2v_status rc = v2v_volume_open(&volume, path, &session->config.input, session->world);
     v2v_volume_close(&volume);
     return rc;
 }

@@ -65,7 +65,7 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     float *a = NULL, *b = NULL;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     int64_t voxels = info->slices * info->height * info->width;
-    V2V_TRY(v2v_volume_open(&truth, job->truth, info->slices, session->world));
+    V2V_TRY(v2v_volume_open(&truth, job->truth, &session->config.input, session->world));
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
     rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
     if (rc == V2V_OK) {
@@ -97,12 +97,14 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *volume = NULL;
+    struct v2v_input_settings settings = session->config.input;
     *evaluation = (struct v2v_evaluation){.heldout = NAN,
                                           .heldout_sigmas = NAN,
                                           .disagreement = NAN,
                                           .resolution = NAN,
                                           .resolution_um = NAN};
-    V2V_TRY(v2v_volume_open(&volume, job->volume, job->slices, session->world));
+    settings.channel = 0; /* which is the truth's and the recording's */
+    V2V_TRY(v2v_volume_open(&volume, job->volume, &settings, session->world));
     evaluation->frames = v2v_volume_info(volume)->frames;
     if (job->truth != NULL) {
         V2V_TRY(score(evaluation, job, volume, session));

@@ -56,7 +56,6 @@ struct v2v_evaluation_job {
                                   variation where views are left out */
     int64_t heldout_frames;  /**< of which views are left out; 0: of none */
     const char *uncertainty; /**< HDF5 to write, of those frames */
-    int64_t slices;          /**< of a TIFF volume that does not say; 0: all pages are one frame */
     int fit_scale;
 };
 

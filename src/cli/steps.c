@@ -141,11 +141,12 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
                                 const char *path, const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_volume_open(volume, path, psf->slices, session->world));
+    V2V_TRY(v2v_volume_open(volume, path, &session->config.input, session->world));
     int64_t slices = v2v_volume_info(*volume)->slices;
     if (slices != psf->slices) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " slices, but the PSFs have %" PRId64, path,
-                         slices, psf->slices));
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " slices, but the PSFs have %" PRId64 "%s",
+                         path, slices, psf->slices,
+                         slices % psf->slices == 0 ? "; --slices Z tells frames apart" : ""));
     }
 done:
     return rc;

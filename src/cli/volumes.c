@@ -315,7 +315,8 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
     struct v2v_scaling offset = work->scaling; /* with the shading of a calibration */
     struct v2v_volume *volume = NULL;
     float *views = NULL, *slices = NULL;
-    V2V_TRY(v2v_volume_open(&volume, work->given->output, psf->slices, session->world));
+    V2V_TRY(v2v_volume_open(&volume, work->given->output,
+                            &(struct v2v_input_settings){.slices = psf->slices}, session->world));
     rc = V2V_ALLOC(views, "cli.quality", samples);
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));

@@ -52,6 +52,11 @@ static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, in
     struct v2v_tiff *tiff = NULL;
     V2V_TRY(v2v_tiff_open(&tiff, path));
     const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
+    if (info->channels > 1 || (info->slices > 1 && info->frames > 1)) {
+        V2V_TRY(V2V_FAIL(
+            V2V_E_INPUT, "%s: has %lld channels, %lld slices and %lld frames; a PSF has slices",
+            path, (long long)info->channels, (long long)info->slices, (long long)info->frames));
+    }
     if (v == 0) {
         V2V_TRY(adopt_shape(file, info));
     }

@@ -15,43 +15,59 @@ struct v2v_recording {
     float *as_recorded;                        /* a view, where it has distortion */
 };
 
-/* Views that the file itself states: HDF5's axis; in TIFF an ImageJ time series, else one frame. */
-static int64_t views_of_file(const struct v2v_stack *stack)
+/* Views of a frame: what the file states, which must be what is asked for; else that. A TIFF with
+ * channels has the views as channels or, of the channel that is chosen, as slices; one axis alone
+ * is a row of pages. */
+static enum v2v_status count_views(int64_t *views, const struct v2v_stack *stack, int64_t asked)
 {
-    if (stack->tiff == NULL) {
-        return stack->images;
+    const struct v2v_stack_axes *axes = &stack->axes;
+    const int in_channels = axes->channels > 1;
+    const int in_slices = axes->slices > 1 && axes->frames > 1;
+    *views = asked > 0 ? asked : stack->pages;
+    if (in_channels && axes->slices > 1) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: has %lld channels and %lld slices: --channel K (from 1) takes one "
+                        "channel, whose slices are the views",
+                        stack->path, (long long)axes->channels, (long long)axes->slices);
     }
-    const struct v2v_tiff_info *info = v2v_tiff_info(stack->tiff);
-    return info->frames > 1 && info->channels * info->slices > 1 ? info->channels * info->slices
-                                                                 : stack->pages;
+    if (stack->tiff != NULL && !in_channels && !in_slices) {
+        return V2V_OK;
+    }
+    const int64_t stated = in_channels ? axes->channels : axes->slices;
+    if (asked > 0 && asked != stated) {
+        const char *what = in_channels ? "channels" : stack->tiff != NULL ? "slices" : "views";
+        return V2V_FAIL(V2V_E_INPUT, "%s: %s has %lld %s, but %lld are asked for%s", stack->path,
+                        stack->tiff != NULL ? "a frame" : stack->kind->dataset, (long long)stated,
+                        what, (long long)asked,
+                        in_channels ? " as views; --channel K (from 1) takes one channel" : "");
+    }
+    *views = stated;
+    return V2V_OK;
 }
 
 /* Cut the row of pages into frames. */
 static enum v2v_status lay_out(struct v2v_recording *recording,
                                const struct v2v_input_settings *settings)
 {
+    enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &recording->stack;
-    const int64_t stated = views_of_file(stack);
-    const int64_t views = settings->views > 0 ? settings->views : stated;
+    int64_t views = 0;
+    V2V_ASSERT(settings->first_view >= 0);
+    V2V_TRY(count_views(&views, stack, settings->views));
     const int64_t stride = settings->stride > 0 ? settings->stride : views;
     const int64_t pages = stack->pages - settings->first_view;
-    V2V_ASSERT(settings->first_view >= 0);
-    if (stack->tiff == NULL && views != stated) {
-        return V2V_FAIL(V2V_E_INPUT, "%s: %s: has %lld views, but %lld are asked for", stack->path,
-                        stack->kind->dataset, (long long)stated, (long long)views);
-    }
     if (pages < views) {
-        return V2V_FAIL(V2V_E_INPUT,
-                        "%s: %lld pages, the first %lld left out, hold no frame of %lld views",
-                        stack->path, (long long)stack->pages, (long long)settings->first_view,
-                        (long long)views);
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: %lld pages, the first %lld left out, hold no frame of %lld views",
+                         stack->path, (long long)stack->pages, (long long)settings->first_view,
+                         (long long)views));
     }
     if (stride == views && pages % views != 0) {
-        return V2V_FAIL(V2V_E_INPUT,
-                        "%s: %lld pages, the first %lld left out, are %lld frames of %lld views "
-                        "and %lld pages more",
-                        stack->path, (long long)stack->pages, (long long)settings->first_view,
-                        (long long)(pages / views), (long long)views, (long long)(pages % views));
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: %lld pages, the first %lld left out, are %lld frames of %lld views "
+                         "and %lld pages more",
+                         stack->path, (long long)stack->pages, (long long)settings->first_view,
+                         (long long)(pages / views), (long long)views, (long long)(pages % views)));
     }
     recording->first_page = settings->first_view;
     recording->stride = stride;
@@ -59,7 +75,8 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
     recording->info.views = views;
     recording->info.height = stack->height;
     recording->info.width = stack->width;
-    return V2V_OK;
+done:
+    return rc;
 }
 
 /* Pixel size, offset, and the time between frames: the file states the time between its own steps,
@@ -76,7 +93,7 @@ static enum v2v_status read_metadata(struct v2v_recording *recording)
         const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
         info->pixel_size_um = tiff->pixel_size_um;
         info->frame_interval_s = tiff->frame_interval_s;
-        pages_per_step = tiff->channels * tiff->slices;
+        pages_per_step = stack->axes.channels * stack->axes.slices;
     } else {
         V2V_TRY(v2v_h5_get_length(&info->pixel_size_um, set, stack->path, "pixel_size_um"));
         V2V_TRY(v2v_h5_get_length(&info->frame_interval_s, set, stack->path, "frame_interval_s"));
@@ -95,7 +112,7 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
     struct v2v_recording *fresh = NULL;
     *recording = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.recording", 1)));
-    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_views, comm));
+    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_views, settings, comm));
     rc = lay_out(fresh, settings);
     if (rc == V2V_OK) {
         rc = read_metadata(fresh);

@@ -37,7 +37,25 @@ int v2v_stack_is_hdf5(const char *path)
     return 0;
 }
 
-static enum v2v_status open_local(struct v2v_stack *stack, int hdf5)
+/* The stack's pages become those of one channel. */
+static enum v2v_status choose_channel(struct v2v_stack *stack, int64_t channel)
+{
+    struct v2v_stack_axes *axes = &stack->axes;
+    if (channel > axes->channels) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: has %lld channel%s: there is no channel %lld (from 1)",
+                        stack->path, (long long)axes->channels, axes->channels > 1 ? "s" : "",
+                        (long long)channel);
+    }
+    if (channel > 0) {
+        stack->first_of_file = channel - 1;
+        stack->step_of_file = axes->channels;
+        stack->images /= axes->channels;
+        axes->channels = 1;
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status open_local(struct v2v_stack *stack, int hdf5, int64_t channel)
 {
     enum v2v_status rc = V2V_OK;
     if (hdf5) {
@@ -47,6 +65,7 @@ static enum v2v_status open_local(struct v2v_stack *stack, int hdf5)
         stack->height = stack->array.shape[2];
         stack->width = stack->array.shape[3];
         stack->type_max = stack->array.type_max;
+        stack->axes = (struct v2v_stack_axes){1, stack->images, stack->frames};
     } else {
         V2V_TRY(v2v_tiff_open(&stack->tiff, stack->path));
         const struct v2v_tiff_info *info = v2v_tiff_info(stack->tiff);
@@ -55,14 +74,19 @@ static enum v2v_status open_local(struct v2v_stack *stack, int hdf5)
         stack->height = info->height;
         stack->width = info->width;
         stack->type_max = info->type_max;
+        stack->axes = (struct v2v_stack_axes){info->channels, info->slices, info->frames};
+        stack->step_of_file = 1;
     }
+    V2V_TRY(choose_channel(stack, channel));
     stack->pages = stack->frames * stack->images;
 done:
     return rc;
 }
 
 enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
-                               const struct v2v_h5_kind *kind, const struct v2v_comm *comm)
+                               const struct v2v_h5_kind *kind,
+                               const struct v2v_input_settings *settings,
+                               const struct v2v_comm *comm)
 {
     *stack = (struct v2v_stack){.kind = kind};
     enum v2v_status rc = v2v_text_format(stack->path, sizeof stack->path, "%s", path);
@@ -83,7 +107,8 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
         rc = v2v_file_remember(&stack->state, stack->path);
     }
     if (rc == V2V_OK) {
-        rc = v2v_file_unchanged(open_local(stack, hdf5), &stack->state, stack->path);
+        rc = v2v_file_unchanged(open_local(stack, hdf5, settings->channel), &stack->state,
+                                stack->path);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
 done:
@@ -97,11 +122,11 @@ enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page
 {
     enum v2v_status rc = V2V_OK;
     V2V_ASSERT(page >= 0 && count >= 0 && page + count <= stack->pages);
-    if (stack->tiff != NULL) {
-        V2V_TRY(v2v_tiff_read(stack->tiff, out, page, count));
-        goto done;
+    for (int64_t i = 0; stack->tiff != NULL && i < count; i++) {
+        V2V_TRY(v2v_tiff_read(stack->tiff, out + i * stack->height * stack->width,
+                              stack->first_of_file + (page + i) * stack->step_of_file, 1));
     }
-    while (count > 0) {
+    while (stack->tiff == NULL && count > 0) {
         const int64_t t = page / stack->images, first = page % stack->images;
         const int64_t here = count < stack->images - first ? count : stack->images - first;
         V2V_TRY(v2v_h5_array_read(&stack->array, out, t, first, here));

@@ -4,9 +4,16 @@
 #define V2V_IO_STACK_H
 
 #include "io/h5_array.h"
+#include "v2v3d/conf/config.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/tiff.h"
 #include "v2v3d/par/comm.h"
+
+/** What a TIFF says of its pages, once a channel is chosen; the product is their number. One alone
+ *  above 1 says little: programs call a row of pages slices, or frames. */
+struct v2v_stack_axes {
+    int64_t channels, slices, frames;
+};
 
 struct v2v_stack {
     char path[V2V_PATH_BYTES];
@@ -17,7 +24,9 @@ struct v2v_stack {
     int64_t frames, images; /**< HDF5: [frames, images, y, x]; TIFF: 1 and its pages */
     int64_t pages;          /**< frames * images */
     int64_t height, width;
-    double type_max; /**< of an integer type, 1 for floats */
+    double type_max;                     /**< of an integer type, 1 for floats */
+    struct v2v_stack_axes axes;          /**< of an HDF5 file 1, images, frames */
+    int64_t first_of_file, step_of_file; /**< TIFF: page p is that one of the file, plus p steps */
 };
 
 /** Recordings `/views`, volumes `/volume` and PSF sets `/psf`. */
@@ -28,10 +37,13 @@ extern const struct v2v_h5_kind v2v_h5_psf;
 /** 1 when the file has to be opened as HDF5: by its first bytes, else by its name. @kind Local. */
 int v2v_stack_is_hdf5(const char *path);
 
-/** Open on every rank; an HDF5 file only after a look from a child of rank 0.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
+/** Open on every rank; an HDF5 file only after a look from a child of rank 0. With a channel
+ *  (settings) the stack is that channel's pages.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (also: no such channel) | V2V_E_MEMORY;
+ *  agreed */
 enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
                                const struct v2v_h5_kind *kind,
+                               const struct v2v_input_settings *settings,
                                const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** Pages page .. page+count-1 as float32. @kind Local. @return V2V_OK | V2V_E_INPUT (unreadable, or

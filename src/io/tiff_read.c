@@ -169,6 +169,13 @@ static enum v2v_status read_description(struct v2v_tiff *tiff)
     info->slices = imagej.slices;
     info->frames = imagej.frames;
     if (v2v_mem_product(imagej.channels, imagej.slices, imagej.frames) != info->pages) {
+        if (imagej.channels > 1) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "%s: has %lld pages, but ImageJ's description says %lld channels of "
+                             "%lld slices and %lld frames: it is cut off or damaged",
+                             tiff->path, (long long)info->pages, (long long)imagej.channels,
+                             (long long)imagej.slices, (long long)imagej.frames));
+        }
         info->channels = 1;
         info->slices = info->pages;
         info->frames = 1;

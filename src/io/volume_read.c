@@ -18,18 +18,21 @@ struct v2v_volume {
 };
 
 /* How many pages of a TIFF make a frame. */
-static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t slices)
+static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t asked)
 {
     const struct v2v_stack *stack = &volume->stack;
     const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
-    if (tiff->channels > 1) {
-        return V2V_FAIL(V2V_E_INPUT, "%s: has %lld channels; a volume has one", stack->path,
-                        (long long)tiff->channels);
+    const struct v2v_stack_axes *axes = &stack->axes;
+    /* one axis alone is a row of pages, which many programs call slices, whatever they are */
+    const int is_stated = axes->slices > 1 && axes->frames > 1;
+    const int64_t slices = is_stated ? axes->slices : asked > 0 ? asked : stack->pages;
+    if (axes->channels > 1) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: has %lld channels: --channel K (from 1) takes one",
+                        stack->path, (long long)axes->channels);
     }
-    if (tiff->slices > 1) {
-        slices = tiff->slices;
-    } else if (slices <= 0) {
-        slices = stack->pages;
+    if (is_stated && asked > 0 && asked != slices) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: a frame has %lld slices, but %lld are asked for",
+                        stack->path, (long long)slices, (long long)asked);
     }
     if (stack->pages % slices != 0) {
         return V2V_FAIL(V2V_E_INPUT, "%s: %lld pages are %lld frames of %lld slices and %lld more",
@@ -112,7 +115,8 @@ done:
     return rc;
 }
 
-static enum v2v_status describe(struct v2v_volume *volume, int64_t slices)
+static enum v2v_status describe(struct v2v_volume *volume,
+                                const struct v2v_input_settings *settings)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &volume->stack;
@@ -120,7 +124,7 @@ static enum v2v_status describe(struct v2v_volume *volume, int64_t slices)
     volume->info.height = stack->height;
     volume->info.width = stack->width;
     if (stack->tiff != NULL) {
-        V2V_TRY(lay_out_tiff(volume, slices));
+        V2V_TRY(lay_out_tiff(volume, settings->slices));
     } else {
         volume->info.frames = stack->frames;
         volume->info.slices = stack->images;
@@ -132,15 +136,18 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
+enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path,
+                                const struct v2v_input_settings *settings,
                                 const struct v2v_comm *comm)
 {
+    static const struct v2v_input_settings as_it_says = {0};
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *fresh = NULL;
     *volume = NULL;
+    settings = settings != NULL ? settings : &as_it_says;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.volume", 1)));
-    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_volume, comm));
-    V2V_TRY(v2v_par_agree(comm, describe(fresh, slices)));
+    V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_volume, settings, comm));
+    V2V_TRY(v2v_par_agree(comm, describe(fresh, settings)));
     *volume = fresh;
     fresh = NULL;
 done:

@@ -72,8 +72,8 @@ int main(int argc, char **argv)
     int failures = v2v_par_init(&world, &argc, &argv) != V2V_OK;
     v2v_config_defaults(&config);
     failures += argc < 2 || v2v_config_load(&config, argv[1]) != V2V_OK;
-    failures += v2v_volume_open(&volume, "no_such_file.h5", 0, world) != V2V_E_INPUT;
-    failures += v2v_volume_open(&volume, "no_such_file.tif", 0, world) != V2V_E_INPUT;
+    failures += v2v_volume_open(&volume, "no_such_file.h5", NULL, world) != V2V_E_INPUT;
+    failures += v2v_volume_open(&volume, "no_such_file.tif", NULL, world) != V2V_E_INPUT;
     enum v2v_status rc = transform(&there_and_back);
     failures += wrong("transform there and back", rc, there_and_back, 2.0 * SIDE * SIDE);
     bias[CHANNELS - 1] = 1.5f;

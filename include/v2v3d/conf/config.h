@@ -57,11 +57,13 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 /** Of a method: letters, digits, - and _. */
 #define V2V_CONFIG_NAME_BYTES 32
 
-/** Where a recording's frames lie in a stack of pages. */
+/** Where the frames of a recording or volume lie in a file. */
 struct v2v_input_settings {
     int64_t views;            /**< 0: as many as the PSF set has */
     int64_t first_view;       /**< page of the first frame's first view */
     int64_t stride;           /**< pages from frame to frame; 0: `views` */
+    int64_t channel;          /**< of a TIFF hyperstack, from 1; 0: it has but one */
+    int64_t slices;           /**< of a frame of a TIFF volume that does not say; 0: all pages */
     struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
     struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
 };

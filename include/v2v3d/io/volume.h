@@ -2,6 +2,7 @@
 #define V2V3D_IO_VOLUME_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
 
@@ -17,13 +18,16 @@ struct v2v_volume_info {
 
 struct v2v_volume;
 
-/** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack (`slices` from its
- *  ImageJ description; else `slices` given, > 0, must divide the pages; else all pages are slices
- * of one frame). Integer data are read as fractions of their type's maximum.
+/** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack: of its channels
+ *  the one that `settings` name; its slices and frames where it states both, else settings->slices,
+ *  which must divide the pages, else all pages are slices of one frame. Integer data are read as
+ *  fractions of their type's maximum.
  *  A frame that `/done` doesn't mark, or whose `/checksum` doesn't hold, is refused when it is
  *  read.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
-enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path, int64_t slices,
+ *  @kind Collective(comm). @param settings NULL: as the file says
+ *  @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path,
+                                const struct v2v_input_settings *settings,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
 const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume);
 

@@ -204,7 +204,8 @@ static void uncertainties_are_written(void **state)
                                 test_world()));
     struct v2v_consistency found = judge(recording, 2, writer, test_world());
     assert_ok(v2v_volume_finish(&writer));
-    assert_ok(v2v_volume_open(&volume, path, SLICES, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, &(struct v2v_input_settings){.slices = SLICES},
+                              test_world()));
     for (int64_t t = 0; t < FRAMES; t++) {
         const int judged = t == found.frame[0] || t == found.frame[1];
         const enum v2v_status rc = v2v_volume_read(volume, slice, t, 1, 1);

@@ -68,7 +68,7 @@ static void every_fault_ends_all_ranks_and_leaves_nothing(void **state)
     assert_int_equal(failures, v2v_comm_size(test_world()));
     struct v2v_volume *volume = NULL;
     float slices[SLICES * IMAGE];
-    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, NULL, test_world()));
     assert_ok(v2v_volume_read(volume, slices, FRAMES - 1, 0, SLICES));
     assert_true(slices[SLICES * IMAGE - 1] == (float)(FRAMES * SLICES * IMAGE - 1));
     v2v_volume_close(&volume);

@@ -51,7 +51,7 @@ static void the_last_slice_of_a_dataset_above_two_to_31_is_in_its_place(void **s
     for (int64_t i = 0; i < image; i++) {
         slice[i] = -1.0f;
     }
-    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, NULL, test_world()));
     assert_ok(v2v_volume_read(volume, slice, 89, 39, 1));
     for (int64_t i = 0; i < image; i++) {
         assert_true(slice[i] == (float)i);
@@ -87,7 +87,7 @@ static void ranks_need_not_bring_equally_much(void **state)
     assert_ok(v2v_volume_create(&writer, path, &info, MEAN_ONLY, NULL, 0, test_world()));
     assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, slices, 0, first, count));
     assert_ok(v2v_volume_finish(&writer));
-    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, NULL, test_world()));
     for (int64_t z = 0; z < 5; z++) {
         assert_ok(v2v_volume_read(volume, slices, 0, z, 1));
         assert_true(slices[0] == (float)(z + 1) && slices[image - 1] == (float)(z + 1) + 0.875f);

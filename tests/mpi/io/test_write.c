@@ -68,7 +68,7 @@ static void assert_volume(void)
 {
     struct v2v_volume *volume = NULL;
     float found[SLICES * IMAGE], expected[SLICES * IMAGE];
-    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, NULL, test_world()));
     assert_int_equal(v2v_volume_info(volume)->frames, FRAMES);
     assert_int_equal(v2v_volume_info(volume)->slices, SLICES);
     /* every rank reads another frame first: reading is no collective */
@@ -237,7 +237,7 @@ static void a_bad_input_is_the_same_failure_on_every_rank(void **state)
         v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, test_world()),
         V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "is not an HDF5 file"));
-    assert_int_equal(v2v_volume_open(&volume, path, 0, test_world()), V2V_E_INPUT);
+    assert_int_equal(v2v_volume_open(&volume, path, NULL, test_world()), V2V_E_INPUT);
     assert_int_equal(v2v_psf_file_read(&psf, path, test_world()), V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), path));
 }

@@ -57,7 +57,7 @@ static struct v2v_volume *scene_file(const char *folder)
         assert_ok(v2v_volume_mark_done(writer, t, test_world()));
     }
     assert_ok(v2v_volume_finish(&writer));
-    assert_ok(v2v_volume_open(&volume, path, 0, test_world()));
+    assert_ok(v2v_volume_open(&volume, path, NULL, test_world()));
     return volume;
 }
 

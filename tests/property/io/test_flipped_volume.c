@@ -62,7 +62,7 @@ static int refused_frames(int *wrong)
     struct v2v_volume *volume = NULL;
     float voxels[VOXELS];
     int refused = 0;
-    enum v2v_status rc = v2v_volume_open(&volume, path, 0, NULL);
+    enum v2v_status rc = v2v_volume_open(&volume, path, NULL, NULL);
     if (rc != V2V_OK) {
         assert_non_null(strstr(v2v_status_message(), path));
         return rc == V2V_E_INPUT ? FRAMES : -1;
@@ -130,7 +130,7 @@ static void the_damaged_frame_alone_is_refused_by_its_number(void **state)
     assert_true(at < size);
     content[at] ^= 1;
     write_content();
-    assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+    assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
     assert_ok(v2v_volume_read(volume, voxels, 0, 0, SLICES));
     assert_ok(v2v_volume_read(volume, voxels, 1, 0, SLICES));
     assert_int_equal(v2v_volume_read(volume, voxels, 2, 0, SLICES), V2V_E_INPUT);

@@ -25,7 +25,7 @@ static void read_volume(const struct scene *scene, const char *name, double *vox
 {
     static float slices[VOXELS];
     struct v2v_volume *volume = NULL;
-    assert_ok(v2v_volume_open(&volume, program_file(scene, name), 0, NULL));
+    assert_ok(v2v_volume_open(&volume, program_file(scene, name), NULL, NULL));
     for (int t = 0; t < FRAMES; t++) {
         assert_ok(v2v_volume_read(volume, slices, t, 0, SLICES)); /* refuses NaN and Inf */
         for (int i = 0; i < VOXELS; i++) {

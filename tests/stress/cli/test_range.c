@@ -92,7 +92,7 @@ static void check_finite(struct scene *scene)
     assert_true(isfinite(report.last_total));
     assert_int_equal(scene_step(scene, weights), STEPS);
     assert_ok(reconstruct(scene, weights, path));
-    assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+    assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
     for (int t = 0; t < FRAMES; t++) {
         assert_ok(v2v_volume_read(volume, slices, t, 0, SLICES));
         assert_int_equal(v2v_first_not_finite(slices, VOXELS), -1);

@@ -32,14 +32,15 @@ static void assert_refused(const char *reason)
 }
 
 /* psf_N.tif [slices,2,3] whose elements are N + 0.125 * index, in the folder `path`. */
-static void put_view(const char *name, int number, int64_t slices)
+static void put_stack(const char *name, int number, int64_t channels, int64_t slices,
+                      int64_t frames)
 {
-    const struct v2v_tiff_info info = {.pages = slices,
+    const struct v2v_tiff_info info = {.pages = channels * slices * frames,
                                        .height = 2,
                                        .width = 3,
-                                       .channels = 1,
+                                       .channels = channels,
                                        .slices = slices,
-                                       .frames = 1,
+                                       .frames = frames,
                                        .bits = 32,
                                        .is_float = 1,
                                        .type_max = 1.0,
@@ -50,13 +51,18 @@ static void put_view(const char *name, int number, int64_t slices)
     float page[6];
     snprintf(file, sizeof file, "%s/%s", path, name);
     assert_ok(v2v_tiff_create(&writer, file, &info));
-    for (int64_t z = 0; z < slices; z++) {
+    for (int64_t z = 0; z < info.pages; z++) {
         for (int i = 0; i < 6; i++) {
             page[i] = (float)number + 0.125f * (float)(z * 6 + i);
         }
         assert_ok(v2v_tiff_write_page(writer, page));
     }
     assert_ok(v2v_tiff_finish(&writer));
+}
+
+static void put_view(const char *name, int number, int64_t slices)
+{
+    put_stack(name, number, 1, slices, 1);
 }
 
 static void use_folder(int views)
@@ -100,6 +106,21 @@ static void gaps_and_unequal_shapes_are_refused(void **state)
     assert_refused("psf_3.tif: is missing, psf_4.tif is there");
     put_view("psf_3.tif", 3, 5);
     assert_refused("psf_3.tif: is 5 x 2 x 3, but psf_1.tif 4 x 2 x 3");
+}
+
+static void a_psf_with_channels_or_frames_is_refused(void **state)
+{
+    (void)state;
+    use_folder(1);
+    put_stack("psf_1.tif", 1, 2, 2, 1);
+    assert_refused("psf_1.tif: has 2 channels, 2 slices and 1 frames; a PSF has slices");
+    put_stack("psf_1.tif", 1, 1, 2, 2);
+    assert_refused("psf_1.tif: has 1 channels, 2 slices and 2 frames; a PSF has slices");
+    put_stack("psf_1.tif", 1, 1, 1, 4);
+    struct v2v_psf_file file;
+    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_int_equal(file.slices, 4);
+    v2v_psf_file_fini(&file);
 }
 
 static void unsuitable_psfs_are_refused_with_their_place(void **state)
@@ -206,6 +227,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_folder_is_read_in_the_order_of_its_numbers),
         cmocka_unit_test(gaps_and_unequal_shapes_are_refused),
+        cmocka_unit_test(a_psf_with_channels_or_frames_is_refused),
         cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
         cmocka_unit_test(empty_slices_and_any_kernel_size_are_fine),
         cmocka_unit_test(a_written_set_is_read_back_to_the_bit),

@@ -174,7 +174,7 @@ static void attributes_that_contradict_are_refused(void **state)
     use("rec.h5");
     test_h5_make(path, &spec);
     assert_refused(&(struct v2v_input_settings){.views = 13},
-                   "/views: has 2 views, but 13 are asked for");
+                   "/views has 2 views, but 13 are asked for");
 }
 
 static void a_nan_is_refused_with_frame_view_and_pixel(void **state)

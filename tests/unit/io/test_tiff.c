@@ -403,6 +403,11 @@ static void a_description_that_contradicts_the_pages_is_set_aside(void **state)
     assert_int_equal(info->slices, 3);
     assert_int_equal(info->channels * info->frames, 1);
     v2v_tiff_close(&tiff);
+    /* whose page is whose, then, nobody knows */
+    tiff_bytes_make(&file, 0, 3, 3, 3, 5, "ImageJ=1.53t\nimages=4\nchannels=2\nslices=2\n");
+    assert_true(tiff_bytes_save(in_folder("other.tif"), file.data, file.size));
+    assert_int_equal(v2v_tiff_open(&tiff, in_folder("other.tif")), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "has 3 pages, but ImageJ's description says 2"));
 }
 
 static void real_stacks_are_read(void **state)

@@ -33,7 +33,8 @@ static void assert_says(const char *part)
 static void assert_refused(int64_t slices, const char *reason)
 {
     struct v2v_volume *volume = NULL;
-    assert_int_equal(v2v_volume_open(&volume, path, slices, NULL), V2V_E_INPUT);
+    const struct v2v_input_settings settings = {.slices = slices};
+    assert_int_equal(v2v_volume_open(&volume, path, &settings, NULL), V2V_E_INPUT);
     assert_null(volume);
     assert_says(path);
     assert_says(reason);
@@ -60,7 +61,7 @@ static void integers_are_fractions_of_their_types_maximum(void **state)
                                                   .rank = 3,
                                                   .shape = {2, 1, 2},
                                                   .values = values});
-        assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+        assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
         assert_int_equal(v2v_volume_info(volume)->slices, 2);
         assert_int_equal(v2v_volume_info(volume)->frames, 1);
         assert_ok(v2v_volume_read(volume, out, 0, 0, 2));
@@ -118,7 +119,7 @@ static void an_unfinished_frame_is_refused(void **state)
                                               .rank = 1,
                                               .shape = {2},
                                               .values = (double[]){1, 0}});
-    assert_ok(v2v_volume_open(&volume, path, 0, NULL));
+    assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
     assert_ok(v2v_volume_read(volume, out, 0, 0, 1));
     assert_int_equal(v2v_volume_read(volume, out, 1, 0, 1), V2V_E_INPUT);
     assert_says("frame 1 was never finished");
@@ -162,7 +163,8 @@ static void assert_frames(int64_t slices)
 {
     struct v2v_volume *volume = NULL;
     float frame[40];
-    assert_ok(v2v_volume_open(&volume, path, slices, NULL));
+    const struct v2v_input_settings settings = {.slices = slices};
+    assert_ok(v2v_volume_open(&volume, path, &settings, NULL));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     assert_true(info->frames == 3 && info->slices == 4 && info->height == 2 && info->width == 5);
     for (int64_t t = 0; t < 3; t++) {
@@ -346,12 +348,14 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     (void)state;
     static const struct {
         int64_t slices, frames, asked, found_frames, found_slices;
-    } cases[] = {{3, 4, 0, 4, 3}, {3, 4, 6, 4, 3}, {1, 12, 6, 2, 6}, {1, 12, 0, 1, 12}};
+    } cases[] = {{3, 4, 0, 4, 3},   {3, 4, 3, 4, 3},  {1, 12, 6, 2, 6},
+                 {1, 12, 0, 1, 12}, {12, 1, 6, 2, 6}, {12, 1, 0, 1, 12}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct v2v_volume *volume = NULL;
         float last = 0.0f;
         make_stack(cases[i].slices, cases[i].frames, 1);
-        assert_ok(v2v_volume_open(&volume, path, cases[i].asked, NULL));
+        const struct v2v_input_settings settings = {.slices = cases[i].asked};
+        assert_ok(v2v_volume_open(&volume, path, &settings, NULL));
         const struct v2v_volume_info *info = v2v_volume_info(volume);
         assert_int_equal(info->frames, cases[i].found_frames);
         assert_int_equal(info->slices, cases[i].found_slices);
@@ -361,6 +365,27 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     }
     make_stack(1, 12, 1);
     assert_refused(5, "12 pages are 2 frames of 5 slices and 2 more");
+    make_stack(3, 4, 1);
+    assert_refused(6, "a frame has 3 slices, but 6 are asked for");
+}
+
+static void one_channel_of_a_hyperstack_is_read(void **state)
+{
+    (void)state;
+    struct v2v_volume *volume = NULL;
+    float slices[3];
+    make_stack(3, 2, 2);
+    assert_refused(0, "has 2 channels: --channel K (from 1) takes one");
+    assert_int_equal(
+        v2v_volume_open(&volume, path, &(struct v2v_input_settings){.channel = 3}, NULL),
+        V2V_E_INPUT);
+    assert_says("has 2 channels: there is no channel 3 (from 1)");
+    assert_ok(v2v_volume_open(&volume, path, &(struct v2v_input_settings){.channel = 2}, NULL));
+    assert_int_equal(v2v_volume_info(volume)->slices, 3);
+    assert_int_equal(v2v_volume_info(volume)->frames, 2);
+    assert_ok(v2v_volume_read(volume, slices, 1, 0, 3));
+    assert_true(slices[0] == 7.0f && slices[1] == 9.0f && slices[2] == 11.0f);
+    v2v_volume_close(&volume);
 }
 
 static void the_real_volume_is_a_fraction_of_65535(void **state)
@@ -374,7 +399,7 @@ static void the_real_volume_is_a_fraction_of_65535(void **state)
     if (real == NULL) {
         skip();
     }
-    assert_ok(v2v_volume_open(&volume, real, 0, NULL));
+    assert_ok(v2v_volume_open(&volume, real, NULL, NULL));
     assert_int_equal(v2v_volume_info(volume)->slices, 39);
     assert_int_equal(v2v_volume_info(volume)->height, 384);
     assert_ok(V2V_ALLOC(slices, "test", count));
@@ -400,7 +425,7 @@ static void a_file_in_a_read_only_folder_is_read(void **state)
         skip();
     }
     double *expected = test_h5_read(real, "/volume", &count);
-    assert_ok(v2v_volume_open(&volume, real, 0, NULL));
+    assert_ok(v2v_volume_open(&volume, real, NULL, NULL));
     float *slices = malloc((size_t)count * sizeof *slices);
     assert_non_null(slices);
     assert_int_equal(count, 39 * 64 * 64);
@@ -426,6 +451,7 @@ int main(void)
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
         cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
+        cmocka_unit_test(one_channel_of_a_hyperstack_is_read),
         cmocka_unit_test(the_real_volume_is_a_fraction_of_65535),
         cmocka_unit_test(a_file_in_a_read_only_folder_is_read),
     };
