@@ -3,35 +3,6 @@
 
 #include <math.h>
 #include <string.h>
-#include <strings.h>
-
-struct unit {
-    const char *name;
-    double factor;
-};
-
-/* In micrometres. ImageJ escapes the micro sign; others write it as UTF-8, as Latin-1, or as the
- * Greek letter. */
-static const struct unit lengths[] = {
-    {"micron", 1}, {"microns", 1},   {"um", 1},         {"\\u00B5m", 1}, {"\xc2\xb5m", 1},
-    {"\xb5m", 1},  {"\xce\xbcm", 1}, {"micrometer", 1}, {"nm", 1e-3},    {"mm", 1e3},
-    {"cm", 1e4},   {"m", 1e6},       {"inch", 25400},
-};
-
-/* In seconds. */
-static const struct unit times[] = {
-    {"s", 1}, {"sec", 1}, {"ms", 1e-3}, {"msec", 1e-3}, {"min", 60}, {"h", 3600},
-};
-
-static double unit_factor(const struct unit *units, size_t count, const char *name)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (strcasecmp(units[i].name, name) == 0) {
-            return units[i].factor;
-        }
-    }
-    return 0;
-}
 
 /* The value of the line "key=value"; 0 when there is none or it is longer than any that counts. */
 static int find_value(char *value, size_t bytes, const char *description, const char *key)
@@ -95,10 +66,10 @@ void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
     imagej->spacing = find_number(description, "spacing");
     imagej->frame_interval_s = find_number(description, "finterval");
     if (find_value(unit, sizeof unit, description, "unit")) {
-        imagej->unit_um = unit_factor(lengths, sizeof lengths / sizeof *lengths, unit);
+        imagej->unit_um = v2v_tiff_length_um(unit);
     }
     if (find_value(unit, sizeof unit, description, "tunit")) {
-        imagej->frame_interval_s *= unit_factor(times, sizeof times / sizeof *times, unit);
+        imagej->frame_interval_s *= v2v_tiff_seconds(unit);
     }
 }
 

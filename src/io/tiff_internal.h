@@ -71,6 +71,7 @@ struct v2v_tiff {
     uint64_t *directories; /* [room] offset of the directory of each page */
     int64_t room;
     int64_t current;    /* the page whose directory libtiff holds */
+    int64_t *order;     /* [pages] of the file, in the order c, z, t; NULL: it is the file's own */
     int64_t block_from; /* offset of the pages of an ImageJ file with one directory, else 0 */
     unsigned char *piece;
     int64_t piece_bytes;
@@ -102,6 +103,36 @@ int64_t v2v_tiff_piece_rows(const struct v2v_tiff_shape *shape, const struct v2v
 /** Bytes of a piece, decoded: the last strip is short, tiles are always whole. */
 int64_t v2v_tiff_decoded_bytes(const struct v2v_tiff_shape *shape, const struct v2v_tiff_grid *grid,
                                int64_t piece);
+
+/** Go to a page's directory. What libtiff said of the page before goes. @kind Local. */
+enum v2v_status v2v_tiff_go_to(struct v2v_tiff *tiff, int64_t page) V2V_MUST_CHECK;
+
+/** Fill tiff->info, and find the order of the pages, by tags and description of the first page,
+ *  which is libtiff's current one. @kind Local. @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
+enum v2v_status v2v_tiff_describe(struct v2v_tiff *tiff) V2V_MUST_CHECK;
+
+/** The axes of the pages, channels, slices, frames: image (c,z,t) is number sum of index * stride
+ *  in the file, or that entry of `page`. @kind Local. @param size their product is the pages
+ *  @param page may be NULL. @return V2V_OK | V2V_E_MEMORY */
+enum { V2V_TIFF_AXES = 3 };
+enum v2v_status v2v_tiff_set_axes(struct v2v_tiff *tiff, const int64_t size[V2V_TIFF_AXES],
+                                  const int64_t stride[V2V_TIFF_AXES],
+                                  const int64_t *page) V2V_MUST_CHECK;
+
+/** OME-XML, and tifffile's JSON: axes, lengths, and the order of the pages. *found = 0 where the
+ *  description is another text, or says nothing of the pages. @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT (it contradicts the pages, or is not read: why) | V2V_E_MEMORY */
+enum v2v_status v2v_ome_read(struct v2v_tiff *tiff, const char *description,
+                             int *found) V2V_MUST_CHECK;
+enum v2v_status v2v_shaped_read(struct v2v_tiff *tiff, const char *description,
+                                int *found) V2V_MUST_CHECK;
+
+/** Of square pixels, micrometres; others are warned of. 0: not known. @kind Local. */
+double v2v_tiff_pixel_size(const char *path, double x, double y);
+
+/** A unit as programs write it in micrometres, or in seconds; 0: unknown. @kind Local. */
+double v2v_tiff_length_um(const char *unit);
+double v2v_tiff_seconds(const char *unit);
 
 /** ImageJ's own description of a stack, as far as it says something; `images` is 0 when the text
  *  is not ImageJ's. */

@@ -46,7 +46,7 @@ static enum v2v_status directory_fail(const struct v2v_tiff *tiff, int64_t page)
                          v2v_tiff_log_reason(&tiff->log));
 }
 
-static enum v2v_status go_to_page(struct v2v_tiff *tiff, int64_t page)
+enum v2v_status v2v_tiff_go_to(struct v2v_tiff *tiff, int64_t page)
 {
     if (tiff->current == page) {
         return V2V_OK;
@@ -103,93 +103,6 @@ done:
     return rc;
 }
 
-/* Above 4 GB ImageJ writes one directory only, and the pages one after the other from where that
- * says; the description holds their number. */
-static enum v2v_status find_block(struct v2v_tiff *tiff, const struct v2v_imagej *imagej)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_tiff_grid grid;
-    int64_t end = 0;
-
-    V2V_TRY(v2v_tiff_describe_grid(tiff, 0, &tiff->shape, &grid));
-    for (int64_t i = 0; i < grid.count; i++) {
-        int64_t from = (int64_t)TIFFGetStrileOffset(tiff->handle, (uint32_t)i);
-        if (grid.tiled || grid.codec->tag != COMPRESSION_NONE || (i > 0 && from != end)) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                             "%s: ImageJ's description declares %lld pages, the file "
-                             "has 1, not stored as ImageJ does it",
-                             tiff->path, (long long)imagej->images));
-        }
-        end = from + v2v_tiff_decoded_bytes(&tiff->shape, &grid, i);
-    }
-    tiff->block_from = (int64_t)TIFFGetStrileOffset(tiff->handle, 0);
-    int64_t bytes = v2v_mem_product(imagej->images, end - tiff->block_from, 1);
-    if (bytes < 0 || bytes > tiff->file_bytes - tiff->block_from) {
-        V2V_TRY(V2V_FAIL(
-            V2V_E_INPUT,
-            "%s: ImageJ's description declares %lld pages, the file holds %lld: it is "
-            "cut off or damaged",
-            tiff->path, (long long)imagej->images,
-            (long long)((tiff->file_bytes - tiff->block_from) / (end - tiff->block_from))));
-    }
-    tiff->info.pages = imagej->images;
-done:
-    return rc;
-}
-
-/* Must be called while libtiff holds the first page. */
-static enum v2v_status read_description(struct v2v_tiff *tiff)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_tiff_info *info = &tiff->info;
-    struct v2v_imagej imagej;
-    char *description = NULL, *software = NULL;
-    float per_unit = 0;
-    uint16_t resolution_unit = 0;
-
-    (void)TIFFGetField(tiff->handle, TIFFTAG_IMAGEDESCRIPTION, &description);
-    (void)TIFFGetField(tiff->handle, TIFFTAG_XRESOLUTION, &per_unit);
-    (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);
-    v2v_imagej_parse(&imagej, description);
-    if (TIFFGetField(tiff->handle, TIFFTAG_SOFTWARE, &software) &&
-        strncmp(software, V2V_TIFF_SOFTWARE, strlen(V2V_TIFF_SOFTWARE)) == 0) {
-        (void)snprintf(info->task, sizeof info->task, "%s", software + strlen(V2V_TIFF_SOFTWARE));
-    }
-    /* tifffile's truncate=True: more pages follow the first, told of by a shape in JSON only. */
-    if (info->pages == 1 && description != NULL && strstr(description, "\"truncated\": true")) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "%s: tifffile wrote it with truncate=True: its pages after the first have "
-                         "no directory; write it again without",
-                         tiff->path));
-    }
-    if (info->pages == 1 && imagej.images > 1) {
-        V2V_TRY(find_block(tiff, &imagej));
-    }
-    info->channels = imagej.channels;
-    info->slices = imagej.slices;
-    info->frames = imagej.frames;
-    if (v2v_mem_product(imagej.channels, imagej.slices, imagej.frames) != info->pages) {
-        if (imagej.channels > 1) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                             "%s: has %lld pages, but ImageJ's description says %lld channels of "
-                             "%lld slices and %lld frames: it is cut off or damaged",
-                             tiff->path, (long long)info->pages, (long long)imagej.channels,
-                             (long long)imagej.slices, (long long)imagej.frames));
-        }
-        info->channels = 1;
-        info->slices = info->pages;
-        info->frames = 1;
-    }
-    /* Inches are dots per inch of a printer, not an object's size; centimetres are meant. */
-    double unit_um =
-        imagej.images > 0 ? imagej.unit_um : (resolution_unit == RESUNIT_CENTIMETER ? 1e4 : 0);
-    info->pixel_size_um = per_unit > 0 && per_unit < 1e12F ? unit_um / (double)per_unit : 0;
-    info->slice_spacing_um = imagej.spacing * imagej.unit_um;
-    info->frame_interval_s = imagej.frame_interval_s;
-done:
-    return rc;
-}
-
 enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff_out, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -206,8 +119,8 @@ enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff_out, const char *path)
     tiff->info.bits = tiff->shape.type->bits;
     tiff->info.is_float = tiff->shape.type->format == SAMPLEFORMAT_IEEEFP;
     tiff->info.type_max = tiff->shape.type->most;
-    V2V_TRY(go_to_page(tiff, 0));
-    V2V_TRY(read_description(tiff));
+    V2V_TRY(v2v_tiff_go_to(tiff, 0));
+    V2V_TRY(v2v_tiff_describe(tiff));
     *tiff_out = tiff;
     tiff = NULL;
 done:
@@ -264,7 +177,7 @@ static enum v2v_status read_pieces(struct v2v_tiff *tiff, float *out, int64_t pa
     struct v2v_tiff_grid grid;
     const int64_t width = tiff->info.width;
 
-    V2V_TRY(go_to_page(tiff, page));
+    V2V_TRY(v2v_tiff_go_to(tiff, page));
     /* Once more: another program may have changed the file since it was opened. */
     V2V_TRY(v2v_tiff_check_page(tiff, page, &shape, &grid));
     V2V_TRY(take_piece(tiff, grid.bytes));
@@ -382,11 +295,12 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, 
     }
     for (int64_t i = 0; i < count; i++) {
         float *page = out + i * pixels;
-        V2V_TRY(tiff->block_from > 0 ? read_block_page(tiff, page, first + i)
-                                     : read_pieces(tiff, page, first + i));
+        const int64_t at = tiff->order != NULL ? tiff->order[first + i] : first + i;
+        V2V_TRY(tiff->block_from > 0 ? read_block_page(tiff, page, at)
+                                     : read_pieces(tiff, page, at));
         if (tiff->info.is_float) {
-            V2V_TRY(check_sum(tiff, page, first + i));
-            V2V_TRY(check_finite(tiff, page, first + i));
+            V2V_TRY(check_sum(tiff, page, at));
+            V2V_TRY(check_finite(tiff, page, at));
         }
     }
 done:
@@ -404,6 +318,7 @@ void v2v_tiff_close(struct v2v_tiff **tiff_in)
         TIFFClose(tiff->handle);
     }
     v2v_mem_free(tiff->directories);
+    v2v_mem_free(tiff->order);
     v2v_mem_free(tiff->piece);
     v2v_mem_free(tiff);
     *tiff_in = NULL;

@@ -8,6 +8,7 @@ BEGIN {
     owner["tiff"] = " io "
     owner["png.h"] = " io "
     owner["jansson"] = " io "
+    owner["libxml"] = " io "
     owner["fftw3"] = " fft "
     owner["cblas"] = " op "
     owner["openblas"] = " op "

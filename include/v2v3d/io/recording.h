@@ -29,8 +29,8 @@ struct v2v_recording;
  *  that says nothing are one frame.
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame;
- *          no frame; another view count than asked for, or channels of which none is; frames never
- *          written) | V2V_E_MEMORY; agreed */
+ *          no frame; another view count than asked for, or channels of which none is chosen;
+ *          frames never written) | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char *path,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

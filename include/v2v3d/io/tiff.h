@@ -11,8 +11,8 @@ extern "C" {
 /** What a TIFF stack says of itself. Lengths are 0 where the file does not say. */
 struct v2v_tiff_info {
     int64_t pages, height, width;
-    /** ImageJ hyperstack; product = pages; without ImageJ's word, or where it contradicts the
-     * pages, all are slices. For writing 0 means 1. */
+    /** By ImageJ's description, OME-XML, or tifffile's shape; product = pages; without a word, or
+     *  where ImageJ's contradicts the pages, all are slices. For writing 0 means 1. */
     int64_t channels, slices, frames;
     int bits; /**< 8, 16 or 32 */
     int is_float;
@@ -31,8 +31,8 @@ struct v2v_tiff;
 enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff, const char *path) V2V_MUST_CHECK;
 const struct v2v_tiff_info *v2v_tiff_info(const struct v2v_tiff *tiff);
 
-/** Pages first .. first+count-1 in file order (ImageJ: c fastest, then z, then t) as float32, in
- * the file's own units. @kind Local. @param out [count,y,x]
+/** Pages first .. first+count-1, c fastest, then z, then t, whatever their order in the file, as
+ *  float32 in the file's own units. @kind Local. @param out [count,y,x]
  *  @return V2V_OK | V2V_E_INPUT (page, reason; also NaN or Inf: page and pixel; also a page that
  *  this program wrote and that is no longer as it was) */
 enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,

@@ -1,8 +1,7 @@
-#include "support.h"
+#include "counted_stack.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
-#include "v2v3d/io/tiff.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -14,26 +13,6 @@ static void assert_says(const char *part)
     if (strstr(v2v_status_message(), part) == NULL) {
         fail_msg("\"%s\" does not say \"%s\"", v2v_status_message(), part);
     }
-}
-
-/* Page p of a stack of 1 x 1 pixels holds p. */
-static void make_stack(int64_t channels, int64_t slices, int64_t frames)
-{
-    const struct v2v_tiff_info info = {.pages = channels * slices * frames,
-                                       .height = 1,
-                                       .width = 1,
-                                       .channels = channels,
-                                       .slices = slices,
-                                       .frames = frames,
-                                       .bits = 32,
-                                       .is_float = 1,
-                                       .type_max = 1.0};
-    struct v2v_tiff_writer *writer = NULL;
-    assert_ok(v2v_tiff_create(&writer, path, &info));
-    for (int64_t p = 0; p < info.pages; p++) {
-        assert_ok(v2v_tiff_write_page(writer, &(float){(float)p}));
-    }
-    assert_ok(v2v_tiff_finish(&writer));
 }
 
 /* Channels are fastest, then slices, then frames. */
@@ -73,7 +52,7 @@ static void views_of_a_hyperstack_are_its_channels_or_one_channels_slices(void *
                                                     .channel = cases[i].channel};
         struct v2v_recording *recording = NULL;
         float views[3];
-        make_stack(cases[i].channels, cases[i].slices, cases[i].frames);
+        counted_stack(path, cases[i].channels, cases[i].slices, cases[i].frames);
         if (cases[i].reason != NULL) {
             assert_int_equal(v2v_recording_open(&recording, path, &settings, NULL), V2V_E_INPUT);
             assert_says(path);

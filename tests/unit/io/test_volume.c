@@ -1,3 +1,4 @@
+#include "counted_stack.h"
 #include "support.h"
 
 #include "h5_files.h"
@@ -325,22 +326,8 @@ static void other_file_types_and_datasets_are_a_usage_error(void **state)
 
 static void make_stack(int64_t slices, int64_t frames, int64_t channels)
 {
-    const struct v2v_tiff_info info = {.pages = slices * frames * channels,
-                                       .height = 1,
-                                       .width = 1,
-                                       .channels = channels,
-                                       .slices = slices,
-                                       .frames = frames,
-                                       .bits = 32,
-                                       .is_float = 1,
-                                       .type_max = 1.0};
-    struct v2v_tiff_writer *writer = NULL;
     use("vol.tif");
-    assert_ok(v2v_tiff_create(&writer, path, &info));
-    for (int64_t p = 0; p < info.pages; p++) {
-        assert_ok(v2v_tiff_write_page(writer, &(float){(float)p}));
-    }
-    assert_ok(v2v_tiff_finish(&writer));
+    counted_stack(path, channels, slices, frames);
 }
 
 static void slices_come_from_the_file_then_the_caller_then_the_pages(void **state)
