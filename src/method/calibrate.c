@@ -382,7 +382,7 @@ static enum v2v_status step_of_gains(struct calibrator *self, double *moved)
     V2V_TRY(v2v_par_agree(self->comm, apply(self)));
     V2V_TRY(leave_out(self, &all, (struct v2v_left_out_views){0}, SETTLED));
     V2V_TRY(show(self, all, self->gain, predicted, views, views));
-    add_noise(self, views, predicted, v2v_tv_noise(all->estimator));
+    add_noise(self, views, predicted, v2v_tv_noise(all->estimator).deviation);
     V2V_TRY(show(self, all, self->bias, self->predicted[1], views, predicted));
     *moved = take_gains(self);
 done:

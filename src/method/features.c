@@ -6,9 +6,13 @@
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
 
+#include <math.h>
 #include <string.h>
 
 static const double taus[V2V_FEATURES - 1] = {2.0, 64.0};
+
+/* Stream of photons beside that of normal noise. */
+static const uint64_t of_photons = (uint64_t)'P' << 56;
 
 struct v2v_features {
     struct v2v_estimator *estimator; /* tv, which lends its data step */
@@ -25,17 +29,13 @@ enum v2v_status v2v_features_create(struct v2v_features **features,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_features *self = NULL;
-    struct v2v_config config = *problem->config;
-    struct v2v_problem even = *problem;
-    config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* as v2v_features_simulate adds it */
-    even.config = &config;
     V2V_TRY(V2V_ALLOC(self, "features", 1));
     *self = (struct v2v_features){.views = problem->psf->views,
                                   .slices = problem->psf->slices,
                                   .height = problem->height,
                                   .width = problem->width,
                                   .light = v2v_psf_light(problem->psf)};
-    V2V_TRY(v2v_estimator_create(&self->estimator, &v2v_estimator_tv, &even, NULL));
+    V2V_TRY(v2v_estimator_create(&self->estimator, &v2v_estimator_tv, problem, NULL));
     self->step = v2v_tv_data_step(self->estimator);
     self->torus = v2v_data_step_torus(self->step);
     V2V_TRY(V2V_ALLOC(self->volume, "features.volume",
@@ -124,7 +124,7 @@ void v2v_features_of_volume(struct v2v_features *features, float *out, const flo
 }
 
 enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out, float *volume,
-                                      double *noise, const float *views)
+                                      struct v2v_tv_noise *noise, const float *views)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_estimator *tv = features->estimator;
@@ -134,7 +134,7 @@ enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out,
     }
     v2v_tv_torus_volume(tv, volume);
     *noise = v2v_tv_noise(tv);
-    if (*noise > 0.0) {
+    if (noise->deviation > 0.0 || noise->gain > 0.0) {
         v2v_features_of_volume(features, out, volume, views);
     } else { /* no light: samples below zero are none that a correction may add */
         const int64_t voxels = features->slices * features->height * features->width;
@@ -145,14 +145,20 @@ done:
 }
 
 void v2v_features_simulate(struct v2v_features *features, float *views, const float *volume,
-                           double noise, uint64_t seed, uint64_t stream)
+                           const struct v2v_tv_noise *noise, uint64_t seed, uint64_t stream)
 {
     const int64_t samples = features->views * features->height * features->width;
     v2v_data_step_project(features->step, features->image, volume);
     cut(features, views, features->image, features->views);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < samples; i++) {
-        views[i] += (float)(noise * v2v_random_normal(seed, stream, (uint64_t)i));
+        const uint64_t index = (uint64_t)i;
+        if (noise->gain > 0.0) {
+            const double photons = fmax((double)views[i], 0.0) / noise->gain;
+            views[i] = (float)(noise->gain * (double)v2v_random_poisson(seed, stream + of_photons,
+                                                                        index, photons));
+        }
+        views[i] += (float)(noise->deviation * v2v_random_normal(seed, stream, index));
     }
 }
 

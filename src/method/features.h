@@ -12,6 +12,7 @@
 #ifndef V2V3D_METHOD_FEATURES_H
 #define V2V3D_METHOD_FEATURES_H
 
+#include "method/tv.h"
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/optics/data_step.h"
 
@@ -31,19 +32,20 @@ struct v2v_torus v2v_features_torus(const struct v2v_features *features);
 /** f0 is total variation's volume of the views; where that is dark, so are all. @kind Local.
  *  @param out [V2V_FEATURES,z,height,width]
  *  @param volume [z,torus] out: f0 beyond the frame, too; NULL: not wanted
- *  @param noise out: of the views, as tv took it @param views [v,height,width]
+ *  @param noise out: of the views, as tv took it; all 0: they are dark @param views [v,height,width]
  *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC */
 enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out, float *volume,
-                                      double *noise, const float *views) V2V_MUST_CHECK;
+                                      struct v2v_tv_noise *noise,
+                                      const float *views) V2V_MUST_CHECK;
 
 /** f0 is a volume [z,torus] that is given. @kind Local. */
 void v2v_features_of_volume(struct v2v_features *features, float *out, const float *volume,
                             const float *views);
 
-/** Views of a volume, with normal noise of this deviation by (seed, stream).
+/** Views of a volume with this noise by (seed, stream): normal, and of photons where it has a gain.
  *  @kind Local. @param views [v,height,width] out @param volume [z,torus] */
 void v2v_features_simulate(struct v2v_features *features, float *views, const float *volume,
-                           double noise, uint64_t seed, uint64_t stream);
+                           const struct v2v_tv_noise *noise, uint64_t seed, uint64_t stream);
 
 enum v2v_flips { V2V_FLIP_X = 1, V2V_FLIP_Y = 2, V2V_FLIP_Z = 4 };
 

@@ -1,5 +1,6 @@
 #include "v2v3d/method/fusion.h"
 
+#include "method/photons.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
@@ -14,12 +15,16 @@ enum { FINE = 2, COARSE = 3, REACH = 4, FINE_TAPS = REACH * FINE, COARSE_TAPS = 
 static const float tolerated = 1.5f; /* mean square of a difference, which noise makes 1 */
 static const float steepness = 2.0f;
 
+/* Of the variance in the light, the least of photons. */
+static const double least_variance = 0.01;
+
 struct v2v_fusion {
     int64_t neighbours;
     int64_t views, height, width, pitch;
     float fine[2 * FINE_TAPS + 1], coarse[2 * COARSE_TAPS + 1];
     double smoothed;  /* noise that `fine` leaves of a pixel's, as a factor on its sigma */
-    float inverse;    /* 1 / (sigma of a smoothed difference); 0: no noise is known */
+    int is_noisy;     /* bool: noise is known */
+    float *inverse;   /* [v,y,x]: 1 / (sigma of a smoothed difference) */
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
@@ -31,7 +36,7 @@ int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int
 {
     return neighbours == 0
                ? 0
-               : 3 * v2v_mem_product(views, height, width) + height * (2 * width + 2 * COARSE_TAPS);
+               : 4 * v2v_mem_product(views, height, width) + height * (2 * width + 2 * COARSE_TAPS);
 }
 
 /* Taps that sum to 1. @return the sum of their squares */
@@ -65,6 +70,7 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     made->smoothed = gaussian(made->fine, FINE_TAPS, FINE); /* root of the square, in y and x */
     (void)gaussian(made->coarse, COARSE_TAPS, COARSE);
     if (neighbours > 0) {
+        V2V_TRY(V2V_ALLOC(made->inverse, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->neighbour, "method.fusion", samples));
@@ -88,6 +94,7 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion)
         v2v_mem_free(old->neighbour);
         v2v_mem_free(old->weight);
         v2v_mem_free(old->sum);
+        v2v_mem_free(old->inverse);
         v2v_mem_free(old);
     }
 }
@@ -132,10 +139,11 @@ static void smooth_column(float *to, const float *image, const float *taps, int 
 }
 
 V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *restrict a,
-                                           const float *restrict b, float factor, int64_t width)
+                                           const float *restrict b, const float *restrict factor,
+                                           int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
-        to[x] = (a[x] - b[x]) * factor;
+        to[x] = (a[x] - b[x]) * factor[x];
     }
 }
 
@@ -154,6 +162,59 @@ V2V_SIMD_CLONES static void weigh_row(float *restrict sum, float *restrict weigh
 
 /* ---- frames ---- */
 
+/* Of the difference of two samples of this variance, smoothed. */
+static float inverse_of(const struct v2v_fusion *fusion, double variance)
+{
+    return (float)(1.0 / (sqrt(2.0 * variance) * fusion->smoothed));
+}
+
+/* Where the noise is that of photons: of every sample by the level about it. */
+static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *views,
+                         const struct v2v_photons *photons)
+{
+    const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
+    const int64_t first = v * height * width;
+    const double in_light = photons->gain * photons->bright + photons->variance;
+#pragma omp parallel
+    {
+#pragma omp for schedule(static)
+        for (int64_t y = 0; y < height; y++) {
+            float *padded = fusion->padded + y * pitch;
+            memcpy(padded + COARSE_TAPS, views + first + y * width, (size_t)width * sizeof *views);
+            repeat_ends(padded, width);
+            smooth_row(fusion->image + y * width, padded, fusion->fine, FINE_TAPS, width);
+        }
+#pragma omp for schedule(static)
+        for (int64_t y = 0; y < height; y++) {
+            float *row = fusion->inverse + first + y * width;
+            smooth_column(row, fusion->image, fusion->fine, FINE_TAPS, y, height, width);
+            for (int64_t x = 0; x < width; x++) {
+                const double level = fmax((double)row[x], 0.0);
+                const double variance = photons->gain * level + photons->variance;
+                row[x] = inverse_of(fusion, fmax(variance, least_variance * in_light));
+            }
+        }
+    }
+}
+
+/* Noise about every sample of frame t. */
+static void take_noise(struct v2v_fusion *fusion, const float *views, double sigma)
+{
+    const int64_t samples = fusion->views * fusion->height * fusion->width;
+    const struct v2v_photons photons =
+        v2v_photons_find(fusion->neighbour, views, fusion->views, fusion->height, fusion->width);
+    for (int64_t v = 0; photons.is_clear && v < fusion->views; v++) {
+        take_photons(fusion, v, views, &photons);
+    }
+    if (!photons.is_clear) {
+        const float inverse = (float)(1.0 / (sqrt(2.0) * sigma * fusion->smoothed));
+#pragma omp parallel for simd schedule(static)
+        for (int64_t i = 0; i < samples; i++) {
+            fusion->inverse[i] = inverse;
+        }
+    }
+}
+
 void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
@@ -162,8 +223,10 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
         sigma = v2v_noise_of_images(fusion->neighbour, views, fusion->views, fusion->height,
                                     fusion->width);
     }
-    const double of_difference = sqrt(2.0) * sigma * fusion->smoothed;
-    fusion->inverse = of_difference > 0.0 ? (float)(1.0 / of_difference) : 0.0f;
+    fusion->is_noisy = sigma > 0.0;
+    if (fusion->is_noisy) {
+        take_noise(fusion, views, sigma);
+    }
     v2v_bulk_copy(fusion->sum, views, samples);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < samples; i++) {
@@ -184,7 +247,7 @@ static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
         for (int64_t y = 0; y < height; y++) {
             const int64_t at = first + y * width;
             difference_row(padded + y * pitch + COARSE_TAPS, views + at, neighbour + at,
-                           fusion->inverse, width);
+                           fusion->inverse + at, width);
             repeat_ends(padded + y * pitch, width);
             smooth_row(image + y * width, padded + y * pitch, fusion->fine, FINE_TAPS, width);
         }
@@ -213,7 +276,7 @@ static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
 
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour)
 {
-    for (int64_t v = 0; fusion->inverse > 0.0f && v < fusion->views; v++) {
+    for (int64_t v = 0; fusion->is_noisy && v < fusion->views; v++) {
         add_view(fusion, v, views, neighbour);
     }
 }

@@ -118,23 +118,24 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
     struct v2v_lessons *self = lessons;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t slices = self->psf->slices, pixels = info->height * info->width;
-    double noise = 0.0, again = 0.0;
+    struct v2v_tv_noise noise = {0}, again = {0};
     V2V_TRY(plan(self, info->height, info->width));
     V2V_TRY(v2v_fusion_read(self->fusion, self->views, recording, scaling, t));
     V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &noise, self->views));
-    if (noise == 0.0) {
+    if (noise.deviation == 0.0 && noise.gain == 0.0) {
         v2v_log(V2V_LOG_WARNING, "frame %lld is dark: there is nothing to learn from it",
                 (long long)t);
     }
     v2v_features_flip(self->features, self->flipped, self->volume, flips[number % FLIPS]);
     v2v_features_cut(self->features, images + V2V_FEATURES * slices * pixels, self->flipped);
-    v2v_features_simulate(self->features, self->views, self->flipped, noise,
+    v2v_features_simulate(self->features, self->views, self->flipped, &noise,
                           (uint64_t)self->config->train.seed,
                           v2v_random_fnv1a64("lessons") + (uint64_t)number);
     V2V_TRY(v2v_features_of_views(self->features, images, NULL, &again, self->views));
     const double error = normalize(images, slices, pixels);
-    v2v_log(V2V_LOG_DEBUG, "lesson %lld, from frame %lld: noise %.3g, error %.3g",
-            (long long)number, (long long)t, noise, error);
+    v2v_log(V2V_LOG_DEBUG,
+            "lesson %lld, from frame %lld: noise %.3g, of photons %.3g of the light, error %.3g",
+            (long long)number, (long long)t, noise.deviation, noise.gain, error);
 done:
     return rc;
 }

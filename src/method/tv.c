@@ -1,5 +1,6 @@
 #include "method/tv.h"
 
+#include "method/photons.h"
 #include "method/tv_lambda.h"
 #include "method/tv_planes.h"
 #include "v2v3d/base/bounds.h"
@@ -54,7 +55,8 @@ struct level {
     double brightness; /* of the views */
     double sigma;      /* of their noise; of photons: where they are that bright */
     double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
-    double floor; /* the variance where there is no light, likewise */
+    double floor; /* the variance where there is no light, likewise, as weights take it .. */
+    double dark;  /* .. and as found, its root, in units of the views */
 };
 
 struct tv {
@@ -68,13 +70,12 @@ struct tv {
     int64_t iterations;
     double lambda, depth, tolerance;
     enum v2v_noise_model model;
-    double light; /* sum of a view's PSF, mean of all views */
-    double noise; /* of the views of the last run; 0: a dark frame */
-    int is_told;  /* bool: `level` is that of a larger frame, for all runs */
-    struct level level;
-    float *cut;     /* [slices,rows,width]: the frame's rows of the volume */
-    float *scratch; /* [v,height,width] */
-    double *of_row; /* [2 * torus height] */
+    double light;       /* sum of a view's PSF, mean of all views */
+    int is_told;        /* bool: `level` is that of a larger frame, for all runs */
+    struct level level; /* of the last run, or of all */
+    float *cut;         /* [slices,rows,width]: the frame's rows of the volume */
+    float *scratch;     /* [v,height,width] */
+    double *of_row;     /* [2 * torus height] */
 };
 
 static int is_open(const struct v2v_config *config)
@@ -211,38 +212,27 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
-/* Of the pixels, those that are brighter than the brightness; and of the brightest one, the least
- * brightness: few pixels may be anything. A deep negative one is no brightness: in steps as long as
- * that, 500 iterations left half of it as light. It raises the noise, so that float32 holds it. */
-static const double brighter_part = 1e-3, least_of_brightest = 1e-3;
-
-/* For `auto` the variance is four times as large in the light as in the dark: below, weights gained
- * nothing. The noise is white: else it isn't noise. And so many samples are brighter than the
- * percentile: else it may be a hot pixel. */
-static const double least_contrast = 3.0, most_colour = 2.0, least_brighter = 4.0;
+/* Of the brightest pixel, the least brightness. A deep negative one is no brightness: in steps as
+ * long as that, 500 iterations left half of it as light. It raises the noise, so that float32 holds
+ * it. */
+static const double least_of_brightest = 1e-3;
 
 /* The variance counts as at least this part of that in the light, so that few dark samples don't
  * outweigh all others; and what isn't of photons twice, or the dark would have more of it in the
  * volume than the light. */
 static const double least_variance = 0.05, dark_twice = 2.0;
 
-/** The noise of photons, where it is and isn't too small; else the level stays.
- *  Local. @param bright percentile of the views, which few samples don't lift
- *  @param least noise that float32 holds */
-static void of_photons(struct level *level, const struct tv *self, const float *views,
-                       double bright, double least)
+/** The noise of photons, where it isn't too small; else the level stays.
+ *  Local. @param least noise that float32 holds */
+static void of_photons(struct level *level, const struct v2v_photons *photons, double least)
 {
-    const struct v2v_noise_line line =
-        v2v_noise_line_of_images(views, self->views, self->height, self->width, bright);
-    const double in_light = line.gain * bright, dark = fmax(line.variance, 0.0);
-    const double variance = in_light + dark, unit = sqrt(variance);
-    const double samples = (double)(self->views * self->height * self->width);
-    const int is_clear = in_light > least_contrast * dark && line.colour < most_colour &&
-                         samples * brighter_part >= least_brighter;
-    if (line.gain > 0.0 && unit > least && (is_clear || self->model == V2V_NOISE_MODEL_POISSON)) {
+    const double variance = photons->gain * photons->bright + photons->variance;
+    const double unit = sqrt(variance);
+    if (photons->gain > 0.0 && unit > least) {
         level->sigma = unit;
-        level->gain = line.gain / unit;
-        level->floor = fmax(dark_twice * dark / variance, least_variance);
+        level->gain = photons->gain / unit;
+        level->floor = fmax(dark_twice * photons->variance / variance, least_variance);
+        level->dark = sqrt(photons->variance);
     }
 }
 
@@ -250,7 +240,6 @@ static void of_photons(struct level *level, const struct tv *self, const float *
 static struct level measure(const struct tv *self, const float *views)
 {
     const int64_t count = self->views * self->height * self->width;
-    const int64_t bright = count - 1 - (int64_t)((double)count * brighter_part);
     double brightest = 0.0, largest = 0.0;
     for (int64_t i = 0; i < count; i++) {
         brightest = fmax(brightest, (double)views[i]);
@@ -261,13 +250,15 @@ static struct level measure(const struct tv *self, const float *views)
     }
     const double sigma =
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
-    memcpy(self->scratch, views, (size_t)count * sizeof *views);
-    const double usual = (double)v2v_select(self->scratch, count, bright);
-    const double brightness = fmax(usual, least_of_brightest * brightest);
+    const struct v2v_photons photons =
+        v2v_photons_find(self->scratch, views, self->views, self->height, self->width);
+    const double brightness = fmax(photons.bright, least_of_brightest * brightest);
     const double noisy = fmax(brightness, least_of_brightest * largest);
-    struct level level = {brightness, fmax(sigma, least_noise * noisy), 0.0, 0.0};
-    if (self->model != V2V_NOISE_MODEL_GAUSSIAN && usual > 0.0) {
-        of_photons(&level, self, views, usual, least_noise * noisy);
+    struct level level = {.brightness = brightness, .sigma = fmax(sigma, least_noise * noisy)};
+    level.dark = level.sigma;
+    if (self->model == V2V_NOISE_MODEL_POISSON ||
+        (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
+        of_photons(&level, &photons, least_noise * noisy);
     }
     return level;
 }
@@ -312,13 +303,13 @@ struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator)
 void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume)
 {
     const struct tv *self = estimator->self;
-    copy_volume(self, volume, self->torus.rows.count, self->torus.width, self->noise);
+    copy_volume(self, volume, self->torus.rows.count, self->torus.width, self->level.sigma);
 }
 
-double v2v_tv_noise(const struct v2v_estimator *estimator)
+struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator)
 {
-    const struct tv *self = estimator->self;
-    return self->noise;
+    const struct level *level = &((const struct tv *)estimator->self)->level;
+    return (struct v2v_tv_noise){level->gain * level->sigma, level->dark};
 }
 
 static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)
@@ -358,11 +349,11 @@ static enum v2v_status look(const struct v2v_estimator *estimator, int64_t itera
     return rc;
 }
 
-static enum v2v_status iterate(struct v2v_estimator *estimator, const struct level *level,
-                               const struct v2v_monitor *monitor)
+static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
 {
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
+    const struct level *level = &self->level;
     /* lambda and tau are meant for PSFs that sum to 1 a view */
     const double light = self->light, weight = fmax(self->lambda, least_lambda);
     const double lambda = weight * light, tau = tau_of(level, weight) / (light * light);
@@ -417,17 +408,19 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
-    const struct level level = self->is_told ? self->level : measure(self, views);
-    self->noise = level.sigma;
-    v2v_tv_planes_clear(&self->planes);
-    if (level.sigma > 0.0) { /* else a dark frame, which is a dark volume */
-        v2v_data_step_begin(self->step, views, 1.0 / level.sigma);
-        if (level.gain > 0.0) {
-            v2v_data_step_weigh(self->step, level.gain, level.floor);
-        }
-        V2V_TRY(iterate(estimator, &level, monitor));
+    if (!self->is_told) {
+        self->level = measure(self, views);
     }
-    cut(self, level.sigma);
+    const struct level *level = &self->level;
+    v2v_tv_planes_clear(&self->planes);
+    if (level->sigma > 0.0) { /* else a dark frame, which is a dark volume */
+        v2v_data_step_begin(self->step, views, 1.0 / level->sigma);
+        if (level->gain > 0.0) {
+            v2v_data_step_weigh(self->step, level->gain, level->floor);
+        }
+        V2V_TRY(iterate(estimator, monitor));
+    }
+    cut(self, level->sigma);
     v2v_slicing_to_slices(self->slicing, volume[0], self->cut);
 done:
     return rc;

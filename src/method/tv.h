@@ -17,7 +17,14 @@ struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
  *  @param volume [z, torus rows of this rank, torus width] out */
 void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume);
 
-/** Noise of the views of the last run, as it was taken; 0: a dark frame. @kind Local. */
-double v2v_tv_noise(const struct v2v_estimator *estimator);
+/** Noise of the views of a run, as it was taken, in their units: of variance
+ *  gain * max(level, 0) + deviation^2. */
+struct v2v_tv_noise {
+    double gain; /**< of photons; 0: the same for all samples */
+    double deviation;
+};
+
+/** Of the last run; all 0: a dark frame. @kind Local. */
+struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator);
 
 #endif

@@ -113,7 +113,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
 {
     enum v2v_status rc = V2V_OK;
     struct unrolled *self = estimator->self;
-    double noise = 0.0;
+    struct v2v_tv_noise noise;
     (void)monitor; /* the iterations under it are another method's */
     rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
     V2V_TRY(v2v_par_agree(estimator->shard, rc));

@@ -251,6 +251,10 @@ static void sort_noise(struct noise_level levels[NOISE_LEVELS], double *coarse, 
     }
 }
 
+/* Of a square of normal noise the variance is twice its own square; neighbours' differences share
+ * samples: (1, -4, 6, -4, 1) / 6 of them, squared and summed, in both directions. */
+static const double noise_neighbours = 2.0 * (70.0 / 36.0) * (70.0 / 36.0);
+
 /* The line through the levels' means, each weighted by its count over the line's own square. */
 static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEVELS], double mean)
 {
@@ -274,6 +278,7 @@ static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEV
         const double spread = sum[3] - sum[1] * sum[1] / sum[0];
         line.gain = spread > 0.0 ? (sum[4] - sum[1] * sum[2] / sum[0]) / spread : 0.0;
         line.variance = (sum[2] - line.gain * sum[1]) / sum[0];
+        line.gain_error = spread > 0.0 ? mean * sqrt(noise_neighbours / spread) : 0.0;
     }
     return line;
 }

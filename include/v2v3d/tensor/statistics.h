@@ -31,6 +31,7 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
 /** The noise's variance over the level of the light: gain * level + variance. */
 struct v2v_noise_line {
     double gain, variance;
+    double gain_error; /**< standard error of `gain`, of white normal noise */
     double colour; /**< what 2 x 2 differences see of it, of what 3 x 3 see: 1 for white noise */
 };
 

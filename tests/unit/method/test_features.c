@@ -14,6 +14,8 @@ enum { HEIGHT = 20, WIDTH = 26, PIXELS = HEIGHT * WIDTH };
 /* Transforms of a few thousand pixels: some hundred roundings, in squares. */
 static const double transforms = 256.0;
 
+static const struct v2v_tv_noise none = {0};
+
 static struct v2v_config config;
 static struct v2v_psf_file psf;
 static struct v2v_features *features;
@@ -63,7 +65,7 @@ static void a_volume_that_meets_its_views_leaves_nothing(void **state)
     static float views[VIEWS * PIXELS], out[V2V_FEATURES * SLICES * PIXELS];
     static float frame[SLICES * PIXELS];
     float *volume = draw_volume();
-    v2v_features_simulate(features, views, volume, 0.0, 1, 0);
+    v2v_features_simulate(features, views, volume, &none, 1, 0);
     v2v_features_of_volume(features, out, volume, views);
     v2v_features_cut(features, frame, volume);
     assert_memory_equal(out, frame, sizeof frame);
@@ -81,7 +83,7 @@ static void features_are_those_of_the_residual_in_the_frame(void **state)
     static float met[VIEWS * PIXELS], out[2][V2V_FEATURES * VOXELS];
     float *volume = draw_volume(), *views = small_draw(VIEWS * PIXELS, 2, 1.0);
     v2v_features_of_volume(features, out[0], volume, views);
-    v2v_features_simulate(features, met, volume, 0.0, 1, 0);
+    v2v_features_simulate(features, met, volume, &none, 1, 0);
     memset(volume, 0, (size_t)(SLICES * whole) * sizeof *volume);
     for (int i = 0; i < VIEWS * PIXELS; i++) {
         views[i] -= met[i];
@@ -186,7 +188,7 @@ static void views_of_a_volume_are_its_projection(void **state)
     v2v_features_cut(features, frame, volume);
     assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
     v2v_projector_forward(projector, expected, frame, NULL, VIEWS, 1.0f);
-    v2v_features_simulate(features, views, volume, 0.0, 1, 0);
+    v2v_features_simulate(features, views, volume, &none, 1, 0);
     assert_true(test_relative_l2(views, expected, VIEWS * PIXELS) <= V2V_DATA_STEP_LOST);
     v2v_projector_destroy(&projector);
     v2v_mem_free(volume);
@@ -198,20 +200,78 @@ static void noise_is_as_large_as_asked_for(void **state)
     (void)state;
     enum { SAMPLES = VIEWS * PIXELS };
     static float clean[SAMPLES], noisy[SAMPLES], again[SAMPLES], other[SAMPLES];
-    const double noise = 0.3;
+    const struct v2v_tv_noise noise = {.deviation = 0.3};
     double squares = 0.0;
     float *volume = draw_volume();
-    v2v_features_simulate(features, clean, volume, 0.0, 7, 1);
-    v2v_features_simulate(features, noisy, volume, noise, 7, 1);
-    v2v_features_simulate(features, again, volume, noise, 7, 1);
-    v2v_features_simulate(features, other, volume, noise, 7, 2);
+    v2v_features_simulate(features, clean, volume, &none, 7, 1);
+    v2v_features_simulate(features, noisy, volume, &noise, 7, 1);
+    v2v_features_simulate(features, again, volume, &noise, 7, 1);
+    v2v_features_simulate(features, other, volume, &noise, 7, 2);
     for (int i = 0; i < SAMPLES; i++) {
-        const double d = ((double)noisy[i] - (double)clean[i]) / noise;
+        const double d = ((double)noisy[i] - (double)clean[i]) / noise.deviation;
         squares += d * d / SAMPLES;
     }
     assert_true(fabs(squares - 1.0) <= 5.0 * sqrt(2.0 / SAMPLES));
     assert_memory_equal(noisy, again, sizeof noisy);
     assert_memory_not_equal(noisy, other, sizeof noisy);
+    v2v_mem_free(volume);
+}
+
+/* Variances gain * level + deviation^2: squares over these, of 1 in the mean. That of a square is 2
+ * for normal numbers and 2 + 1 / photons of Poisson's, of which there are 0.02 / 0.01 at least where
+ * they are counted. */
+static void photons_make_noise_where_there_is_light(void **state)
+{
+    (void)state;
+    enum { SAMPLES = VIEWS * PIXELS };
+    static float clean[SAMPLES], noisy[SAMPLES];
+    const struct v2v_tv_noise noise = {.gain = 0.01, .deviation = 0.02};
+    double squares[2] = {0}, counted[2] = {0}, sum = 0.0, brightest = 0.0;
+    float *volume = draw_volume();
+    for (int64_t i = 0; i < psf.slices * whole; i++) {
+        volume[i] *= i % torus.width < WIDTH / 2 ? 1.0f : 0.01f;
+    }
+    v2v_features_simulate(features, clean, volume, &none, 7, 1);
+    v2v_features_simulate(features, noisy, volume, &noise, 7, 1);
+    for (int i = 0; i < SAMPLES; i++) {
+        brightest = fmax(brightest, (double)clean[i]);
+    }
+    assert_true(brightest > 0.1);
+    for (int i = 0; i < SAMPLES; i++) {
+        const double variance = noise.gain * fmax((double)clean[i], 0.0) + 4e-4;
+        const double d = (double)noisy[i] - fmax((double)clean[i], 0.0);
+        const int is_bright = (double)clean[i] > 0.5 * brightest;
+        squares[is_bright] += d * d / variance;
+        counted[is_bright] += 1.0;
+        sum += d / sqrt(variance);
+    }
+    for (int k = 0; k < 2; k++) {
+        assert_true(counted[k] > 100.0);
+        assert_true(fabs(squares[k] / counted[k] - 1.0) <= 5.0 * sqrt(2.5 / counted[k]));
+    }
+    assert_true(fabs(sum) <= 5.0 * sqrt(SAMPLES));
+    v2v_mem_free(volume);
+}
+
+/* What total variation takes the noise for is what lessons are made with. */
+static void noise_of_photons_is_found_and_made_again(void **state)
+{
+    (void)state;
+    static float views[VIEWS * PIXELS], out[V2V_FEATURES * SLICES * PIXELS];
+    const struct v2v_tv_noise put_in = {.gain = 0.01, .deviation = 0.002};
+    struct v2v_tv_noise noise = {0};
+    float *volume = draw_volume();
+    v2v_features_destroy(&features);
+    config.deconv.noise = V2V_NOISE_MODEL_POISSON;
+    make();
+    v2v_features_simulate(features, views, volume, &put_in, 3, 0);
+    assert_ok(v2v_features_of_views(features, out, NULL, &noise, views));
+    assert_true(noise.gain > 0.5 * put_in.gain && noise.gain < 2.0 * put_in.gain);
+    config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN;
+    v2v_features_destroy(&features);
+    make();
+    assert_ok(v2v_features_of_views(features, out, NULL, &noise, views));
+    assert_true(noise.gain == 0.0 && noise.deviation > 0.0);
     v2v_mem_free(volume);
 }
 
@@ -233,10 +293,10 @@ static void features_of_views_begin_with_tv(void **state)
     (void)state;
     static float views[VIEWS * PIXELS], frame[SLICES * PIXELS];
     static float out[2][V2V_FEATURES * SLICES * PIXELS];
-    const double put_in = 0.05;
-    double noise = 0.0;
+    const struct v2v_tv_noise put_in = {.deviation = 0.05};
+    struct v2v_tv_noise noise = {0};
     float *volume = draw_volume(), *found = draw_volume();
-    v2v_features_simulate(features, views, volume, put_in, 3, 0);
+    v2v_features_simulate(features, views, volume, &put_in, 3, 0);
     v2v_features_destroy(&features);
     for (int t = 0; t < 2; t++) {
         v2v_op_set_threads(t + 1);
@@ -251,7 +311,8 @@ static void features_of_views_begin_with_tv(void **state)
     }
     v2v_op_set_threads(1);
     assert_memory_equal(out[0], out[1], sizeof out[0]);
-    assert_true(noise > 0.5 * put_in && noise < 2.0 * put_in);
+    assert_true(noise.gain == 0.0 && noise.deviation > 0.5 * put_in.deviation &&
+                noise.deviation < 2.0 * put_in.deviation);
     run_tv(frame, views);
     assert_memory_equal(out[0], frame, sizeof frame);
     v2v_features_cut(features, frame, found);
@@ -272,6 +333,8 @@ int main(void)
                                         teardown),
         cmocka_unit_test_setup_teardown(views_of_a_volume_are_its_projection, setup, teardown),
         cmocka_unit_test_setup_teardown(noise_is_as_large_as_asked_for, setup, teardown),
+        cmocka_unit_test_setup_teardown(photons_make_noise_where_there_is_light, setup, teardown),
+        cmocka_unit_test_setup_teardown(noise_of_photons_is_found_and_made_again, setup, teardown),
         cmocka_unit_test_setup_teardown(features_of_views_begin_with_tv, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

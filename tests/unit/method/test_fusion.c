@@ -177,6 +177,35 @@ static void noise_of_a_still_scene_falls_as_the_weights_say(void **state)
     assert_true(expected < 1.1 * noise * noise / FRAMES); /* nearly all of them count */
 }
 
+/* Photons: a mean square of differences of 1 in the light as in the dark, so that neighbours count
+ * in both; by one noise for all samples none would in the light, where it is ten times as large. */
+static void photons_are_averaged_where_it_is_bright_and_where_it_is_dark(void **state)
+{
+    (void)state;
+    enum { DARK = 4, LIGHT = 400, EDGE = 12 };
+    double squares[2] = {0}, count[2] = {0};
+    for (int t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const double level = i % WIDTH < WIDTH / 2 ? DARK : LIGHT;
+            frames[t][i] = (float)v2v_random_poisson(7, (uint64_t)t, (uint64_t)i, level);
+        }
+    }
+    fuse(fused, frames, FRAMES - 1);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const int64_t x = i % WIDTH;
+        const int is_light = x >= WIDTH / 2;
+        if (x < WIDTH / 2 - EDGE || x >= WIDTH / 2 + EDGE) {
+            const double level = is_light ? LIGHT : DARK;
+            squares[is_light] += pow((double)fused[i] - level, 2.0) / level;
+            count[is_light] += 1.0;
+        }
+    }
+    for (int k = 0; k < 2; k++) {
+        const double known_to = 5.0 * sqrt(2.0 / count[k]);
+        assert_true(squares[k] / count[k] < (1.0 + known_to) * 1.1 / FRAMES);
+    }
+}
+
 /* Of a change by c everywhere E is exactly c^2 / (2 sigma^2 of_fine), at the edges too. */
 static void a_uniform_change_weighs_as_the_formula_says(void **state)
 {
@@ -374,6 +403,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(fused_views_match_plain_loops),
         cmocka_unit_test(noise_of_a_still_scene_falls_as_the_weights_say),
+        cmocka_unit_test(photons_are_averaged_where_it_is_bright_and_where_it_is_dark),
         cmocka_unit_test(a_uniform_change_weighs_as_the_formula_says),
         cmocka_unit_test(what_moved_is_that_of_the_frame_itself),
         cmocka_unit_test(weights_do_not_depend_on_the_unit),

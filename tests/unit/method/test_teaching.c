@@ -51,12 +51,12 @@ static void make_frame(float *truth, float *views, const struct v2v_psf_file *ps
 }
 
 static void make_pair(struct pair *pair, struct v2v_features *features, const float *volume,
-                      double noise, unsigned flips)
+                      const struct v2v_tv_noise *noise, unsigned flips)
 {
     static float views[SAMPLES];
     const struct v2v_torus torus = v2v_features_torus(features);
     float *flipped = v2v_mem_alloc("test", SLICES * torus.height * torus.width, sizeof *flipped);
-    double found = 0.0;
+    struct v2v_tv_noise found = {0};
     assert_non_null(flipped);
     v2v_features_flip(features, flipped, volume, flips);
     v2v_features_cut(features, pair->target, flipped);
@@ -129,7 +129,8 @@ static void a_taught_network_makes_the_volume_better(void **state)
     struct v2v_correction *correction = NULL;
     struct small_depth_net net;
     struct v2v_psf_file psf = small_psf();
-    double noise = 0.0, loss = 0.0;
+    struct v2v_tv_noise noise = {0};
+    double loss = 0.0;
     v2v_config_defaults(&config);
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
@@ -140,7 +141,7 @@ static void a_taught_network_makes_the_volume_better(void **state)
     assert_non_null(volume);
     assert_ok(v2v_features_of_views(features, found, volume, &noise, views));
     for (unsigned i = 0; i < PAIRS; i++) {
-        make_pair(&pair[i], features, volume, noise, i * (V2V_FLIP_X | V2V_FLIP_Y));
+        make_pair(&pair[i], features, volume, &noise, i * (V2V_FLIP_X | V2V_FLIP_Y));
     }
     small_depth_net_init(&net, SLICES, SIDE, SIDE);
     float *moments = v2v_mem_alloc("test", 2 * net.network.schema.fields.total, sizeof *moments);

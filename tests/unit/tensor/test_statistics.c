@@ -213,10 +213,31 @@ static void selection_parts_an_array_at_its_kth_value(void **state)
     }
 }
 
+/* Of noise that is the same everywhere, the slopes that are found lie about 0 by their standard
+ * error: the mean of n squares is known to sqrt(2 / n), of which this allows five. */
+static void slopes_of_even_noise_scatter_by_their_standard_error(void **state)
+{
+    (void)state;
+    enum { TRIALS = 100, SIDE = 64, SAMPLES = SIDE * SIDE };
+    double squares = 0.0;
+    for (uint64_t trial = 0; trial < TRIALS; trial++) {
+        float *image = normal_numbers(SAMPLES, 100 + trial);
+        for (int i = 0; i < SAMPLES; i++) {
+            image[i] += 0.5f * (float)(i % SIDE); /* levels, which second differences leave alone */
+        }
+        const struct v2v_noise_line line = v2v_noise_line_of_images(image, 1, SIDE, SIDE, SIDE);
+        assert_true(line.gain_error > 0.0);
+        squares += line.gain * line.gain / (line.gain_error * line.gain_error);
+        v2v_mem_free(image);
+    }
+    assert_true(fabs(squares / TRIALS - 1.0) <= 5.0 * sqrt(2.0 / TRIALS));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(selection_parts_an_array_at_its_kth_value),
+        cmocka_unit_test(slopes_of_even_noise_scatter_by_their_standard_error),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
         cmocka_unit_test(background_matches_the_golden_volumes),
         cmocka_unit_test(percentile_equals_that_of_the_sorted_numbers),
