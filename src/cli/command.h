@@ -98,6 +98,9 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTION_SLICES                                                                          \
     V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
                    "TIFF volume: slices of a frame, where it does not say")
+#define V2V_OPTION_DATASET                                                                         \
+    V2V_OPTION_SET("dataset", "input.dataset", "NAME",                                             \
+                   "HDF5 input: read this dataset, not /views (of a volume: /volume)")
 #define V2V_OPTION_CHANNEL                                                                         \
     V2V_OPTION_SET("channel", "input.channel", "K",                                                \
                    "TIFF with channels: read this one, counted from 1 as in Fiji")

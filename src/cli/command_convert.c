@@ -24,6 +24,7 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET,
     {0}};
 
 static enum v2v_status convert_volume(const struct arguments *given,
@@ -165,6 +166,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
             V2V_FAIL(V2V_E_USAGE, "%s: the output's name must end in .h5 or .tif", given->output));
     }
     V2V_TRY(v2v_step_output(session, given->output, &given->input, 1));
+    if (content == V2V_CONTENT_AUTO && session->config.input.dataset[0] != '\0') {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--dataset needs --kind volume or recording: what it is"));
+    }
     if (content == V2V_CONTENT_AUTO) {
         V2V_TRY(v2v_content_of(&content, given->input, session));
     }

@@ -4,7 +4,7 @@
 struct arguments {
     struct v2v_common common;
     const char *truth, *volume, *psf, *calibration, *input, *weights;
-    const char *uncertainty;
+    const char *uncertainty, *volume_dataset, *truth_dataset;
     int64_t frames;
     int fit_scale, json;
 };
@@ -43,6 +43,17 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET,
+    {.name = "volume-dataset",
+     .kind = V2V_OPTION_TEXT,
+     .at = offsetof(struct arguments, volume_dataset),
+     .value = "NAME",
+     .help = "HDF5: of the volume, such as /branch1, not /volume"},
+    {.name = "truth-dataset",
+     .kind = V2V_OPTION_TEXT,
+     .at = offsetof(struct arguments, truth_dataset),
+     .value = "NAME",
+     .help = "HDF5: of the truth, not /volume"},
     {0}};
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
@@ -53,6 +64,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_evaluation evaluation = {0};
     struct v2v_evaluation_job job = {.volume = given->volume,
                                      .truth = given->truth,
+                                     .volume_dataset = given->volume_dataset,
+                                     .truth_dataset = given->truth_dataset,
                                      .psf = given->psf,
                                      .input = given->input,
                                      .weights = given->weights,

@@ -29,6 +29,7 @@ static const struct v2v_option options[] = {
      .most = 1e9},
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET,
     {.name = "z-zoom",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, z_zoom),

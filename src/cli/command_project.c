@@ -24,6 +24,7 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET,
     {0}};
 
 static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,

@@ -22,6 +22,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
     V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET,
     {0}};
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)

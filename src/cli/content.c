@@ -2,7 +2,6 @@
 
 #include "cli/steps.h"
 #include "v2v3d/io/tiff.h"
-#include <string.h>
 
 static enum v2v_status open_weights(const char *path, const struct v2v_session *session)
 {
@@ -51,28 +50,32 @@ enum { KINDS = sizeof kinds / sizeof kinds[0] };
 /* Rank 0: what the first bytes and the file system say. */
 static enum v2v_status look(enum v2v_content *content, const char *path)
 {
-    static const char hdf5[] = "\211HDF\r\n\032\n";
-    char start[sizeof hdf5 - 1] = "";
     enum v2v_status rc = V2V_OK;
-    FILE *file = NULL;
     struct v2v_tiff *tiff = NULL;
     if (v2v_file_is_folder(path)) {
         *content = V2V_CONTENT_PSF;
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));
-    file = fopen(path, "rb");
-    int is_hdf5 = file != NULL && fread(start, 1, sizeof start, file) == sizeof start &&
-                  memcmp(start, hdf5, sizeof start) == 0;
-    if (!is_hdf5) {
+    if (!v2v_file_is_hdf5(path)) {
         V2V_TRY(v2v_tiff_open(&tiff, path));
         *content = V2V_CONTENT_TIFF;
     }
 done:
     v2v_tiff_close(&tiff);
-    if (file != NULL) {
-        fclose(file);
-    }
+    return rc;
+}
+
+/* Why an HDF5 file is none of the kinds. Rank-0. */
+static enum v2v_status refuse(const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char names[V2V_MESSAGE_BYTES / 2];
+    V2V_TRY(v2v_file_hdf5_names(names, sizeof names, path));
+    rc = V2V_FAIL(V2V_E_INPUT,
+                  "%s: HDF5 without a readable /volume, /views, /weights or /psf; it %s", path,
+                  names);
+done:
     return rc;
 }
 
@@ -95,8 +98,7 @@ enum v2v_status v2v_content_of(enum v2v_content *content, const char *path,
         }
     }
     if (*content == V2V_CONTENT_AUTO) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "%s: HDF5 without a readable /volume, /views, /weights or /psf", path));
+        V2V_TRY(v2v_par_agree(session->world, v2v_step_on_root(session) ? refuse(path) : V2V_OK));
     }
 done:
     return rc;

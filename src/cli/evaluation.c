@@ -2,6 +2,7 @@
 
 #include "cli/steps.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/par/watchdog.h"
@@ -56,16 +57,27 @@ done:
     return rc;
 }
 
+/* A volume's settings are the recording's but for what is in the file. */
+static enum v2v_status settings_of(struct v2v_input_settings *settings,
+                                   const struct v2v_session *session, const char *dataset)
+{
+    *settings = session->config.input;
+    return v2v_text_format(settings->dataset, sizeof settings->dataset, "%s",
+                           dataset != NULL ? dataset : "");
+}
+
 static enum v2v_status score(struct v2v_evaluation *evaluation,
                              const struct v2v_evaluation_job *job, struct v2v_volume *volume,
                              const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *truth = NULL;
+    struct v2v_input_settings settings;
     float *a = NULL, *b = NULL;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     int64_t voxels = info->slices * info->height * info->width;
-    V2V_TRY(v2v_volume_open(&truth, job->truth, &session->config.input, session->world));
+    V2V_TRY(settings_of(&settings, session, job->truth_dataset));
+    V2V_TRY(v2v_volume_open(&truth, job->truth, &settings, session->world));
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
     rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
     if (rc == V2V_OK) {
@@ -97,12 +109,13 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *volume = NULL;
-    struct v2v_input_settings settings = session->config.input;
+    struct v2v_input_settings settings;
     *evaluation = (struct v2v_evaluation){.heldout = NAN,
                                           .heldout_sigmas = NAN,
                                           .disagreement = NAN,
                                           .resolution = NAN,
                                           .resolution_um = NAN};
+    V2V_TRY(settings_of(&settings, session, job->volume_dataset));
     settings.channel = 0; /* which is the truth's and the recording's */
     V2V_TRY(v2v_volume_open(&volume, job->volume, &settings, session->world));
     evaluation->frames = v2v_volume_info(volume)->frames;

@@ -49,8 +49,8 @@ struct v2v_evaluation {
 
 /** What to evaluate; NULL paths are left out. */
 struct v2v_evaluation_job {
-    const char *volume;
-    const char *truth;
+    const char *volume, *volume_dataset; /**< dataset NULL: /volume */
+    const char *truth, *truth_dataset;
     const char *psf, *input; /**< both or none: residual of the views */
     const char *weights;     /**< of the network that made the volume, or NULL; it corrects total
                                   variation where views are left out */

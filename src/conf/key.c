@@ -132,6 +132,23 @@ static enum v2v_status assign_name(char *value, const char *text, const char *wh
     return V2V_OK;
 }
 
+static enum v2v_status assign_text(char *value, const char *text, const char *where)
+{
+    const size_t length = strlen(text);
+    for (size_t i = 0; i < length; i++) {
+        if ((unsigned char)text[i] < 0x20 || text[i] == 0x7f) {
+            return V2V_FAIL(V2V_E_CONFIG, "%s: holds more than one line of text", where);
+        }
+    }
+    if (length >= V2V_CONFIG_TEXT_BYTES) {
+        return V2V_FAIL(V2V_E_CONFIG, "%s: is longer than %d characters", where,
+                        V2V_CONFIG_TEXT_BYTES - 1);
+    }
+    memset(value, 0, V2V_CONFIG_TEXT_BYTES);
+    memcpy(value, text, length);
+    return V2V_OK;
+}
+
 enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const char *text,
                                const char *where)
 {
@@ -139,7 +156,7 @@ enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const c
     void *value = member(config, key);
     char what[512];
     snprintf(what, sizeof what, "%s: %s.%s", where, key->section, key->name);
-    if (text[0] == '\0') {
+    if (text[0] == '\0' && key->kind != V2V_KEY_TEXT) {
         return V2V_FAIL(V2V_E_CONFIG, "%s has no value", what);
     }
     switch (key->kind) {
@@ -154,6 +171,8 @@ enum v2v_status v2v_key_assign(struct v2v_config *config, int64_t index, const c
         return assign_number(value, key, text, what);
     case V2V_KEY_NAME:
         return assign_name(value, text, what);
+    case V2V_KEY_TEXT:
+        return assign_text(value, text, what);
     }
     V2V_ASSERT(0);
 }
@@ -181,6 +200,8 @@ void v2v_config_defaults(struct v2v_config *config)
             break;
         case V2V_KEY_NAME:
             snprintf(value, V2V_CONFIG_NAME_BYTES, "%s", key->words[0]);
+            break;
+        case V2V_KEY_TEXT: /* empty as it is */
             break;
         }
     }

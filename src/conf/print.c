@@ -55,6 +55,7 @@ void v2v_key_format(char *text, const struct v2v_config *config, const struct v2
         format_number(text, *(const struct v2v_number *)value);
         break;
     case V2V_KEY_NAME:
+    case V2V_KEY_TEXT:
         snprintf(text, VALUE_BYTES, "%s", (const char *)value);
         break;
     }
@@ -70,8 +71,8 @@ static void print_range(const struct v2v_key *key, FILE *stream)
         }
         return;
     }
-    if (key->kind == V2V_KEY_NAME) {
-        fprintf(stream, "a name");
+    if (key->kind == V2V_KEY_NAME || key->kind == V2V_KEY_TEXT) {
+        fprintf(stream, key->kind == V2V_KEY_NAME ? "a name" : "a text");
         return;
     }
     if (key->kind == V2V_KEY_WHOLE) {
@@ -90,18 +91,33 @@ static void print_range(const struct v2v_key *key, FILE *stream)
     }
 }
 
+/** As YAML takes it back: any text between quotes, which are doubled inside. @return columns */
+static int print_value(const char *value, const struct v2v_key *key, FILE *stream)
+{
+    int column = 0;
+    if (key->kind != V2V_KEY_TEXT) {
+        return fprintf(stream, "%s", value);
+    }
+    column += fprintf(stream, "'");
+    for (; *value != '\0'; value++) {
+        column += fprintf(stream, *value == '\'' ? "''" : "%c", *value);
+    }
+    return column + fprintf(stream, "'");
+}
+
 static void print_key(const struct v2v_config *config, const struct v2v_key *key,
                       const struct v2v_config *defaults, FILE *stream, int comments)
 {
     char value[VALUE_BYTES], fallback[VALUE_BYTES];
     v2v_key_format(value, config, key);
-    int column = fprintf(stream, "  %s: %s", key->name, value);
+    int column = fprintf(stream, "  %s: ", key->name);
+    column += print_value(value, key, stream);
     if (comments) {
         v2v_key_format(fallback, defaults, key);
         fprintf(stream, "%*s # %s (", column < COMMENT_COLUMN ? COMMENT_COLUMN - column : 0, "",
                 key->meaning);
         print_range(key, stream);
-        fprintf(stream, "; default %s)", fallback);
+        fprintf(stream, "; default %s)", fallback[0] != '\0' ? fallback : "none");
     }
     fputc('\n', stream);
 }

@@ -57,6 +57,12 @@
         AT(s, n), .kind = V2V_KEY_NAME, .words = {fallback_}, .meaning = meaning_                  \
     }
 
+/* Any text of one line. */
+#define TEXT(s, n, meaning_)                                                                       \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_TEXT, .meaning = meaning_                                        \
+    }
+
 #define BILLION 1000000000
 
 /* enum v2v_precision */
@@ -82,6 +88,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(input, stride, 0, BILLION, 0, "pages from frame to frame; 0: as many as views"),
     WHOLE(input, channel, 0, 4096, 0, "of a TIFF hyperstack, from 1; 0: it has but one"),
     WHOLE(input, slices, 0, BILLION, 0, "of a frame of a TIFF volume that does not say; 0: all"),
+    TEXT(input, dataset, "of an HDF5 file to read instead of /views or /volume"),
     AUTO(input, offset, -1e9, 1e9, "subtracted; auto: 32767 when the mean is above"),
     AUTO(input, gain, 1e-12, 1e12, "multiplied on; auto: the recording's mean becomes 0.2"),
 

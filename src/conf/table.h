@@ -13,13 +13,14 @@ enum v2v_key_kind {
     V2V_KEY_WORD,   /**< int, an enumeration: the place in `words` */
     V2V_KEY_NUMBER, /**< struct v2v_number */
     V2V_KEY_NAME,   /**< char[V2V_CONFIG_NAME_BYTES] */
+    V2V_KEY_TEXT,   /**< char[V2V_CONFIG_TEXT_BYTES], by default empty */
 };
 
 enum {
     V2V_KEY_MOST_WORDS = 4,
     V2V_KEY_MOST = 96,
     V2V_KEY_NAME_BYTES = 64,
-    V2V_KEY_VALUE_BYTES = 64
+    V2V_KEY_VALUE_BYTES = V2V_CONFIG_TEXT_BYTES
 };
 
 struct v2v_key {

@@ -108,6 +108,10 @@ enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
     *array = (struct v2v_h5_array){
         .path = path, .kind = kind, .file = H5I_INVALID_HID, .set = H5I_INVALID_HID};
     V2V_TRY(v2v_h5_open(&array->file, path));
+    if (kind->may_be_other && !v2v_h5_has(array->file, kind->dataset)) {
+        V2V_TRY(v2v_h5_there_is_none(array->file, path, kind->dataset,
+                                     "; --dataset NAME reads another one"));
+    }
     V2V_TRY(v2v_h5_open_dataset(&array->set, array->file, path, kind->dataset));
     V2V_TRY(check_type(array));
     V2V_TRY(check_shape(array));

@@ -72,29 +72,6 @@ enum v2v_status v2v_h5_close_written(enum v2v_status rc, hid_t *set, const char 
     return rc;
 }
 
-enum v2v_status v2v_h5_open(hid_t *file, const char *path)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t access = H5I_INVALID_HID;
-    *file = H5I_INVALID_HID;
-    V2V_TRY(v2v_file_check_input(path));
-    v2v_h5_quiet();
-    if (H5Fis_hdf5(path) <= 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is not an HDF5 file", path));
-    }
-    access = H5Pcreate(H5P_FILE_ACCESS);
-    if (access < 0 || H5Pset_file_locking(access, 0, 1) < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_MEMORY, path, "/", "no access properties"));
-    }
-    *file = H5Fopen(path, H5F_ACC_RDONLY, access);
-    if (*file < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, "/", "HDF5 can't open it"));
-    }
-done:
-    v2v_h5_close(&access);
-    return rc;
-}
-
 enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums)
 {
     enum v2v_status rc = V2V_OK;
@@ -112,101 +89,6 @@ enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums)
     }
 done:
     v2v_h5_close(&access);
-    return rc;
-}
-
-/* HDF5 asks before it follows a link into another file: never. */
-static herr_t refuse_external_link(const char *parent_file, const char *parent_group,
-                                   const char *child_file, const char *child_object,
-                                   unsigned *flags, hid_t access, void *refused)
-{
-    (void)parent_file, (void)parent_group, (void)child_file, (void)child_object;
-    (void)flags, (void)access;
-    *(int *)refused = 1;
-    return -1;
-}
-
-static enum v2v_status check_decoding(hid_t set, int *filtered, const char *path, const char *name)
-{
-    enum v2v_status rc = V2V_OK;
-    hid_t creation = H5Dget_create_plist(set);
-    const int filters = H5Pget_nfilters(creation);
-    if (creation < 0 || filters < 0) {
-        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "its layout can't be read"));
-    }
-    if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: keeps its data in other files", path, name));
-    }
-    *filtered = filters > 0;
-    for (int i = 0; i < filters; i++) {
-        unsigned flags = 0, config = 0;
-        size_t values = 0;
-        const H5Z_filter_t filter =
-            H5Pget_filter2(creation, (unsigned)i, &flags, &values, NULL, 0, NULL, &config);
-        if (filter < 0 || H5Zfilter_avail(filter) <= 0) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: needs HDF5 filter %d, which is not installed",
-                             path, name, (int)filter));
-        }
-    }
-done:
-    v2v_h5_close(&creation);
-    return rc;
-}
-
-/* What a file has instead of the dataset that is asked for: the first names. */
-static enum v2v_status there_is_none(hid_t file, const char *path, const char *name)
-{
-    enum { MOST = 8, NAME_BYTES = 48 };
-    char names[MOST * (NAME_BYTES + 4)] = "";
-    H5G_info_t group = {0};
-    if (H5Gget_info(file, &group) < 0) {
-        group.nlinks = 0;
-    }
-    for (hsize_t i = 0; i < group.nlinks && i < MOST; i++) {
-        char one[NAME_BYTES];
-        const size_t used = strlen(names);
-        if (H5Lget_name_by_idx(file, "/", H5_INDEX_NAME, H5_ITER_INC, i, one, sizeof one,
-                               H5P_DEFAULT) > 0) {
-            (void)snprintf(names + used, sizeof names - used, "%s/%s", i > 0 ? ", " : "", one);
-        }
-    }
-    return V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset; %s%s%s", path, name,
-                    names[0] != '\0' ? "it has " : "it is empty", names,
-                    group.nlinks > MOST ? ", ..." : "");
-}
-
-enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, const char *name)
-{
-    enum v2v_status rc = V2V_OK;
-    int refused = 0, filtered = 0;
-    hid_t access = H5Pcreate(H5P_DATASET_ACCESS);
-    *set = H5I_INVALID_HID;
-    /* What is not cached is read from where the index says, in the dataset's own size. */
-    if (H5Pset_elink_cb(access, refuse_external_link, &refused) >= 0 &&
-        H5Pset_chunk_cache(access, 0, 0, H5D_CHUNK_CACHE_W0_DEFAULT) >= 0) {
-        *set = H5Dopen2(file, name, access);
-    }
-    if (refused) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is a link to another file", path, name));
-    }
-    if (*set < 0) {
-        V2V_TRY(H5Lexists(file, name, H5P_DEFAULT) == 0
-                    ? there_is_none(file, path, name)
-                    : V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
-    }
-    V2V_TRY(check_decoding(*set, &filtered, path, name));
-    if (filtered) { /* decoded chunks are kept: the next image may lie in them, too */
-        v2v_h5_close(set);
-        *set = H5Dopen2(file, name, H5P_DEFAULT);
-        if (*set < 0) {
-            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
-        }
-    }
-done:
-    v2v_h5_close(&access);
-    if (rc != V2V_OK) {
-        v2v_h5_close(set);
-    }
     return rc;
 }
 

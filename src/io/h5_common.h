@@ -45,6 +45,13 @@ enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums) V2V_
 enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path,
                                     const char *name) V2V_MUST_CHECK;
 
+/** Is there anything of that name? @kind Local. */
+int v2v_h5_has(hid_t file, const char *name);
+
+/** The refusal of a file without a dataset: what it has instead, and `hint`. @kind Local. */
+enum v2v_status v2v_h5_there_is_none(hid_t file, const char *path, const char *name,
+                                     const char *hint) V2V_MUST_CHECK;
+
 /** Begin a file of one rank under its temporary name; end it: close it, and move it into place when
  *  `rc` and the close are fine, else remove it. @kind Local. @return rc | V2V_E_IO */
 enum v2v_status v2v_h5_begin(hid_t *file, char temporary[V2V_PATH_BYTES],

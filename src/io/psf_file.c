@@ -165,7 +165,7 @@ static enum v2v_status read_on_root(struct v2v_psf_file *file, const char *path)
         V2V_TRY(read_folder(file, path));
     } else {
         V2V_TRY(v2v_file_check_input(path));
-        if (!v2v_stack_is_hdf5(path)) {
+        if (!v2v_file_is_hdf5(path)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                              "%s: is neither a folder of psf_1.tif .. psf_V.tif nor an HDF5 file",
                              path));

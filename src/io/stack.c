@@ -5,37 +5,18 @@
 #include <string.h>
 #include <strings.h>
 
-const struct v2v_h5_kind v2v_h5_views = {
-    .dataset = "/views", .axes = "tvyx", .axis = {"frame", "view", "y", "x"}, .least_rank = 3};
-const struct v2v_h5_kind v2v_h5_volume = {
-    .dataset = "/volume", .axes = "tzyx", .axis = {"frame", "slice", "y", "x"}, .least_rank = 3};
+const struct v2v_h5_kind v2v_h5_views = {.dataset = "/views",
+                                         .axes = "tvyx",
+                                         .axis = {"frame", "view", "y", "x"},
+                                         .may_be_other = 1,
+                                         .least_rank = 3};
+const struct v2v_h5_kind v2v_h5_volume = {.dataset = "/volume",
+                                          .axes = "tzyx",
+                                          .axis = {"frame", "slice", "y", "x"},
+                                          .may_be_other = 1,
+                                          .least_rank = 3};
 const struct v2v_h5_kind v2v_h5_psf = {
     .dataset = "/psf", .axes = "vzyx", .axis = {"view", "slice", "y", "x"}, .least_rank = 4};
-
-int v2v_stack_is_hdf5(const char *path)
-{
-    static const char hdf5[] = "\x89HDF\r\n\x1a\n";
-    static const char *const names[] = {".h5", ".hdf5", ".hdf"};
-    char first[8] = {0};
-    FILE *file = fopen(path, "rb");
-    if (file != NULL) {
-        const size_t length = fread(first, 1, sizeof first, file);
-        fclose(file);
-        if (length == sizeof first && memcmp(first, hdf5, sizeof first) == 0) {
-            return 1;
-        }
-        if (memcmp(first, "II", 2) == 0 || memcmp(first, "MM", 2) == 0) {
-            return 0;
-        }
-    }
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; dot != NULL && i < sizeof names / sizeof names[0]; i++) {
-        if (strcasecmp(dot, names[i]) == 0) {
-            return 1;
-        }
-    }
-    return 0;
-}
 
 /* The stack's pages become those of one channel. */
 static enum v2v_status choose_channel(struct v2v_stack *stack, int64_t channel)
@@ -55,9 +36,28 @@ static enum v2v_status choose_channel(struct v2v_stack *stack, int64_t channel)
     return V2V_OK;
 }
 
-static enum v2v_status open_local(struct v2v_stack *stack, int hdf5, int64_t channel)
+/* Another dataset than the kind's. */
+static enum v2v_status choose_dataset(struct v2v_stack *stack, const char *dataset, int hdf5)
+{
+    if (dataset[0] == '\0') {
+        return V2V_OK;
+    }
+    if (!hdf5) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: is a TIFF, in which there is no dataset '%s'",
+                        stack->path, dataset);
+    }
+    stack->named = *stack->kind;
+    stack->named.dataset = stack->dataset;
+    stack->kind = &stack->named;
+    return v2v_text_format(stack->dataset, sizeof stack->dataset, "%s%s",
+                           dataset[0] == '/' ? "" : "/", dataset);
+}
+
+static enum v2v_status open_local(struct v2v_stack *stack, int hdf5,
+                                  const struct v2v_input_settings *settings)
 {
     enum v2v_status rc = V2V_OK;
+    V2V_TRY(choose_dataset(stack, settings->dataset, hdf5));
     if (hdf5) {
         V2V_TRY(v2v_h5_array_open(&stack->array, stack->path, stack->kind));
         stack->frames = stack->array.shape[0];
@@ -77,7 +77,7 @@ static enum v2v_status open_local(struct v2v_stack *stack, int hdf5, int64_t cha
         stack->axes = (struct v2v_stack_axes){info->channels, info->slices, info->frames};
         stack->step_of_file = 1;
     }
-    V2V_TRY(choose_channel(stack, channel));
+    V2V_TRY(choose_channel(stack, settings->channel));
     stack->pages = stack->frames * stack->images;
 done:
     return rc;
@@ -96,7 +96,7 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
         if (rc == V2V_OK) {
             rc = v2v_file_remember(&stack->state, stack->path);
         }
-        hdf5 = rc == V2V_OK && v2v_stack_is_hdf5(stack->path);
+        hdf5 = rc == V2V_OK && v2v_file_is_hdf5(stack->path);
         if (hdf5) {
             rc = v2v_h5_guard(stack->path);
         }
@@ -107,8 +107,7 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
         rc = v2v_file_remember(&stack->state, stack->path);
     }
     if (rc == V2V_OK) {
-        rc = v2v_file_unchanged(open_local(stack, hdf5, settings->channel), &stack->state,
-                                stack->path);
+        rc = v2v_file_unchanged(open_local(stack, hdf5, settings), &stack->state, stack->path);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
 done:

@@ -19,6 +19,9 @@ struct v2v_stack {
     char path[V2V_PATH_BYTES];
     struct v2v_file_state state; /**< before it was opened; every read fails once it differs */
     const struct v2v_h5_kind *kind;
+    struct v2v_h5_kind
+        named; /**< with the dataset that the settings name; then `kind` points here */
+    char dataset[V2V_CONFIG_TEXT_BYTES + 1];
     struct v2v_h5_array array;
     struct v2v_tiff *tiff;  /**< NULL for HDF5 */
     int64_t frames, images; /**< HDF5: [frames, images, y, x]; TIFF: 1 and its pages */
@@ -34,11 +37,8 @@ extern const struct v2v_h5_kind v2v_h5_views;
 extern const struct v2v_h5_kind v2v_h5_volume;
 extern const struct v2v_h5_kind v2v_h5_psf;
 
-/** 1 when the file has to be opened as HDF5: by its first bytes, else by its name. @kind Local. */
-int v2v_stack_is_hdf5(const char *path);
-
-/** Open on every rank; an HDF5 file only after a look from a child of rank 0. With a channel
- *  (settings) the stack is that channel's pages.
+/** Open on every rank; an HDF5 file only after a look from a child of rank 0. Settings may name
+ *  a dataset, or a channel whose pages the stack then is; *stack stays where it is.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (also: no such channel) | V2V_E_MEMORY;
  *  agreed */
 enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,

@@ -56,13 +56,16 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 
 /** Of a method: letters, digits, - and _. */
 #define V2V_CONFIG_NAME_BYTES 32
+/** Of any other text: one line. */
+#define V2V_CONFIG_TEXT_BYTES 128
 
 /** Where the frames of a recording or volume lie in a file. */
 struct v2v_input_settings {
-    int64_t views;            /**< 0: as many as the PSF set has */
-    int64_t first_view;       /**< page of the first frame's first view */
-    int64_t stride;           /**< pages from frame to frame; 0: `views` */
-    int64_t channel;          /**< of a TIFF hyperstack, from 1; 0: it has but one */
+    int64_t views;                       /**< 0: as many as the PSF set has */
+    int64_t first_view;                  /**< page of the first frame's first view */
+    int64_t stride;                      /**< pages from frame to frame; 0: `views` */
+    int64_t channel;                     /**< of a TIFF hyperstack, from 1; 0: it has but one */
+    char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
     int64_t slices;           /**< of a frame of a TIFF volume that does not say; 0: all pages */
     struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
     struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
@@ -204,7 +207,7 @@ enum v2v_status v2v_config_load(struct v2v_config *config, const char *path) V2V
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment) V2V_MUST_CHECK;
 
 /** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`; 64
- *  are enough. @return V2V_OK | V2V_E_CONFIG (no such key) */
+ *  are enough for all but texts. @return V2V_OK | V2V_E_CONFIG (no such key) */
 enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config *config,
                                const char *key) V2V_MUST_CHECK;
 

@@ -20,6 +20,7 @@
 #define V2V3D_IO_FILE_H
 
 #include "v2v3d/base/status.h"
+#include <stddef.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -35,6 +36,13 @@ int v2v_file_is_folder(const char *path);
 /** Fail with V2V_E_INPUT unless `path` is a readable regular file (not a folder, FIFO or device).
  *  @kind Local. */
 enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
+
+/** Has it to be opened as HDF5? By its first bytes, else by its name. @kind Local. */
+int v2v_file_is_hdf5(const char *path);
+
+/** What an HDF5 file has, as a message says it: "has /a, /b/c", the first datasets.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (it cannot be opened: why) */
+enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path) V2V_MUST_CHECK;
 
 /** What tells a file that is read from itself after a change. */
 struct v2v_file_state {

@@ -222,6 +222,7 @@ static void set_changes_one_value_or_nothing(void **state)
         {"train.steps=0", "is outside", "--set: train.steps"},
         {"train.steps= 5", "not a whole number", ""},
         {"train.crop=32", "train.halo", "--set"},
+        {"input.dataset=a\nb", "input.dataset: holds more than one line", ""},
         {"train.abcdefghijklmnopqrstuvwxyzabcdefghijklmnopqrstuvwxyzabcdefghijklmnopqr=5",
          "names no key", ""},
     };
@@ -286,6 +287,7 @@ static void unusual_values(struct v2v_config *c)
     set_number(&c->loss.weight[V2V_LOSS_TV], V2V_NUMBER_GIVEN, 1e9);
     set_number(&c->recon.skip, V2V_NUMBER_GIVEN, 1e-300);
     c->model.backend = V2V_BACKEND_OPENBLAS;
+    assert_ok(v2v_config_set(c, "input.dataset=/it's: #1, \"50 %\" {a} \xc3\xa4"));
 }
 
 static void print_reads_back_to_the_same_bits(void **state)

@@ -250,7 +250,7 @@ static void a_truncated_file_is_refused_at_every_length(void **state)
     assert_int_equal(stat(path, &whole), 0);
     for (int part = 15; part >= 0; part--) {
         assert_int_equal(truncate(path, whole.st_size * part / 16), 0);
-        assert_refused(&(struct v2v_input_settings){0}, part > 0 ? "truncated file" : "");
+        assert_refused(&(struct v2v_input_settings){0}, part > 0 ? "is cut off: it has" : "");
     }
 }
 

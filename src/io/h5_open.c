@@ -1,0 +1,229 @@
+#include "io/h5_common.h"
+#include "io/h5_guard.h"
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+int v2v_file_is_hdf5(const char *path)
+{
+    static const char hdf5[] = "\x89HDF\r\n\x1a\n";
+    static const char *const names[] = {".h5", ".hdf5", ".hdf"};
+    char first[8] = {0};
+    FILE *file = fopen(path, "rb");
+    if (file != NULL) {
+        const size_t length = fread(first, 1, sizeof first, file);
+        fclose(file);
+        if (length == sizeof first && memcmp(first, hdf5, sizeof first) == 0) {
+            return 1;
+        }
+        if (memcmp(first, "II", 2) == 0 || memcmp(first, "MM", 2) == 0) {
+            return 0;
+        }
+    }
+    const char *dot = strrchr(path, '.');
+    for (size_t i = 0; dot != NULL && i < sizeof names / sizeof names[0]; i++) {
+        if (strcasecmp(dot, names[i]) == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Why HDF5 does not open a file, in the words of who has it. */
+static enum v2v_status refuse_file(const char *path)
+{
+    char reason[V2V_H5_REASON_BYTES];
+    unsigned major = 0, minor = 0, release = 0;
+    unsigned long long have = 0, base = 0, wanted = 0;
+    (void)v2v_h5_reason(reason);
+    (void)H5get_libversion(&major, &minor, &release);
+    if (sscanf(reason, "truncated file: eof = %llu, sblock->base_addr = %llu, stored_eof = %llu",
+               &have, &base, &wanted) == 3) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: is cut off: it has %llu of its %llu bytes; a copy or its writing was "
+                        "not finished",
+                        path, have, wanted);
+    }
+    if (strstr(reason, "version number") != NULL) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: HDF5 %u.%u.%u can't open it: %s; a newer HDF5 wrote it, or it is "
+                        "damaged",
+                        path, major, minor, release, reason);
+    }
+    return V2V_FAIL(V2V_E_INPUT, "%s: HDF5 can't open it, it is cut off or damaged: %s", path,
+                    reason);
+}
+
+enum v2v_status v2v_h5_open(hid_t *file, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t access = H5I_INVALID_HID;
+    *file = H5I_INVALID_HID;
+    V2V_TRY(v2v_file_check_input(path));
+    v2v_h5_quiet();
+    if (H5Fis_hdf5(path) <= 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is not an HDF5 file", path));
+    }
+    access = H5Pcreate(H5P_FILE_ACCESS);
+    if (access < 0 || H5Pset_file_locking(access, 0, 1) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_MEMORY, path, "/", "no access properties"));
+    }
+    *file = H5Fopen(path, H5F_ACC_RDONLY, access);
+    if (*file < 0) {
+        V2V_TRY(refuse_file(path));
+    }
+done:
+    v2v_h5_close(&access);
+    return rc;
+}
+
+/* Names of datasets, the first of them. */
+struct names {
+    char *text;
+    size_t bytes;
+    int count;
+};
+
+enum { MOST_NAMES = 8, NAME_BYTES = 64 };
+
+static herr_t add_name(hid_t file, const char *name, const H5L_info_t *info, void *data)
+{
+    struct names *names = data;
+    const size_t used = strlen(names->text);
+    int is_dataset = info->type != H5L_TYPE_HARD; /* a link, which may be to one */
+    if (!is_dataset) {
+        hid_t object = H5Oopen(file, name, H5P_DEFAULT);
+        is_dataset = H5Iget_type(object) == H5I_DATASET;
+        v2v_h5_close(&object);
+    }
+    if (is_dataset && names->count++ < MOST_NAMES) {
+        (void)snprintf(names->text + used, names->bytes - used, "%s/%.*s",
+                       names->count > 1 ? ", " : "has ", NAME_BYTES, name);
+    }
+    return names->count > MOST_NAMES;
+}
+
+static void list_names(char *text, size_t bytes, hid_t file)
+{
+    struct names names = {.text = text, .bytes = bytes};
+    (void)snprintf(text, bytes, "%s", "");
+    (void)H5Lvisit(file, H5_INDEX_NAME, H5_ITER_INC, add_name, &names);
+    const size_t used = strlen(text);
+    if (names.count > MOST_NAMES) {
+        (void)snprintf(text + used, bytes - used, ", ...");
+    } else if (used == 0) {
+        (void)snprintf(text, bytes, "has no dataset");
+    }
+}
+
+enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t file = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_open(&file, path));
+    list_names(text, bytes, file);
+done:
+    v2v_h5_close(&file);
+    return rc;
+}
+
+int v2v_h5_has(hid_t file, const char *name)
+{
+    char part[V2V_PATH_BYTES];
+    const int length = snprintf(part, sizeof part, "%s", name);
+    /* H5Lexists wants every group on the way to exist */
+    for (int i = 1; i <= length && i < V2V_PATH_BYTES; i++) {
+        if (part[i] != '/' && part[i] != '\0') {
+            continue;
+        }
+        const char kept = part[i];
+        part[i] = '\0';
+        if (H5Lexists(file, part, H5P_DEFAULT) <= 0) {
+            return 0;
+        }
+        part[i] = kept;
+    }
+    return length > 0;
+}
+
+enum v2v_status v2v_h5_there_is_none(hid_t file, const char *path, const char *name,
+                                     const char *hint)
+{
+    char names[MOST_NAMES * (NAME_BYTES + 4) + 16];
+    list_names(names, sizeof names, file);
+    return V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset; it %s%s", path, name, names,
+                    hint);
+}
+
+/* HDF5 asks before it follows a link into another file: never. */
+static herr_t refuse_external_link(const char *parent_file, const char *parent_group,
+                                   const char *child_file, const char *child_object,
+                                   unsigned *flags, hid_t access, void *refused)
+{
+    (void)parent_file, (void)parent_group, (void)child_file, (void)child_object;
+    (void)flags, (void)access;
+    *(int *)refused = 1;
+    return -1;
+}
+
+static enum v2v_status check_decoding(hid_t set, int *filtered, const char *path, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    hid_t creation = H5Dget_create_plist(set);
+    const int filters = H5Pget_nfilters(creation);
+    if (creation < 0 || filters < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "its layout can't be read"));
+    }
+    if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: keeps its data in other files", path, name));
+    }
+    *filtered = filters > 0;
+    for (int i = 0; i < filters; i++) {
+        unsigned flags = 0, config = 0;
+        size_t values = 0;
+        const H5Z_filter_t filter =
+            H5Pget_filter2(creation, (unsigned)i, &flags, &values, NULL, 0, NULL, &config);
+        if (filter < 0 || H5Zfilter_avail(filter) <= 0) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: needs HDF5 filter %d, which is not installed",
+                             path, name, (int)filter));
+        }
+    }
+done:
+    v2v_h5_close(&creation);
+    return rc;
+}
+
+enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    int refused = 0, filtered = 0;
+    hid_t access = H5Pcreate(H5P_DATASET_ACCESS);
+    *set = H5I_INVALID_HID;
+    /* What is not cached is read from where the index says, in the dataset's own size. */
+    if (H5Pset_elink_cb(access, refuse_external_link, &refused) >= 0 &&
+        H5Pset_chunk_cache(access, 0, 0, H5D_CHUNK_CACHE_W0_DEFAULT) >= 0) {
+        *set = H5Dopen2(file, name, access);
+    }
+    if (refused) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is a link to another file", path, name));
+    }
+    if (*set < 0) {
+        rc = V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset");
+        V2V_TRY(v2v_h5_has(file, name) ? rc : v2v_h5_there_is_none(file, path, name, ""));
+    }
+    V2V_TRY(check_decoding(*set, &filtered, path, name));
+    if (filtered) { /* decoded chunks are kept: the next image may lie in them, too */
+        v2v_h5_close(set);
+        *set = H5Dopen2(file, name, H5P_DEFAULT);
+        if (*set < 0) {
+            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
+        }
+    }
+done:
+    v2v_h5_close(&access);
+    if (rc != V2V_OK) {
+        v2v_h5_close(set);
+    }
+    return rc;
+}
