@@ -33,6 +33,7 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTION_PIXEL_SIZE,
     {0}};
 
 /* Of the held-out residual before. */

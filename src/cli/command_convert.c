@@ -25,6 +25,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTIONS_SIZES,
     {0}};
 
 static enum v2v_status convert_volume(const struct arguments *given,
@@ -144,10 +145,17 @@ static enum v2v_status convert_psf(const struct arguments *given, const struct v
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
+    const struct v2v_input_settings *settings = &session->config.input;
     if (!v2v_step_is_hdf5_name(given->output)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: PSFs are written as HDF5 (.h5) only", given->output));
     }
     V2V_TRY(v2v_psf_file_read(&psf, given->input, session->world));
+    if (settings->pixel_size_um > 0.0) {
+        psf.pixel_size_um = settings->pixel_size_um;
+    }
+    if (settings->slice_spacing_um > 0.0) {
+        psf.slice_spacing_um = settings->slice_spacing_um;
+    }
     if (v2v_step_on_root(session)) {
         rc = v2v_psf_file_write(&psf, given->output);
     }

@@ -31,6 +31,7 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTIONS_SIZES,
     {0}};
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)

@@ -44,6 +44,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTIONS_SIZES,
     {.name = "volume-dataset",
      .kind = V2V_OPTION_TEXT,
      .at = offsetof(struct arguments, volume_dataset),

@@ -30,6 +30,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTIONS_SIZES,
     {.name = "z-zoom",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, z_zoom),

@@ -25,6 +25,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SLICES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTIONS_SIZES,
     {0}};
 
 static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,
@@ -82,7 +83,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_provenance provenance = {0};
     struct v2v_progress progress;
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
-    struct v2v_volume_info info = v2v_step_volume_of(v2v_recording_info(recording), psf);
+    struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
     const struct v2v_scaling as_it_is = {.gain = 1.0,
                                          .calibration = v2v_recording_calibration(recording)};

@@ -52,6 +52,7 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_PAGES,
     V2V_OPTION_CHANNEL,
     V2V_OPTION_DATASET,
+    V2V_OPTION_PIXEL_SIZE,
     {0}};
 
 /* A resumed run keeps its network even when it was started from --weights; a checkpoint that

@@ -138,7 +138,7 @@ static enum v2v_status open_output(struct work *work, struct v2v_volume_writer *
     const struct v2v_evaluation_job *job = work->job;
     struct v2v_provenance provenance = {0};
     const struct v2v_volume_info info =
-        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+        v2v_step_volume_of(work->session, v2v_recording_info(work->recording), &work->psf);
     V2V_TRY(v2v_step_output(work->session, job->uncertainty,
                             (const char *const[]){job->volume, job->truth, job->psf, job->input},
                             4));
@@ -158,7 +158,7 @@ static void summarize(struct work *work)
     const struct v2v_consistency *found = &evaluation->consistency;
     const int64_t frames = found->frames, views = work->psf.views, slices = work->psf.slices;
     const struct v2v_volume_info info =
-        v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+        v2v_step_volume_of(work->session, v2v_recording_info(work->recording), &work->psf);
     evaluation->heldout = v2v_mean_of_known(found->heldout, frames, 1);
     evaluation->heldout_sigmas = v2v_mean_of_known(found->heldout_sigmas, frames, 1);
     evaluation->disagreement = v2v_mean_of_known(found->disagreement, frames, 1);

@@ -10,6 +10,7 @@
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -118,16 +119,25 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf)
 {
+    const double nominal = 0.01; /* sizes are stated with two digits, often */
     enum v2v_status rc = V2V_OK;
     struct v2v_input_settings settings = session->config.input;
     if (settings.views == 0) {
         settings.views = psf->views;
     }
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
-    int64_t views = v2v_recording_info(*recording)->views;
+    const struct v2v_recording_info *info = v2v_recording_info(*recording);
+    const int64_t views = info->views;
     if (views != psf->views) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
+    }
+    if (info->pixel_size_um > 0.0 && psf->pixel_size_um > 0.0 &&
+        fabs(info->pixel_size_um - psf->pixel_size_um) > nominal * psf->pixel_size_um) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: says pixels of %g um, but the PSFs are for %g um; if they are the "
+                         "same, --pixel-size %g says so",
+                         path, info->pixel_size_um, psf->pixel_size_um, psf->pixel_size_um));
     }
     if (session->calibration.views > 0) {
         V2V_TRY(v2v_par_agree(session->world,
@@ -237,17 +247,18 @@ static double stated(double own, double of_psf)
     return own > 0.0 ? own : of_psf;
 }
 
-struct v2v_volume_info v2v_step_volume_of(const struct v2v_recording_info *recording,
+struct v2v_volume_info v2v_step_volume_of(const struct v2v_session *session,
+                                          const struct v2v_recording_info *recording,
                                           const struct v2v_psf_file *psf)
 {
-    return (struct v2v_volume_info){.frames = recording->frames,
-                                    .slices = psf->slices,
-                                    .height = recording->height,
-                                    .width = recording->width,
-                                    .pixel_size_um =
-                                        stated(recording->pixel_size_um, psf->pixel_size_um),
-                                    .slice_spacing_um = psf->slice_spacing_um,
-                                    .frame_interval_s = recording->frame_interval_s};
+    return (struct v2v_volume_info){
+        .frames = recording->frames,
+        .slices = psf->slices,
+        .height = recording->height,
+        .width = recording->width,
+        .pixel_size_um = stated(recording->pixel_size_um, psf->pixel_size_um),
+        .slice_spacing_um = stated(session->config.input.slice_spacing_um, psf->slice_spacing_um),
+        .frame_interval_s = recording->frame_interval_s};
 }
 
 struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *volume,

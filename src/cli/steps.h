@@ -41,7 +41,8 @@ enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_f
                              const char *path) V2V_MUST_CHECK;
 
 /** A recording, calibrated, whose view count is that of the PSFs (which TIFF input takes unless
- *  told otherwise). @kind Collective(world), agreed */
+ *  told otherwise), and whose pixel size is, where both state one, to 1 %.
+ *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf) V2V_MUST_CHECK;
@@ -78,7 +79,8 @@ void v2v_step_announce(const struct v2v_session *session);
 void v2v_step_communication(const struct v2v_session *session, const struct v2v_par_time *began);
 
 /** Frames and voxel size of a volume made from a recording. @kind Local */
-struct v2v_volume_info v2v_step_volume_of(const struct v2v_recording_info *recording,
+struct v2v_volume_info v2v_step_volume_of(const struct v2v_session *session,
+                                          const struct v2v_recording_info *recording,
                                           const struct v2v_psf_file *psf);
 
 /** Frame and voxel size of a recording made from a volume. @kind Local */

@@ -210,7 +210,7 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
-    work->info = v2v_step_volume_of(v2v_recording_info(work->recording), &work->psf);
+    work->info = v2v_step_volume_of(session, v2v_recording_info(work->recording), &work->psf);
     work->datasets = 1u << V2V_VOLUME_MEAN;
     if (given->branches) {
         work->datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;

@@ -89,6 +89,9 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(input, channel, 0, 4096, 0, "of a TIFF hyperstack, from 1; 0: it has but one"),
     WHOLE(input, slices, 0, BILLION, 0, "of a frame of a TIFF volume that does not say; 0: all"),
     TEXT(input, dataset, "of an HDF5 file to read instead of /views or /volume"),
+    REAL(input, pixel_size_um, 0.0, 1e6, 0.0, "um; 0: as the file says"),
+    REAL(input, slice_spacing_um, 0.0, 1e6, 0.0, "um; 0: as the file says, or the PSFs"),
+    REAL(input, frame_interval_s, 0.0, 1e9, 0.0, "s; 0: as the file says"),
     AUTO(input, offset, -1e9, 1e9, "subtracted; auto: 32767 when the mean is above"),
     AUTO(input, gain, 1e-12, 1e12, "multiplied on; auto: the recording's mean becomes 0.2"),
 

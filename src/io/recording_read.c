@@ -81,7 +81,8 @@ done:
 
 /* Pixel size, offset, and the time between frames: the file states the time between its own steps,
  * which a stride cuts or stretches. */
-static enum v2v_status read_metadata(struct v2v_recording *recording)
+static enum v2v_status read_metadata(struct v2v_recording *recording,
+                                     const struct v2v_input_settings *settings)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_recording_info *info = &recording->info;
@@ -100,6 +101,8 @@ static enum v2v_status read_metadata(struct v2v_recording *recording)
         V2V_TRY(v2v_h5_get_numbers(&info->offset, &found, set, stack->path, "offset", 1));
     }
     info->frame_interval_s *= (double)recording->stride / (double)pages_per_step;
+    v2v_stack_told(&info->pixel_size_um, settings->pixel_size_um);
+    v2v_stack_told(&info->frame_interval_s, settings->frame_interval_s);
 done:
     return rc;
 }
@@ -115,7 +118,7 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
     V2V_TRY(v2v_stack_open(&fresh->stack, path, &v2v_h5_views, settings, comm));
     rc = lay_out(fresh, settings);
     if (rc == V2V_OK) {
-        rc = read_metadata(fresh);
+        rc = read_metadata(fresh, settings);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     *recording = fresh;

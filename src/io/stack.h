@@ -51,6 +51,12 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
 enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page,
                                int64_t count) V2V_MUST_CHECK;
 
+/** A length or time that the user tells goes before the file's; 0: it is not told. @kind Local. */
+static inline void v2v_stack_told(double *value, double told)
+{
+    *value = told > 0.0 ? told : *value;
+}
+
 /** @kind Local; accepts a zeroed one. */
 void v2v_stack_fini(struct v2v_stack *stack);
 

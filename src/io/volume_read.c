@@ -132,6 +132,9 @@ static enum v2v_status describe(struct v2v_volume *volume,
         V2V_TRY(read_done(volume));
         V2V_TRY(read_checksums(volume));
     }
+    v2v_stack_told(&volume->info.pixel_size_um, settings->pixel_size_um);
+    v2v_stack_told(&volume->info.slice_spacing_um, settings->slice_spacing_um);
+    v2v_stack_told(&volume->info.frame_interval_s, settings->frame_interval_s);
 done:
     return rc;
 }

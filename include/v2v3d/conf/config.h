@@ -66,7 +66,8 @@ struct v2v_input_settings {
     int64_t stride;                      /**< pages from frame to frame; 0: `views` */
     int64_t channel;                     /**< of a TIFF hyperstack, from 1; 0: it has but one */
     char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
-    int64_t slices;           /**< of a frame of a TIFF volume that does not say; 0: all pages */
+    int64_t slices; /**< of a frame of a TIFF volume that does not say; 0: all pages */
+    double pixel_size_um, slice_spacing_um, frame_interval_s; /**< 0: as the file says */
     struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
     struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
 };
