@@ -94,22 +94,23 @@ extern const struct v2v_command v2v_command_weights_init;
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
                        "TIFF input: page of the first frame's first view"),                        \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \
-                       "TIFF input: pages from frame to frame; 1: sliding window")
+                       "TIFF input: pages from frame to frame; 1: sliding window"),                \
+        V2V_OPTION_SET("layout", "input.layout", "auto|views|frames",                              \
+                       "a folder of TIFFs: a file a view, or files of whole frames")
 #define V2V_OPTION_SLICES                                                                          \
     V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
                    "TIFF volume: slices of a frame, where it does not say")
-#define V2V_OPTION_DATASET                                                                         \
-    V2V_OPTION_SET("dataset", "input.dataset", "NAME",                                             \
-                   "HDF5 input: read this dataset, not /views (of a volume: /volume)")
-#define V2V_OPTION_CHANNEL                                                                         \
+/* Of any recording or volume that is read. */
+#define V2V_OPTIONS_INPUT                                                                          \
     V2V_OPTION_SET("channel", "input.channel", "K",                                                \
-                   "TIFF with channels: read this one, counted from 1 as in Fiji")
-#define V2V_OPTION_PIXEL_SIZE                                                                      \
-    V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM", "of the input, whatever it says")
+                   "TIFF with channels: read this one, counted from 1 as in Fiji"),                \
+        V2V_OPTION_SET("dataset", "input.dataset", "NAME",                                         \
+                       "HDF5: read this dataset, not /views (of a volume: /volume)"),              \
+        V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM",                                  \
+                       "of the input, whatever it says")
 #define V2V_OPTIONS_SIZES                                                                          \
-    V2V_OPTION_PIXEL_SIZE,                                                                         \
-        V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM",                            \
-                       "of the volume, whatever input and PSFs say"),                              \
+    V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM",                                \
+                   "of the volume, whatever input and PSFs say"),                                  \
         V2V_OPTION_SET("frame-interval", "input.frame_interval_s", "S",                            \
                        "from frame to frame of the input, whatever it says")
 #define V2V_OPTION_OFFSET                                                                          \

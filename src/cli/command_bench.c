@@ -86,9 +86,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_GAIN,
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
-    V2V_OPTION_CHANNEL,
-    V2V_OPTION_DATASET,
-    V2V_OPTION_PIXEL_SIZE,
+    V2V_OPTIONS_INPUT,
     {0}};
 
 struct row {

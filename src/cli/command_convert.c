@@ -23,8 +23,7 @@ static const struct v2v_option options[] = {
      .initial = "auto"},
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
-    V2V_OPTION_CHANNEL,
-    V2V_OPTION_DATASET,
+    V2V_OPTIONS_INPUT,
     V2V_OPTIONS_SIZES,
     {0}};
 

@@ -29,8 +29,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
-    V2V_OPTION_CHANNEL,
-    V2V_OPTION_DATASET,
+    V2V_OPTIONS_INPUT,
     V2V_OPTIONS_SIZES,
     {0}};
 

@@ -16,6 +16,8 @@ static const struct v2v_option options[] = {
      .value = "FILE",
      .help = "recording, volume, PSFs, weights; HDF5 or TIFF",
      .required = 1},
+    V2V_OPTIONS_PAGES,
+    V2V_OPTIONS_INPUT,
     {0}};
 
 static void print_length(const char *name, double value, const char *unit)
@@ -118,6 +120,12 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     enum v2v_content content = V2V_CONTENT_AUTO;
     V2V_TRY(v2v_content_of(&content, given->path, session));
+    /* neither says whether it has views or slices */
+    const int is_open = content == V2V_CONTENT_TIFF ||
+                        (content == V2V_CONTENT_VOLUME && session->config.input.dataset[0] != '\0');
+    if (is_open && session->config.input.views > 0) {
+        content = V2V_CONTENT_RECORDING;
+    }
     V2V_TRY(print[content](given->path, session));
 done:
     return rc;

@@ -1,6 +1,7 @@
 #include "cli/content.h"
 
 #include "cli/steps.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/io/tiff.h"
 
 static enum v2v_status open_weights(const char *path, const struct v2v_session *session)
@@ -52,8 +53,10 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff *tiff = NULL;
+    char first[V2V_PATH_BYTES];
     if (v2v_file_is_folder(path)) {
-        *content = V2V_CONTENT_PSF;
+        V2V_TRY(v2v_text_format(first, sizeof first, "%s/psf_1.tif", path));
+        *content = v2v_file_exists(first) ? V2V_CONTENT_PSF : V2V_CONTENT_RECORDING;
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));

@@ -86,6 +86,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(input, views, 0, 4096, 0, "views of a frame; 0: as many as the PSF set has"),
     WHOLE(input, first_view, 0, BILLION, 0, "page of the first frame's first view"),
     WHOLE(input, stride, 0, BILLION, 0, "pages from frame to frame; 0: as many as views"),
+    WORD(input, layout, V2V_LAYOUT_AUTO, "of a folder: a file a view, or files of frames",
+         "auto", "views", "frames"),
     WHOLE(input, channel, 0, 4096, 0, "of a TIFF hyperstack, from 1; 0: it has but one"),
     WHOLE(input, slices, 0, BILLION, 0, "of a frame of a TIFF volume that does not say; 0: all"),
     TEXT(input, dataset, "of an HDF5 file to read instead of /views or /volume"),

@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -82,6 +83,22 @@ done:
     return rc;
 }
 
+/* A TIFF among those of an input would be one of them. */
+static enum v2v_status check_folder(const char *path, const char *input)
+{
+    enum v2v_status rc = V2V_OK;
+    char folder[V2V_PATH_BYTES];
+    const char *dot = strrchr(path, '.');
+    V2V_TRY(parent_folder(folder, path));
+    if (v2v_file_is_folder(input) && same_file(folder, input) && dot != NULL &&
+        (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would lie among the files of the input %s",
+                         path, input));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
                                       int64_t count)
 {
@@ -99,6 +116,7 @@ enum v2v_status v2v_file_check_output(const char *path, int force, const char *c
             V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would overwrite the input %s", path,
                              inputs[i]));
         }
+        V2V_TRY(check_folder(path, inputs[i]));
     }
     if (lstat(path, &status) == 0) {
         /* A finished file is renamed over its place: a folder refuses it, a device would vanish. */

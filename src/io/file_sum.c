@@ -1,8 +1,8 @@
 #include "v2v3d/io/file_sum.h"
 
+#include "io/folder.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
-#include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
 
 #include <errno.h>
@@ -69,11 +69,31 @@ enum v2v_status v2v_file_crc32c_of(uint32_t *crc, const char *path)
     return read_pieces(go_on, crc, path, 0, 1);
 }
 
+/* Of a folder every rank takes part in every file; their order counts. */
+static enum v2v_status add_folder(uint64_t *sum, const char *path, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_folder folder = {0};
+    char file[V2V_PATH_BYTES];
+    V2V_TRY(v2v_folder_list(&folder, path));
+    for (int64_t i = 0; i < folder.count; i++) {
+        uint64_t part = 0;
+        V2V_TRY(v2v_folder_path(file, &folder, i));
+        V2V_TRY(read_pieces(add_hash, &part, file, v2v_comm_rank(comm), v2v_comm_size(comm)));
+        *sum += (2 * (uint64_t)i + 1) * part;
+    }
+done:
+    v2v_folder_fini(&folder);
+    return rc;
+}
+
 enum v2v_status v2v_file_sum(uint64_t *sum, const char *path, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     uint64_t part = 0;
-    rc = read_pieces(add_hash, &part, path, v2v_comm_rank(comm), v2v_comm_size(comm));
+    rc = v2v_file_is_folder(path)
+             ? add_folder(&part, path, comm)
+             : read_pieces(add_hash, &part, path, v2v_comm_rank(comm), v2v_comm_size(comm));
     V2V_TRY(v2v_par_agree(comm, rc));
     int64_t all = (int64_t)part;
     v2v_par_sum_i64(comm, &all, 1);

@@ -13,6 +13,7 @@ struct v2v_h5_kind {
     const char *axes;    /**< "tvyx"; without its first letter for three axes */
     const char *axis[4]; /**< "frame", "view", "y", "x": for messages */
     int may_be_other;    /**< whoever opens it may name another dataset: --dataset */
+    int may_be_folder;   /**< of TIFF files */
     int least_rank;      /**< 3: the first axis may be absent (one frame); 4 */
 };
 

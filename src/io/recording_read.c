@@ -30,15 +30,15 @@ static enum v2v_status count_views(int64_t *views, const struct v2v_stack *stack
                         "channel, whose slices are the views",
                         stack->path, (long long)axes->channels, (long long)axes->slices);
     }
-    if (stack->tiff != NULL && !in_channels && !in_slices) {
+    if (stack->is_tiff && !in_channels && !in_slices) {
         return V2V_OK;
     }
     const int64_t stated = in_channels ? axes->channels : axes->slices;
     if (asked > 0 && asked != stated) {
-        const char *what = in_channels ? "channels" : stack->tiff != NULL ? "slices" : "views";
+        const char *what = in_channels ? "channels" : stack->is_tiff ? "slices" : "views";
         return V2V_FAIL(V2V_E_INPUT, "%s: %s has %lld %s, but %lld are asked for%s", stack->path,
-                        stack->tiff != NULL ? "a frame" : stack->kind->dataset, (long long)stated,
-                        what, (long long)asked,
+                        stack->is_tiff ? "a frame" : stack->kind->dataset, (long long)stated, what,
+                        (long long)asked,
                         in_channels ? " as views; --channel K (from 1) takes one channel" : "");
     }
     *views = stated;
@@ -90,10 +90,9 @@ static enum v2v_status read_metadata(struct v2v_recording *recording,
     const hid_t set = stack->array.set;
     int64_t pages_per_step = stack->images;
     int found = 0;
-    if (stack->tiff != NULL) {
-        const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
-        info->pixel_size_um = tiff->pixel_size_um;
-        info->frame_interval_s = tiff->frame_interval_s;
+    if (stack->is_tiff) {
+        info->pixel_size_um = stack->pixel_size_um;
+        info->frame_interval_s = stack->frame_interval_s;
         pages_per_step = stack->axes.channels * stack->axes.slices;
     } else {
         V2V_TRY(v2v_h5_get_length(&info->pixel_size_um, set, stack->path, "pixel_size_um"));
@@ -168,7 +167,7 @@ static enum v2v_status read_pages(struct v2v_recording *recording, float *views,
 static enum v2v_status read_views(struct v2v_recording *recording, float *views, int64_t page,
                                   int64_t first, int64_t count, int64_t t)
 {
-    if (recording->stack.tiff != NULL) {
+    if (recording->stack.is_tiff) {
         return read_pages(recording, views, page, first, count, t);
     }
     const int64_t pixels = recording->info.height * recording->info.width;

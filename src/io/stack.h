@@ -4,6 +4,7 @@
 #define V2V_IO_STACK_H
 
 #include "io/h5_array.h"
+#include "io/tiff_folder.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/tiff.h"
@@ -23,12 +24,17 @@ struct v2v_stack {
         named; /**< with the dataset that the settings name; then `kind` points here */
     char dataset[V2V_CONFIG_TEXT_BYTES + 1];
     struct v2v_h5_array array;
-    struct v2v_tiff *tiff;  /**< NULL for HDF5 */
-    int64_t frames, images; /**< HDF5: [frames, images, y, x]; TIFF: 1 and its pages */
-    int64_t pages;          /**< frames * images */
+    int is_tiff;                    /**< a file or a folder of them */
+    struct v2v_tiff *tiff;          /**< a file */
+    struct v2v_tiff_folder *folder; /**< or a folder, whose files hold .. */
+    int64_t files, pages_of_file;   /**< .. so many pages each (of the channel) */
+    int by_view;                    /**< they are views: a frame has a page of each */
+    int64_t frames, images;         /**< HDF5: [frames, images, y, x]; TIFF: 1 and its pages */
+    int64_t pages;                  /**< frames * images */
     int64_t height, width;
-    double type_max;                     /**< of an integer type, 1 for floats */
-    struct v2v_stack_axes axes;          /**< of an HDF5 file 1, images, frames */
+    double type_max;            /**< of an integer type, 1 for floats */
+    struct v2v_stack_axes axes; /**< of an HDF5 file 1, images, frames */
+    double pixel_size_um, slice_spacing_um, frame_interval_s; /**< as a TIFF states them; or 0 */
     int64_t first_of_file, step_of_file; /**< TIFF: page p is that one of the file, plus p steps */
 };
 
@@ -37,14 +43,20 @@ extern const struct v2v_h5_kind v2v_h5_views;
 extern const struct v2v_h5_kind v2v_h5_volume;
 extern const struct v2v_h5_kind v2v_h5_psf;
 
-/** Open on every rank; an HDF5 file only after a look from a child of rank 0. Settings may name
- *  a dataset, or a channel whose pages the stack then is; *stack stays where it is.
+/** Open on every rank; an HDF5 file only after a look from a child of rank 0. A folder's
+ *  pages come frame by frame (settings->layout; settings->views decides). Settings may name a
+ *  dataset, or a channel whose pages the stack then is; *stack stays where it is.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (also: no such channel) | V2V_E_MEMORY;
  *  agreed */
 enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
                                const struct v2v_h5_kind *kind,
                                const struct v2v_input_settings *settings,
                                const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Of a folder's files, whose axes the stack has: which hold views and which frames; its axes
+ *  become those of the row. @kind Local. @return V2V_OK | V2V_E_INPUT (neither, or both) */
+enum v2v_status v2v_stack_lay_out_folder(struct v2v_stack *stack,
+                                         const struct v2v_input_settings *settings) V2V_MUST_CHECK;
 
 /** Pages page .. page+count-1 as float32. @kind Local. @return V2V_OK | V2V_E_INPUT (unreadable, or
  *  the file changed since it was opened) */

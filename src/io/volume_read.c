@@ -21,7 +21,6 @@ struct v2v_volume {
 static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t asked)
 {
     const struct v2v_stack *stack = &volume->stack;
-    const struct v2v_tiff_info *tiff = v2v_tiff_info(stack->tiff);
     const struct v2v_stack_axes *axes = &stack->axes;
     /* one axis alone is a row of pages, which many programs call slices, whatever they are */
     const int is_stated = axes->slices > 1 && axes->frames > 1;
@@ -41,9 +40,9 @@ static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t asked)
     }
     volume->info.frames = stack->pages / slices;
     volume->info.slices = slices;
-    volume->info.pixel_size_um = tiff->pixel_size_um;
-    volume->info.slice_spacing_um = tiff->slice_spacing_um;
-    volume->info.frame_interval_s = tiff->frame_interval_s;
+    volume->info.pixel_size_um = stack->pixel_size_um;
+    volume->info.slice_spacing_um = stack->slice_spacing_um;
+    volume->info.frame_interval_s = stack->frame_interval_s;
     return V2V_OK;
 }
 
@@ -123,7 +122,7 @@ static enum v2v_status describe(struct v2v_volume *volume,
     volume->scale = (float)(1.0 / stack->type_max);
     volume->info.height = stack->height;
     volume->info.width = stack->width;
-    if (stack->tiff != NULL) {
+    if (stack->is_tiff) {
         V2V_TRY(lay_out_tiff(volume, settings->slices));
     } else {
         volume->info.frames = stack->frames;

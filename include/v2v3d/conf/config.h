@@ -59,11 +59,16 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 /** Of any other text: one line. */
 #define V2V_CONFIG_TEXT_BYTES 128
 
+/** Of a folder of TIFFs: each is a view of all frames, or holds frames, one file after the other.
+ *  AUTO: what the number of views fits alone. */
+enum v2v_layout { V2V_LAYOUT_AUTO, V2V_LAYOUT_VIEWS, V2V_LAYOUT_FRAMES };
+
 /** Where the frames of a recording or volume lie in a file. */
 struct v2v_input_settings {
     int64_t views;                       /**< 0: as many as the PSF set has */
     int64_t first_view;                  /**< page of the first frame's first view */
     int64_t stride;                      /**< pages from frame to frame; 0: `views` */
+    int layout;                          /**< enum v2v_layout: of a folder */
     int64_t channel;                     /**< of a TIFF hyperstack, from 1; 0: it has but one */
     char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
     int64_t slices; /**< of a frame of a TIFF volume that does not say; 0: all pages */

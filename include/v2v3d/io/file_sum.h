@@ -9,8 +9,8 @@
 extern "C" {
 #endif
 
-/** A number that differs, but for one chance in 2^32 or less, where the bytes of two files differ:
- *  the sum of a hash of every 16 MiB's CRC-32C and place.
+/** A number that differs, but for one chance in 2^32 or less, where the bytes of two files, or of
+ *  the TIFF files of two folders, differ: the sum of a hash of every 16 MiB's CRC-32C and place.
  *  @kind Collective(comm); the same for any number of ranks. @return V2V_OK | V2V_E_INPUT |
  *  V2V_E_MEMORY; agreed. @cost reads the file once, shared by the ranks */
 enum v2v_status v2v_file_sum(uint64_t *sum, const char *path,

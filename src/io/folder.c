@@ -1,0 +1,115 @@
+#include "io/folder.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+static const char digits[] = "0123456789";
+
+int v2v_folder_compare(const char *a, const char *b)
+{
+    const char *const first = a, *const second = b;
+    while (*a != '\0' && *b != '\0') {
+        const size_t na = strspn(a, digits), nb = strspn(b, digits);
+        if (na == 0 || nb == 0) {
+            if (*a != *b) {
+                return (unsigned char)*a < (unsigned char)*b ? -1 : 1;
+            }
+            a++;
+            b++;
+            continue;
+        }
+        const char *const end_a = a + na, *const end_b = b + nb;
+        a += strspn(a, "0") < na ? strspn(a, "0") : na;
+        b += strspn(b, "0") < nb ? strspn(b, "0") : nb;
+        const size_t la = (size_t)(end_a - a), lb = (size_t)(end_b - b);
+        const int order = la != lb ? (la < lb ? -1 : 1) : memcmp(a, b, la);
+        if (order != 0) {
+            return order;
+        }
+        a = end_a;
+        b = end_b;
+    }
+    /* one is the other's beginning, or they differ by zeros in front of numbers */
+    return *a != *b ? (*a == '\0' ? -1 : 1) : strcmp(first, second);
+}
+
+static int compare_names(const void *a, const void *b)
+{
+    return v2v_folder_compare(*(char *const *)a, *(char *const *)b);
+}
+
+static int is_tiff(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    return name[0] != '.' && dot != NULL &&
+           (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0);
+}
+
+static enum v2v_status add_name(struct v2v_folder *folder, int64_t *room, const char *name)
+{
+    enum v2v_status rc = V2V_OK;
+    char **larger = NULL;
+    const int64_t bytes = (int64_t)strlen(name) + 1;
+    if (folder->count == *room) {
+        *room = *room == 0 ? 64 : 2 * *room;
+        V2V_TRY(V2V_ALLOC(larger, "io.folder", *room));
+        if (folder->count > 0) {
+            memcpy(larger, folder->name, (size_t)folder->count * sizeof *larger);
+        }
+        v2v_mem_free(folder->name);
+        folder->name = larger;
+    }
+    V2V_TRY(V2V_ALLOC(folder->name[folder->count], "io.folder", bytes));
+    memcpy(folder->name[folder->count++], name, (size_t)bytes);
+done:
+    return rc;
+}
+
+enum v2v_status v2v_folder_list(struct v2v_folder *folder, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t room = 0;
+    DIR *directory = NULL;
+    *folder = (struct v2v_folder){0};
+    V2V_TRY(v2v_text_format(folder->path, sizeof folder->path, "%s", path));
+    directory = opendir(path);
+    if (directory == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: can't be listed: %s", path, strerror(errno)));
+    }
+    for (struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
+        if (is_tiff(entry->d_name)) {
+            V2V_TRY(add_name(folder, &room, entry->d_name));
+        }
+    }
+    if (folder->count == 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is a folder without TIFF files", path));
+    }
+    qsort(folder->name, (size_t)folder->count, sizeof *folder->name, compare_names);
+done:
+    if (directory != NULL) {
+        closedir(directory);
+    }
+    return rc;
+}
+
+enum v2v_status v2v_folder_path(char path[V2V_PATH_BYTES], const struct v2v_folder *folder,
+                                int64_t i)
+{
+    const size_t length = strlen(folder->path);
+    const char *slash = length > 0 && folder->path[length - 1] == '/' ? "" : "/";
+    return v2v_text_format(path, V2V_PATH_BYTES, "%s%s%s", folder->path, slash, folder->name[i]);
+}
+
+void v2v_folder_fini(struct v2v_folder *folder)
+{
+    for (int64_t i = 0; i < folder->count; i++) {
+        v2v_mem_free(folder->name[i]);
+    }
+    v2v_mem_free(folder->name);
+    *folder = (struct v2v_folder){0};
+}

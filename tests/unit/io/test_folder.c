@@ -1,0 +1,166 @@
+#include "counted_stack.h"
+
+#include "io/folder.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/io/file_sum.h"
+#include "v2v3d/io/recording.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+static char path[512];
+
+/* FILE of the folder: `slices` pages of 1 x 1 pixels with 0, 1, .. */
+static void put(const char *file, int64_t channels, int64_t slices)
+{
+    char name[600];
+    snprintf(name, sizeof name, "%s/%s", path, file);
+    counted_stack(name, channels, slices, 1);
+}
+
+static void use_folder(int64_t files, int64_t pages)
+{
+    snprintf(path, sizeof path, "%s", test_folder(NULL));
+    for (int64_t i = 1; i <= files; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "f%lld.TIF", (long long)i);
+        put(name, 1, pages);
+    }
+}
+
+static void names_are_in_the_order_of_their_numbers(void **state)
+{
+    (void)state;
+    static const char *const sorted[] = {
+        "View_1_t_3", "a",      "a01",      "a1",      "a2",   "a2b",
+        "a10",        "a10_v2", "a010_v11", "a10_v11", "a10b", "a99999999999999999999999",
+        "b"};
+    enum { COUNT = sizeof sorted / sizeof sorted[0] };
+    for (int i = 0; i < COUNT; i++) {
+        for (int k = 0; k < COUNT; k++) {
+            const int order = v2v_folder_compare(sorted[i], sorted[k]);
+            if ((order > 0) - (order < 0) != (i > k) - (i < k)) {
+                fail_msg("%s and %s: %d", sorted[i], sorted[k], order);
+            }
+        }
+    }
+}
+
+static void a_folder_is_views_or_frames_by_their_number(void **state)
+{
+    (void)state;
+    static const struct {
+        int64_t files, pages, views;
+        int layout;
+        int64_t found_views, frames;
+        float last[2];      /* first two views of the last frame: pages of their files */
+        const char *reason; /* refused */
+    } cases[] = {
+        {11, 3, 11, 0, 11, 3, {2, 2}, NULL},
+        {3, 11, 11, 0, 11, 3, {0, 1}, NULL},
+        {3, 4, 2, 0, 2, 6, {2, 3}, NULL}, /* two frames a file */
+        {5, 1, 5, 0, 5, 1, {0, 0}, NULL},
+        {6, 1, 3, V2V_LAYOUT_FRAMES, 3, 2, {0, 0}, NULL},
+        {3, 3, 3, V2V_LAYOUT_VIEWS, 3, 3, {2, 2}, NULL},
+        {3, 3, 3, V2V_LAYOUT_FRAMES, 3, 3, {0, 1}, NULL},
+        {4, 2, 0, V2V_LAYOUT_VIEWS, 4, 2, {1, 1}, NULL},
+        {4, 2, 0, V2V_LAYOUT_FRAMES, 2, 4, {0, 1}, NULL},
+        {3, 3, 3, 0, 0, 0, {0}, "can be 3 views or frames of 3 views: --layout views or"},
+        {3, 6, 3, 0, 0, 0, {0}, "can be 3 views or frames of 3 views"},
+        {3, 4, 0, 0, 0, 0, {0}, "has 3 files of 4 pages: --views V, or --layout views"},
+        {3, 4, 5, 0, 0, 0, {0}, "3 files of 4 pages are neither 5 views nor frames of 5 views"},
+        {6, 1, 3, 0, 0, 0, {0}, "; --layout frames takes one page after the other"},
+        {3, 4, 5, V2V_LAYOUT_VIEWS, 0, 0, {0}, "has 3 files, but 5 views are asked for"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const struct v2v_input_settings settings = {.views = cases[i].views,
+                                                    .layout = cases[i].layout};
+        struct v2v_recording *recording = NULL;
+        float views[11] = {0};
+        use_folder(cases[i].files, cases[i].pages);
+        if (cases[i].reason != NULL) {
+            assert_int_equal(v2v_recording_open(&recording, path, &settings, NULL), V2V_E_INPUT);
+            if (strstr(v2v_status_message(), cases[i].reason) == NULL) {
+                fail_msg("\"%s\" does not say \"%s\"", v2v_status_message(), cases[i].reason);
+            }
+            continue;
+        }
+        assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+        const struct v2v_recording_info *info = v2v_recording_info(recording);
+        assert_int_equal(info->views, cases[i].found_views);
+        assert_int_equal(info->frames, cases[i].frames);
+        assert_ok(v2v_recording_read(recording, views, info->frames - 1));
+        assert_true(views[0] == cases[i].last[0] && views[1] == cases[i].last[1]);
+        v2v_recording_close(&recording);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void files_that_differ_are_refused_by_name(void **state)
+{
+    (void)state;
+    const struct v2v_input_settings settings = {.views = 3};
+    struct v2v_recording *recording = NULL;
+    use_folder(3, 4);
+    put("f2.TIF", 1, 5);
+    assert_int_equal(v2v_recording_open(&recording, path, &settings, NULL), V2V_E_INPUT);
+    assert_non_null(
+        strstr(v2v_status_message(), "f2.TIF: has 5 pages of 1 x 1 pixels, but f1.TIF"));
+    put("f2.TIF", 2, 2);
+    assert_int_equal(v2v_recording_open(&recording, path, &settings, NULL), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "f2.TIF: has another type or other channels"));
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+/* More files than stay open, of which one changes. */
+static void every_file_of_many_is_read_and_watched(void **state)
+{
+    (void)state;
+    enum { FILES = 150 };
+    const struct v2v_input_settings settings = {.views = FILES};
+    struct v2v_recording *recording = NULL;
+    float views[FILES];
+    use_folder(FILES, 2);
+    assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+    for (int64_t t = 1; t >= 0; t--) {
+        assert_ok(v2v_recording_read(recording, views, t));
+        for (int v = 0; v < FILES; v++) {
+            assert_true(views[v] == (float)t);
+        }
+    }
+    put("f77.TIF", 1, 2);
+    assert_int_equal(v2v_recording_read(recording, views, 0), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "f77.TIF: changed while it was read"));
+    v2v_recording_close(&recording);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
+static void the_sum_of_a_folder_knows_order_and_bytes(void **state)
+{
+    (void)state;
+    uint64_t first = 0, other = 0;
+    char from[600], to[600];
+    use_folder(3, 4);
+    put("f3.TIF", 1, 5);
+    assert_ok(v2v_file_sum(&first, path, NULL));
+    assert_ok(v2v_file_sum(&other, path, NULL));
+    assert_true(first == other);
+    snprintf(from, sizeof from, "%s/f3.TIF", path);
+    snprintf(to, sizeof to, "%s/f0.TIF", path);
+    assert_int_equal(rename(from, to), 0);
+    assert_ok(v2v_file_sum(&other, path, NULL));
+    assert_true(first != other);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(names_are_in_the_order_of_their_numbers),
+        cmocka_unit_test(a_folder_is_views_or_frames_by_their_number),
+        cmocka_unit_test(files_that_differ_are_refused_by_name),
+        cmocka_unit_test(every_file_of_many_is_read_and_watched),
+        cmocka_unit_test(the_sum_of_a_folder_knows_order_and_bytes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
