@@ -120,12 +120,28 @@ run_job() # COMMAND [--] [ARGUMENT...]
     exit "$rc"
 }
 
+# WORD with the task's number for %a and the recording's name for %n, whatever that holds, in $REPLY.
+fill_word() # WORD TASK NAME
+{
+    local rest=$1 head
+    REPLY=
+    while [[ $rest == *%[an]* ]]; do
+        head=${rest%%%[an]*}
+        rest=${rest#"$head"}
+        REPLY+=$head
+        if [[ $rest == %a* ]]; then REPLY+=$2; else REPLY+=$3; fi
+        rest=${rest:2}
+    done
+    REPLY+=$rest
+}
+
 # One task of an array: `reconstruct` on a range of frames, or on one recording of a list. In the
-# arguments %a is the task's number, %n the recording's name without folder and ending.
+# arguments %a is the task's number, %n the recording's name without folder and ending, which --each
+# has not.
 run_array() # --each FRAMES | --list FILE, [--] [ARGUMENT...]
 {
     local task=${SLURM_ARRAY_TASK_ID:-} kind=${1:-} value=${2:-} recording='' name='' word
-    local own=() words=()
+    local own=() words=() needed='%a or %n' pattern='%[an]'
     if [[ -z $task ]]; then
         echo "not a task of an array: sbatch --array=0-9" >&2
         exit 2
@@ -137,15 +153,18 @@ run_array() # --each FRAMES | --list FILE, [--] [ARGUMENT...]
             exit 2
         fi
         own=(--frames "$((task * value)):$value")
+        needed='%a' pattern='%a'
         ;;
     --list)
-        recording=$(sed -n "$((task + 1))p" "$value") || exit 65
+        recording=$(sed -n -e "$((task + 1))p" -- "$value") || exit 65
+        recording=${recording%$'\r'} # a list from Windows
         if [[ -z $recording ]]; then
             echo "$value: no line $((task + 1)) for task $task" >&2
             exit 65
         fi
-        name=${recording##*/}
-        name=${name%.*}
+        name=${recording%/}
+        name=${name##*/}
+        [[ -d $recording ]] || name=${name%.*}
         own=(--input "$recording")
         ;;
     *)
@@ -155,13 +174,14 @@ run_array() # --each FRAMES | --list FILE, [--] [ARGUMENT...]
     esac
     shift 2
     [[ ${1:-} != -- ]] || shift
-    if [[ $* != *%[an]* ]]; then
-        echo "all tasks would write one file: the output's name needs %a or %n" >&2
+    # shellcheck disable=SC2053 # a pattern
+    if [[ $* != *$pattern* ]]; then
+        echo "all tasks would write one file: the output's name needs $needed" >&2
         exit 2
     fi
     for word in "$@"; do
-        word=${word//%a/$task}
-        words+=("${word//%n/$name}")
+        fill_word "$word" "$task" "$name"
+        words+=("$REPLY")
     done
     run_job reconstruct -- "${words[@]}" "${own[@]}"
 }

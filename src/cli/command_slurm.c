@@ -110,7 +110,12 @@ static enum v2v_status check_array(const struct arguments *given)
     int has_pattern = 0;
     for (int i = 0; i < given->words.count; i++) {
         const char *word = given->words.item[i];
-        has_pattern |= strstr(word, "%a") != NULL || strstr(word, "%n") != NULL;
+        if (strpbrk(word, "\r\n") != NULL) {
+            return V2V_FAIL(V2V_E_USAGE,
+                            "an argument holds a line break, which no script can hand on");
+        }
+        has_pattern |=
+            strstr(word, "%a") != NULL || (given->list != NULL && strstr(word, "%n") != NULL);
     }
     if (!is_array(given)) {
         return given->array != NULL || given->each > 0 || given->list != NULL
@@ -124,8 +129,9 @@ static enum v2v_status check_array(const struct arguments *given)
         return V2V_FAIL(V2V_E_USAGE, "an array needs --each N or --list FILE");
     }
     if (!has_pattern) {
-        return V2V_FAIL(V2V_E_USAGE, "all tasks would write one file: the output's name needs %%a "
-                                     "(the task's number) or %%n (the recording's name)");
+        return V2V_FAIL(V2V_E_USAGE,
+                        "all tasks would write one file: the output's name needs %%a "
+                        "(the task's number) or %%n (of --list: the recording's name)");
     }
     return V2V_OK;
 }

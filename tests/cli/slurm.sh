@@ -50,10 +50,10 @@ grep -qE 'partition|account|array' stdout && fail "asks for more than it was tol
 works slurm array --array 0-9%2 --each 100 -- --psf p --weights w --input r.h5 -o v_%a.h5
 is_script '#SBATCH --array=0-9%2'
 runs '[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][p][--weights][w][--input][r.h5][-o][v_2.h5][--frames][200:100]'
-printf 'a.h5\nb.h5\nd/c.h5\n' >list.txt
-works slurm array --array 0-2 --list list.txt -- --psf p --weights w -o v/%n.h5
+printf '%s\n' a.h5 b.h5 "d&/it's %a & c.h5" >'my list.txt'
+works slurm array --array 0-2 --list 'my list.txt' -- --psf 'a & "b"' --weights 'w$' -o v/%n_%a.h5
 is_script '#SBATCH --array=0-2'
-runs '[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][p][--weights][w][-o][v/c.h5][--input][d/c.h5]'
+runs "[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][a & \"b\"][--weights][w$][-o][v/it's %a & c_2.h5][--input][d&/it's %a & c.h5]"
 
 refuses 2 'train.reconstruct.array is missing' slurm
 refuses 2 '-- ARGUMENT... is missing' slurm train
@@ -66,6 +66,8 @@ refuses 2 'needs --array TASKS' slurm array --each 3 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 --each 3 --list l -- -o v_%a.h5
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v.h5
+refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v_%n.h5
+refuses 2 'holds a line break' slurm train -- "${train[@]}" --psf $'two\nlines'
 # The arguments of the job itself.
 refuses 2 '--input FILE... is missing' slurm train -- --psf p -o run
 refuses 2 'unknown option --wieghts; did you mean --weights' slurm reconstruct -- --wieghts w

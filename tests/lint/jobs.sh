@@ -109,7 +109,9 @@ done
 
 # What an array makes of its arguments: task | arguments | exit code | the program's arguments
 script=array
-printf 'one.h5\na folder/two.b.tif\n' >"$fake/list"
+mkdir "$fake/a.folder"
+printf '%s\n' one.h5 'a folder/two.b.tif' "d&e/it's 100%a & \"%n\" \\*.h5" $'crlf.h5\r' \
+    "$fake/a.folder/" >"$fake/list"
 while IFS='|' read -r task arguments expected words; do
     [[ -n $task ]] || continue
     case_name="task $task of '$arguments'"
@@ -129,7 +131,11 @@ done <<'END'
 0|--each 4 --input r.h5 -o v_%a.h5|0|[--input] [r.h5] [-o] [v_0.h5] [--frames] [0:4]
 2|--each 4 -- --input r.h5 -o v_%a.h5|0|[--input] [r.h5] [-o] [v_2.h5] [--frames] [8:4]
 1|--list ../list -o out/%n.h5|0|[-o] [out/two.b.h5] [--input] [a folder/two.b.tif]
-2|--list ../list -o out/%n.h5|65|
+2|--list ../list -o out/%n_%a.h5|0|[-o] [out/it's 100%a & "%n" \*_2.h5] [--input] [d&e/it's 100%a & "%n" \*.h5]
+3|--list ../list -o out/%n.h5|0|[-o] [out/crlf.h5] [--input] [crlf.h5]
+4|--list ../list -o out/%n.h5|0|[-o] [out/a.folder.h5] [--input]
+5|--list ../list -o out/%n.h5|65|
+0|--each 4 -o v_%n.h5|2|
 1|--list ../nothing -o out/%n.h5|65|
 0|--each 0 -o v_%a.h5|2|
 0|--each 4 -o v.h5|2|
