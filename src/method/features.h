@@ -32,7 +32,8 @@ struct v2v_torus v2v_features_torus(const struct v2v_features *features);
 /** f0 is total variation's volume of the views; where that is dark, so are all. @kind Local.
  *  @param out [V2V_FEATURES,z,height,width]
  *  @param volume [z,torus] out: f0 beyond the frame, too; NULL: not wanted
- *  @param noise out: of the views, as tv took it; all 0: they are dark @param views [v,height,width]
+ *  @param noise out: of the views, as tv took it; all 0: they are dark
+ *  @param views [v,height,width]
  *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC */
 enum v2v_status v2v_features_of_views(struct v2v_features *features, float *out, float *volume,
                                       struct v2v_tv_noise *noise,

@@ -218,8 +218,8 @@ static void noise_is_as_large_as_asked_for(void **state)
 }
 
 /* Variances gain * level + deviation^2: squares over these, of 1 in the mean. That of a square is 2
- * for normal numbers and 2 + 1 / photons of Poisson's, of which there are 0.02 / 0.01 at least where
- * they are counted. */
+ * for normal numbers, and more by one over the photons where they make the noise: by less than 0.5
+ * here. */
 static void photons_make_noise_where_there_is_light(void **state)
 {
     (void)state;
