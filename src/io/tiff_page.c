@@ -41,12 +41,17 @@ static enum v2v_status find_sample_type(const struct v2v_tiff *tiff, int64_t pag
     uint16_t bits = 0;
     uint16_t format = 0;
     uint16_t samples = 0;
+    uint16_t photometric = PHOTOMETRIC_MINISBLACK;
 
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_BITSPERSAMPLE, &bits);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_SAMPLEFORMAT, &format);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_SAMPLESPERPIXEL, &samples);
+    (void)TIFFGetField(tiff->handle, TIFFTAG_PHOTOMETRIC, &photometric);
     if (samples != 1) {
         return V2V_PAGE_FAIL(tiff, page, "%d samples a pixel; only 1 (grey) is read", (int)samples);
+    }
+    if (photometric == PHOTOMETRIC_PALETTE) {
+        return V2V_PAGE_FAIL(tiff, page, "colours of a palette; only grey is read");
     }
     for (size_t i = 0; i < sizeof sample_types / sizeof *sample_types; i++) {
         if (sample_types[i].bits == bits && sample_types[i].format == format) {
