@@ -99,7 +99,7 @@ extern const struct v2v_command v2v_command_weights_init;
                        "a folder of TIFFs: a file a view, or files of whole frames")
 #define V2V_OPTION_SLICES                                                                          \
     V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
-                   "TIFF volume: slices of a frame, where it does not say")
+                   "TIFF volume, weights: slices, where they do not say")
 /* Of any recording or volume that is read. */
 #define V2V_OPTIONS_INPUT                                                                          \
     V2V_OPTION_SET("channel", "input.channel", "K",                                                \

@@ -1,5 +1,6 @@
 #include "cli/content.h"
 #include "cli/steps.h"
+#include "cli/weights_conversion.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -13,12 +14,12 @@ struct arguments {
 };
 
 static const struct v2v_option options[] = {
-    V2V_OPTION_FILE(struct arguments, input, "input", 1, "volume, recording or PSFs"),
-    V2V_OPTION_OUTPUT(struct arguments, output, "file to write: .h5 or .tif"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 1, "volume, recording, PSFs or weights"),
+    V2V_OPTION_OUTPUT(struct arguments, output, "file to write: .h5, .tif or .safetensors"),
     {.name = "kind",
      .kind = V2V_OPTION_CHOICE,
      .at = offsetof(struct arguments, kind),
-     .value = "auto|volume|recording|psf",
+     .value = "auto|volume|recording|psf|weights",
      .help = "of the content; a TIFF stack with --views is a recording, else a volume",
      .initial = "auto"},
     V2V_OPTIONS_PAGES,
@@ -168,9 +169,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
     enum v2v_content content = (enum v2v_content)given->kind;
-    if (!v2v_step_is_hdf5_name(given->output) && !v2v_step_is_tiff_name(given->output)) {
-        V2V_TRY(
-            V2V_FAIL(V2V_E_USAGE, "%s: the output's name must end in .h5 or .tif", given->output));
+    if (!v2v_step_is_hdf5_name(given->output) && !v2v_step_is_tiff_name(given->output) &&
+        !v2v_step_is_safetensors_name(given->output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output's name must end in .h5, .tif or .safetensors",
+                         given->output));
     }
     V2V_TRY(v2v_step_output(session, given->output, &given->input, 1));
     if (content == V2V_CONTENT_AUTO && session->config.input.dataset[0] != '\0') {
@@ -178,6 +180,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (content == V2V_CONTENT_AUTO) {
         V2V_TRY(v2v_content_of(&content, given->input, session));
+    }
+    if (content != V2V_CONTENT_WEIGHTS && v2v_step_is_safetensors_name(given->output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: safetensors hold weights, which %s are not",
+                         given->output, given->input));
     }
     switch (content) {
     case V2V_CONTENT_TIFF:
@@ -195,16 +201,17 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         break;
     case V2V_CONTENT_WEIGHTS:
     case V2V_CONTENT_AUTO:
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: weights have one format only", given->input));
+        V2V_TRY(v2v_convert_weights(session, given->input, given->output));
+        break;
     }
     v2v_log(V2V_LOG_INFO, "%s: written", given->output);
 done:
     return rc;
 }
 
-const struct v2v_command v2v_command_convert = {.name = "convert",
-                                                .summary =
-                                                    "TIFF <-> HDF5: volumes, recordings, PSFs",
-                                                .options = options,
-                                                .bytes = sizeof(struct arguments),
-                                                .run = run};
+const struct v2v_command v2v_command_convert = {
+    .name = "convert",
+    .summary = "TIFF <-> HDF5: volumes, recordings, PSFs; weights",
+    .options = options,
+    .bytes = sizeof(struct arguments),
+    .run = run};

@@ -2,7 +2,9 @@
 
 #include "cli/steps.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/arrays.h"
 #include "v2v3d/io/tiff.h"
+#include "v2v3d/method/weights.h"
 
 static enum v2v_status open_weights(const char *path, const struct v2v_session *session)
 {
@@ -10,6 +12,16 @@ static enum v2v_status open_weights(const char *path, const struct v2v_session *
     enum v2v_status rc = V2V_OK;
     if (v2v_step_on_root(session)) {
         rc = v2v_weights_file_info(&info, path);
+    }
+    return v2v_par_agree(session->world, rc);
+}
+
+/* Of other programs: names alone tell. */
+static enum v2v_status open_arrays(const char *path, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    if (v2v_step_on_root(session) && !v2v_weights_are_in(path, &session->config)) {
+        rc = V2V_FAIL(V2V_E_INPUT, "%s: has no array of a network", path);
     }
     return v2v_par_agree(session->world, rc);
 }
@@ -45,7 +57,8 @@ static const struct {
 } kinds[] = {{V2V_CONTENT_VOLUME, open_volume},
              {V2V_CONTENT_RECORDING, open_recording},
              {V2V_CONTENT_WEIGHTS, open_weights},
-             {V2V_CONTENT_PSF, open_psf}};
+             {V2V_CONTENT_PSF, open_psf},
+             {V2V_CONTENT_WEIGHTS, open_arrays}};
 enum { KINDS = sizeof kinds / sizeof kinds[0] };
 
 /* Rank 0: what the first bytes and the file system say. */
@@ -60,6 +73,10 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));
+    if (v2v_file_is_safetensors(path)) {
+        *content = V2V_CONTENT_WEIGHTS;
+        return V2V_OK;
+    }
     if (!v2v_file_is_hdf5(path)) {
         V2V_TRY(v2v_tiff_open(&tiff, path));
         *content = V2V_CONTENT_TIFF;

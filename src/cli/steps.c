@@ -73,6 +73,11 @@ int v2v_step_is_hdf5_name(const char *path)
     return ends_in(path, ".h5") || ends_in(path, ".hdf5");
 }
 
+int v2v_step_is_safetensors_name(const char *path)
+{
+    return ends_in(path, ".safetensors");
+}
+
 int v2v_step_is_tiff_name(const char *path)
 {
     return ends_in(path, ".tif") || ends_in(path, ".tiff");

@@ -1,11 +1,11 @@
 #include "v2v3d/io/weights_file.h"
+#include "io/arrays_internal.h"
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/tensor/statistics.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,8 +54,7 @@ done:
     return rc;
 }
 
-/* Attributes of the levels, least and most of each. */
-static const char *const level_names[V2V_LEVEL_FIGURES] = {
+const char *const v2v_weights_level_names[V2V_LEVEL_FIGURES] = {
     "trained_mean", "trained_peak", "trained_noise", "trained_noise_over_mean"};
 
 /* A file that lacks one of them says nothing. */
@@ -67,7 +66,7 @@ static enum v2v_status read_levels(struct v2v_level_range *levels, hid_t file, c
     V2V_TRY(v2v_h5_get_integer(&frames, &all, file, path, "trained_frames"));
     for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
         double ends[2];
-        V2V_TRY(v2v_h5_get_numbers(ends, &found, file, path, level_names[f], 2));
+        V2V_TRY(v2v_h5_get_numbers(ends, &found, file, path, v2v_weights_level_names[f], 2));
         if (found) {
             levels->least[f] = ends[0];
             levels->most[f] = ends[1];
@@ -89,7 +88,7 @@ static enum v2v_status write_levels(const struct v2v_level_range *levels, hid_t 
     V2V_TRY(v2v_h5_set_integer(file, path, "trained_frames", levels->frames));
     for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
         const double ends[] = {levels->least[f], levels->most[f]};
-        V2V_TRY(v2v_h5_set_numbers(file, path, level_names[f], ends, 2));
+        V2V_TRY(v2v_h5_set_numbers(file, path, v2v_weights_level_names[f], ends, 2));
     }
 done:
     return rc;
@@ -174,16 +173,10 @@ static enum v2v_status check_values(const float *values, int64_t count, hid_t se
     int64_t stored = 0;
     int found = 0;
     V2V_TRY(v2v_h5_get_integer(&stored, &found, set, path, "crc32c"));
-    const int64_t crc = v2v_file_crc32c(0, values, count * (int64_t)sizeof *values);
-    if (found && stored != crc) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: is damaged: its CRC-32C is %08llx, not %08llx", path,
-                         place, (unsigned long long)crc, (unsigned long long)stored));
+    if (found) {
+        V2V_TRY(v2v_array_check_sum(values, count, stored, path, place));
     }
-    const int64_t bad = v2v_first_not_finite(values, count);
-    if (bad >= 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: element %lld is NaN or Inf", path, place,
-                         (long long)bad));
-    }
+    V2V_TRY(v2v_array_check_finite(values, count, path, place));
 done:
     return rc;
 }

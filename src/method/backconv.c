@@ -100,6 +100,14 @@ done:
     return rc;
 }
 
+/* The same convolutions serve any number of views. */
+static void sizes_of(struct v2v_network_sizes *sizes, const struct v2v_arrays *arrays)
+{
+    *sizes = (struct v2v_network_sizes){
+        .setting = {{"backconv.width", v2v_arrays_extent(arrays, "conv.0.weight", 0)}},
+        .slices = v2v_arrays_extent(arrays, "conv.0.weight", 1)};
+}
+
 static enum v2v_status create(struct v2v_network *network, const struct v2v_network_spec *spec)
 {
     enum v2v_status rc = V2V_OK;
@@ -286,6 +294,7 @@ const struct v2v_network_ops v2v_network_backconv = {
     .outputs = HALVES,
     .traits = V2V_TRAIT_PROJECTS,
     .declare = declare,
+    .sizes_of = sizes_of,
     .create = create,
     .destroy = destroy,
     .describe_work = describe_work,

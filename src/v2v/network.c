@@ -66,6 +66,23 @@ done:
     return rc;
 }
 
+/* The first convolutions take slices of all features of the views of a half. */
+static void sizes_of(struct v2v_network_sizes *sizes, const struct v2v_arrays *arrays)
+{
+    static const char *const inputs[BRANCHES] = {"unet1.init_conv.0.weight",
+                                                 "unet2.init_conv.0.weight"};
+    const int64_t features = v2v_arrays_extent(arrays, "feat_extract.lastconv.2.weight", 0);
+    const int64_t width = v2v_arrays_extent(arrays, "unet1.conv_final.4.weight", 1);
+    const int64_t slices = v2v_arrays_extent(arrays, "unet1.conv_final.4.weight", 0);
+    *sizes = (struct v2v_network_sizes){
+        .setting = {{"model.width", width}, {"model.features", features}}, .slices = slices};
+    /* Extents are below the file's size, and their product is checked. */
+    const int64_t of_a_view = v2v_mem_product(features, slices, 1);
+    for (int b = 0; b < BRANCHES && of_a_view > 0; b++) {
+        sizes->views += v2v_arrays_extent(arrays, inputs[b], 1) / of_a_view;
+    }
+}
+
 static enum v2v_status create(struct v2v_network *network, const struct v2v_network_spec *spec)
 {
     enum v2v_status rc = V2V_OK;
@@ -152,6 +169,7 @@ const struct v2v_network_ops v2v_network_v2v = {
     .skip_auto = SKIP_AUTO,
     .traits = V2V_TRAIT_SKIPS | V2V_TRAIT_BF16 | V2V_TRAIT_SLABS,
     .declare = declare,
+    .sizes_of = sizes_of,
     .create = create,
     .destroy = destroy,
     .describe_work = describe_work,

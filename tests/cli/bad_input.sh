@@ -21,6 +21,7 @@ head -c 2000000 /dev/zero | tr '\0' '#' >large.yaml
 # What is good is read: a table in which everything is refused would prove little.
 works weights init --psf psf.h5 --width 4 -o weights.h5
 works weights init --psf psf.h5 --set model.method=unrolled --rule he -o unrolled.h5
+works convert --input weights.h5 -o weights.safetensors
 works preview good.tif -o fine.png
 works preview volume.h5 -o fine.png --force
 works psf info psf.h5
@@ -28,6 +29,13 @@ works init -c tiny.yaml
 printf 'train:\r\n  steps: 3\r\n' >crlf.yaml
 works init -c crlf.yaml
 head -c 20000 weights.h5 >weights_cut.h5
+head -c 20000 weights.safetensors >cut.safetensors
+sed 's/unet2.conv_final.4.bias/unet2.conv_final.5.bias/g' weights.safetensors >renamed.safetensors
+sed '1s/"slices":"7"/"slices":"8"/' weights.safetensors >slices.safetensors
+(printf '\377\377\377\377\0\0\0\0' && tail -c +9 weights.safetensors) >long.safetensors
+(head -c 80000 weights.safetensors && printf 'ABCD' && tail -c +80005 weights.safetensors) \
+    >flipped.safetensors
+printf '\2\0\0\0\0\0\0\0{}' >nothing.safetensors
 cp weights.h5 weights_flipped.h5
 # One byte inside the largest array, which begins at a fifth of the file and takes a quarter of it.
 place=$(($(stat -c %s weights.h5) / 3))

@@ -34,6 +34,26 @@ says 'volume, 2 frames, 7 slices of 64 x 64'
 refuses 78 "'backconv' skips nothing" reconstruct --psf psf.h5 --weights backconv.h5 \
     --input recording.h5 -o out.h5 --skip auto
 
+# Through safetensors and back to the same arrays and attributes; of another program's file the
+# names and shapes tell the network.
+for name in w backconv; do
+    works convert --input "$name.h5" -o "$name.safetensors"
+    works convert --input "$name.safetensors" -o "$name-back.h5"
+    same "$name.h5" "$name-back.h5" /
+done
+sed 's/"method":"v2v"/"mothed":"v2v"/' w.safetensors >strange.safetensors
+works convert --input strange.safetensors -o strange.h5
+grep -q 'by its names the network v2v, by its shapes of 5 views and 7 slices' stderr ||
+    fail "no word on what shapes tell: $(cat stderr)"
+same w.h5 strange.h5 /
+sed 's/"method"/"mothed"/' backconv.safetensors >strange.safetensors
+refuses 2 'do not tell its views: give --views' convert --input strange.safetensors -o out.h5
+works convert --input strange.safetensors --views 5 -o strange-backconv.h5
+same backconv.h5 strange-backconv.h5 /
+works reconstruct --psf psf.h5 --weights strange.h5 --input recording.h5 -o strange-volumes.h5 \
+    --offset none --gain none --normalize none --precision f32 --skip off
+same volumes.h5 strange-volumes.h5 /volume
+
 # A correction of no strength is total variation; of all strength it is not, with any weights.
 works weights init --psf psf.h5 --set model.method=unrolled --rule he --seed 3 -o unrolled.h5
 works deconvolve --psf psf.h5 --input recording.h5 -o tv.h5

@@ -23,6 +23,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/io/arrays.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/grid.h"
@@ -33,7 +34,7 @@
 extern "C" {
 #endif
 
-enum { V2V_NETWORK_MOST_OUTPUTS = 2, V2V_NETWORK_MOST_GROUPS = 4 };
+enum { V2V_NETWORK_MOST_OUTPUTS = 2, V2V_NETWORK_MOST_GROUPS = 4, V2V_NETWORK_MOST_SIZES = 2 };
 
 /** All outputs, of however many there are. */
 #define V2V_NETWORK_ALL 3u
@@ -93,6 +94,15 @@ enum {
                                  volume is known (method/lessons.h) */
 };
 
+/** What the shapes of a network's parameters tell of it; 0: they don't. */
+struct v2v_network_sizes {
+    struct {
+        const char *key; /**< "section.key"; NULL: no more */
+        int64_t value;
+    } setting[V2V_NETWORK_MOST_SIZES];
+    int64_t views, slices;
+};
+
 struct v2v_network_ops;
 
 /** What all networks have. The first fields are set by v2v_network_create, the rest by the method's
@@ -123,6 +133,10 @@ struct v2v_network_ops {
     /** Append the parameters of the outputs in spec to an empty table. @kind Local.
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG */
     enum v2v_status (*declare)(struct v2v_schema *schema, const struct v2v_network_spec *spec);
+
+    /** What shapes tell, of arrays under its parameters' names that nobody has checked. May be
+     *  NULL. @kind Local. */
+    void (*sizes_of)(struct v2v_network_sizes *sizes, const struct v2v_arrays *arrays);
 
     /** network->schema is there already; weights are undefined. @kind Local.
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT */
