@@ -80,28 +80,3 @@ const struct v2v_command v2v_command_weights_init = {.name = "weights init",
                                                      .options = init_options,
                                                      .bytes = sizeof(struct init_arguments),
                                                      .run = init};
-
-struct info_arguments {
-    struct v2v_common common;
-    const char *weights;
-};
-
-static const struct v2v_option info_options[] = {{.name = "weights",
-                                                  .kind = V2V_OPTION_OPERAND,
-                                                  .at = offsetof(struct info_arguments, weights),
-                                                  .value = "WEIGHTS",
-                                                  .help = "weight file or checkpoint",
-                                                  .required = 1},
-                                                 {0}};
-
-static enum v2v_status info(const void *arguments, struct v2v_session *session)
-{
-    const struct info_arguments *given = arguments;
-    return v2v_step_print_weights(session, given->weights);
-}
-
-const struct v2v_command v2v_command_weights_info = {.name = "weights info",
-                                                     .summary = "what a weight file is made for",
-                                                     .options = info_options,
-                                                     .bytes = sizeof(struct info_arguments),
-                                                     .run = info};

@@ -20,7 +20,7 @@ static enum v2v_status open_weights(const char *path, const struct v2v_session *
 static enum v2v_status open_arrays(const char *path, const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    if (v2v_step_on_root(session) && !v2v_weights_are_in(path, &session->config)) {
+    if (v2v_step_on_root(session) && v2v_weights_method(path, &session->config) == NULL) {
         rc = V2V_FAIL(V2V_E_INPUT, "%s: has no array of a network", path);
     }
     return v2v_par_agree(session->world, rc);
@@ -61,6 +61,14 @@ static const struct {
              {V2V_CONTENT_WEIGHTS, open_arrays}};
 enum { KINDS = sizeof kinds / sizeof kinds[0] };
 
+/* Folders of trainings begin with their settings. */
+static int is_run(const char *folder)
+{
+    char path[V2V_PATH_BYTES];
+    return v2v_text_format(path, sizeof path, "%s/config.yaml", folder) == V2V_OK &&
+           v2v_file_exists(path);
+}
+
 /* Rank 0: what the first bytes and the file system say. */
 static enum v2v_status look(enum v2v_content *content, const char *path)
 {
@@ -69,12 +77,14 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
     char first[V2V_PATH_BYTES];
     if (v2v_file_is_folder(path)) {
         V2V_TRY(v2v_text_format(first, sizeof first, "%s/psf_1.tif", path));
-        *content = v2v_file_exists(first) ? V2V_CONTENT_PSF : V2V_CONTENT_RECORDING;
+        *content = v2v_file_exists(first) ? V2V_CONTENT_PSF
+                   : is_run(path)         ? V2V_CONTENT_RUN
+                                          : V2V_CONTENT_RECORDING;
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));
-    if (v2v_file_is_safetensors(path)) {
-        *content = V2V_CONTENT_WEIGHTS;
+    if (v2v_file_is_safetensors(path) || v2v_step_is_yaml_name(path)) {
+        *content = v2v_step_is_yaml_name(path) ? V2V_CONTENT_YAML : V2V_CONTENT_WEIGHTS;
         return V2V_OK;
     }
     if (!v2v_file_is_hdf5(path)) {

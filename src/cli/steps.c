@@ -78,6 +78,11 @@ int v2v_step_is_safetensors_name(const char *path)
     return ends_in(path, ".safetensors");
 }
 
+int v2v_step_is_yaml_name(const char *path)
+{
+    return ends_in(path, ".yaml") || ends_in(path, ".yml");
+}
+
 int v2v_step_is_tiff_name(const char *path)
 {
     return ends_in(path, ".tif") || ends_in(path, ".tiff");
@@ -203,26 +208,6 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                          path, info->views, info->slices, psf->views, psf->slices));
     }
     V2V_TRY(v2v_network_adopt(&session->config, info, path));
-done:
-    return rc;
-}
-
-enum v2v_status v2v_step_print_weights(const struct v2v_session *session, const char *path)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_weights_info info;
-    if (!v2v_step_on_root(session)) {
-        return V2V_OK;
-    }
-    V2V_TRY(v2v_weights_file_info(&info, path));
-    printf("%s: weights of the network %s for %" PRId64 " views (split %s) and %" PRId64
-           " slices, step %" PRId64 "\n%s",
-           path, info.method, info.views, info.split, info.slices, info.step, info.settings);
-    for (int f = 0; info.levels.frames > 0 && f < V2V_LEVEL_FIGURES; f++) {
-        printf("%s of the %" PRId64 " frames trained on: %.4g to %.4g\n",
-               v2v_level_name((enum v2v_level)f), info.levels.frames, info.levels.least[f],
-               info.levels.most[f]);
-    }
 done:
     return rc;
 }

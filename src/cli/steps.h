@@ -28,9 +28,11 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
                                           const char *const *inputs, int64_t count,
                                           int resume) V2V_MUST_CHECK;
 
-/** Does the name end in one of .h5 .hdf5, or .tif .tiff, or in .safetensors? @kind Local */
+/** Does the name end in one of .h5 .hdf5, or .tif .tiff, or in .safetensors, or in
+ *  .yaml .yml? @kind Local */
 int v2v_step_is_hdf5_name(const char *path);
 int v2v_step_is_safetensors_name(const char *path);
+int v2v_step_is_yaml_name(const char *path);
 int v2v_step_is_tiff_name(const char *path);
 
 /** How the views differ from what the PSFs say, for v2v_step_psf and v2v_step_recording; NULL:
@@ -62,10 +64,6 @@ enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_n
 enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
                                       const char *path,
                                       const struct v2v_psf_file *psf) V2V_MUST_CHECK;
-
-/** Rank 0 prints what a weight file says. @kind Local */
-enum v2v_status v2v_step_print_weights(const struct v2v_session *session,
-                                       const char *path) V2V_MUST_CHECK;
 
 /** The recording's offset; gain 1: for what does not need a gain.
  *  @kind Collective(world), agreed */

@@ -165,3 +165,79 @@ done:
     (void)fclose(in);
     return v2v_file_close_and_commit(rc, out, temporary, path);
 }
+
+/* The number of members where there is no such. */
+static int64_t index_of(const struct v2v_json_lines *lines, const char *name)
+{
+    int64_t i = 0;
+    while (i < lines->members && strcmp(lines->member[i].name, name) != 0) {
+        i++;
+    }
+    return i;
+}
+
+const struct v2v_json_member *v2v_json_lines_find(const struct v2v_json_lines *lines,
+                                                  const char *name)
+{
+    const int64_t at = index_of(lines, name);
+    return at < lines->members ? &lines->member[at] : NULL;
+}
+
+static void take_number(struct v2v_json_lines *lines, const char *name, double value, double step)
+{
+    const int64_t at = index_of(lines, name);
+    struct v2v_json_member *member = &lines->member[at];
+    if (at == V2V_JSON_MEMBERS || strlen(name) >= V2V_JSON_NAME_BYTES) {
+        return;
+    }
+    if (at == lines->members) {
+        lines->members++;
+        *member = (struct v2v_json_member){.least = INFINITY};
+        memcpy(member->name, name, strlen(name) + 1);
+    }
+    member->last = value;
+    member->sum += value;
+    if (value < member->least) {
+        member->least = value;
+        member->least_at = step;
+    }
+}
+
+static void take_line(struct v2v_json_lines *lines, const char *line, size_t length)
+{
+    json_t *object = json_loadb(line, length, JSON_REJECT_DUPLICATES, NULL), *value = NULL;
+    const double step = json_number_value(json_object_get(object, "step"));
+    const char *name = NULL;
+    lines->lines += json_is_object(object);
+    json_object_foreach(object, name, value)
+    {
+        if (json_is_number(value)) {
+            take_number(lines, name, json_number_value(value), step);
+        }
+    }
+    json_decref(object);
+}
+
+enum v2v_status v2v_json_lines_read(struct v2v_json_lines *lines, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char *line = NULL;
+    size_t room = 0;
+    ssize_t length = 0;
+    FILE *in = NULL;
+    *lines = (struct v2v_json_lines){0};
+    V2V_TRY(v2v_file_check_input(path));
+    in = fopen(path, "re");
+    if (in == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
+    }
+    while ((length = getline(&line, &room, in)) > 0) {
+        take_line(lines, line, (size_t)length);
+    }
+done:
+    free(line);
+    if (in != NULL) {
+        (void)fclose(in);
+    }
+    return rc;
+}

@@ -1,6 +1,5 @@
 #include "io/arrays_internal.h"
 #include "io/file_internal.h"
-#include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 
@@ -354,7 +353,6 @@ enum v2v_status v2v_safetensors_write(const char *path, const struct v2v_weights
     FILE *out = NULL;
     V2V_TRY(make_header(&header, info, fields, arena, config));
     V2V_TRY(v2v_file_begin(&out, temporary, path));
-    V2V_TRY(V2V_FAULT_POINT("safetensors.write"));
     if (!write_all(out, header, fields, arena)) {
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno)));
     }

@@ -157,6 +157,11 @@ done:
     return rc;
 }
 
+int v2v_volume_has(const struct v2v_volume *volume, int64_t t)
+{
+    return volume->done == NULL || volume->done[t] != 0;
+}
+
 const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume)
 {
     return &volume->info;

@@ -220,6 +220,15 @@ done:
     return rc;
 }
 
+int v2v_weights_file_has(const char *path, const char *group)
+{
+    hid_t file = H5I_INVALID_HID;
+    const int has = v2v_h5_guard(path) == V2V_OK && v2v_h5_open(&file, path) == V2V_OK &&
+                    H5Lexists(file, group, H5P_DEFAULT) > 0;
+    v2v_h5_close(&file);
+    return has;
+}
+
 enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char *group,
                                       const struct v2v_fields *fields)
 {

@@ -182,14 +182,14 @@ done:
     return rc;
 }
 
-int v2v_weights_are_in(const char *path, const struct v2v_config *config)
+const char *v2v_weights_method(const char *path, const struct v2v_config *config)
 {
     struct v2v_arrays *arrays = NULL;
     const struct v2v_network_ops *ops = NULL;
-    int found = v2v_arrays_open(&arrays, path) == V2V_OK &&
-                find_below_prefix(&ops, config, arrays) == V2V_OK && ops != NULL;
+    const int is_read = v2v_arrays_open(&arrays, path) == V2V_OK &&
+                        find_below_prefix(&ops, config, arrays) == V2V_OK;
     v2v_arrays_close(&arrays);
-    return found;
+    return is_read && ops != NULL ? ops->name : NULL;
 }
 
 enum v2v_status v2v_weights_read(struct v2v_weights *weights, const char *path,

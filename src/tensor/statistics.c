@@ -184,6 +184,32 @@ static int is_special(float value)
     return (bits & 0x7f800000u) == 0x7f800000u;
 }
 
+void v2v_figures_add(struct v2v_figures *figures, const float *x, int64_t count)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const double value = (double)x[i];
+        const int is_first = figures->count + i == 0;
+        figures->least = is_first || value < figures->least ? value : figures->least;
+        figures->most = is_first || value > figures->most ? value : figures->most;
+        figures->sum += value;
+        figures->squares += value * value;
+    }
+    figures->count += count;
+}
+
+double v2v_figures_mean(const struct v2v_figures *figures)
+{
+    return figures->count > 0 ? figures->sum / (double)figures->count : 0.0;
+}
+
+double v2v_figures_deviation(const struct v2v_figures *figures)
+{
+    const double mean = v2v_figures_mean(figures);
+    return figures->count > 0
+               ? sqrt(fmax(figures->squares / (double)figures->count - mean * mean, 0.0))
+               : 0.0;
+}
+
 int64_t v2v_first_not_finite(const float *x, int64_t count)
 {
     int64_t found = count;

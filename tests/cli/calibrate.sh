@@ -26,6 +26,10 @@ for key in heldout_before heldout_after heldout_frame_before heldout_frame_after
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
 done
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
+works info cal.yaml
+says 'calibration of 5 views, of frames of 64 x 64 pixels'
+says '^gain: [0-9.]* to [0-9.]*$'
+says '^largest shift: [0-9.e-]* pixels$'
 works calibrate --psf psf.h5 --input rec.h5 -o text.yaml --frame 1
 says 'held-out residual: .* before, .* after'
 

@@ -44,6 +44,13 @@ works simulate --psf one/psf.h5 --volume one/truth.h5 -o rec.h5 --noise gaussian
     --frames 3
 works info rec.h5
 says 'recording, 3 frames'
+says '^frame: 0$'
+says '^values: -[0-9.]* to [0-9.]*, mean [0-9.]*, standard deviation [0-9.]*$'
+says '^noise: 0.[0-9]*$'
+works info rec.h5 --frame 2 --json
+says '"kind": "recording", "frames": 3, "views": 5, .*"frame": 2, "values": .*, "noise": 0.'
+works info rec.h5 --frame 3
+grep -q '^frame' stdout && fail "info looks at a frame that there is not: $(cat stdout)"
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
@@ -166,6 +173,7 @@ works convert --input rec.tif --views 5 -o rec_again.h5
 same rec.h5 rec_again.h5 /views
 works info rec.tif
 says 'TIFF, 15 pages'
+says '^page: 1$'
 works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
 same rld.h5 from_tiff.h5 /volume
 works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2

@@ -8,14 +8,18 @@ cp "$root/configs/tiny.yaml" "$root/configs/golden.yaml" .
 
 works weights init --psf psf.h5 --width 4 --rule hash --seed 7 -o w.h5
 works weights info w.h5
-says 'model.width=4'
+says '^model.width: 4$'
 works info w.h5
 says '5 views .split even-odd. and 7 slices'
+says '^unet1: -[0-9.]* to [0-9.]*, mean [-0-9.e]*, standard deviation [0-9.]*$'
 
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.h5 --branches \
     --offset none --gain none --normalize none --precision f32 --skip off
 works info volumes.h5
 says 'volume, 2 frames, 7 slices of 64 x 64'
+says '^frames done: 2$'
+says '^weights_crc32c: [0-9a-f]{8}$'
+says '^configuration: [0-9]* lines, which --json shows$'
 if command -v h5dump >/dev/null; then
     for name in /volume /branch1 /branch2; do
         h5dump -H -d "$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no $name"
@@ -40,12 +44,19 @@ for name in w backconv; do
     works convert --input "$name.h5" -o "$name.safetensors"
     works convert --input "$name.safetensors" -o "$name-back.h5"
     same "$name.h5" "$name-back.h5" /
+    works info "$name.safetensors"
+    tail -n +2 stdout >safetensors.txt # but for the name
+    works info "$name.h5"
+    tail -n +2 stdout | cmp - safetensors.txt || fail "info of $name.safetensors: $(cat safetensors.txt)"
 done
 sed 's/"method":"v2v"/"mothed":"v2v"/' w.safetensors >strange.safetensors
 works convert --input strange.safetensors -o strange.h5
 grep -q 'by its names the network v2v, by its shapes of 5 views and 7 slices' stderr ||
     fail "no word on what shapes tell: $(cat stderr)"
 same w.h5 strange.h5 /
+works info strange.safetensors
+says 'strange.safetensors: 104 arrays of another program, [0-9]* numbers, under names of the network v2v$'
+says '^unet2.conv_final.4.bias: F32 .7., -[0-9.e-]* to [0-9.e-]*, mean '
 sed 's/"method"/"mothed"/' backconv.safetensors >strange.safetensors
 refuses 2 'do not tell its views: give --views' convert --input strange.safetensors -o out.h5
 works convert --input strange.safetensors --views 5 -o strange-backconv.h5
@@ -78,7 +89,7 @@ for way in true false; do
     works weights init --psf psf.h5 --width 4 --rule hash --seed 7 \
         --set "model.homogeneous=$way" -o "homogeneous-$way.h5"
     works weights info "homogeneous-$way.h5"
-    says "model.homogeneous=$way"
+    says "model.homogeneous: $way"
     for gain in 0.03 3; do
         works reconstruct --psf psf.h5 --weights "homogeneous-$way.h5" --input recording.h5 \
             -o "$gain-$way.h5" --gain "$gain" --set model.homogeneous=false
@@ -140,6 +151,14 @@ works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --ste
 works weights info run/weights.h5
 says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
+works info run
+says '^run: run folder, network v2v, 6 of 6 steps logged$'
+says '^last total: [0-9.e+]*$'
+says '^trained frames: 2$'
+works info run --json
+says '^[{]"file": "run", "kind": "run", "last_step_logged": 6, .*"step": 6, '
+works info run/config.yaml
+says 'settings .all of them: v2v3d init -c run/config.yaml.$'
 
 # Frames unlike those of the training are named, where brightness tells the network anything.
 quiet_on() { # WEIGHTS OPTIONS...
@@ -148,7 +167,8 @@ quiet_on() { # WEIGHTS OPTIONS...
 }
 outside='frame 0 is outside of what the network was trained on: [a-z]* [0-9.e+]*, there [0-9.e-]* to'
 works weights info run/weights.h5
-says '^noise over mean of the 2 frames trained on: [0-9.]* to [0-9.]*$'
+says '^trained frames: 2$'
+says '^trained noise over mean: [0-9.]* to [0-9.]*$'
 quiet_on run/weights.h5
 quiet_on w.h5 --gain 1000 # which was not trained
 works reconstruct --psf psf.h5 --weights run/weights.h5 --input recording.h5 -o level.h5 --force \

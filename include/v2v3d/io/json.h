@@ -24,6 +24,29 @@ struct v2v_json_item {
 enum v2v_status v2v_json_print(FILE *stream, const struct v2v_json_item *items,
                                int64_t count) V2V_MUST_CHECK;
 
+enum { V2V_JSON_MEMBERS = 24, V2V_JSON_NAME_BYTES = 32 };
+
+/** A number that the objects of a JSON-lines file have. */
+struct v2v_json_member {
+    char name[V2V_JSON_NAME_BYTES];
+    double last, least, sum;
+    double least_at; /**< the "step" of the object with the least */
+};
+
+struct v2v_json_lines {
+    int64_t lines; /**< that are an object */
+    int64_t members;
+    struct v2v_json_member member[V2V_JSON_MEMBERS]; /**< the first ones, in order */
+};
+
+/** What the numbers of a JSON-lines file came to. Lines that are no object are left out.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (it can't be read) */
+enum v2v_status v2v_json_lines_read(struct v2v_json_lines *lines, const char *path) V2V_MUST_CHECK;
+
+/** @kind Local. @return NULL: there is no such */
+const struct v2v_json_member *v2v_json_lines_find(const struct v2v_json_lines *lines,
+                                                  const char *name);
+
 /** Cut a JSON-lines file after the last object whose "step" is <= `step`: what came after the
  *  checkpoint from which a run resumes. Lines that are no whole object (torn by a crash) go as
  * well, lines before the first step stay. A missing file is fine; crash-safe. @kind Local.

@@ -38,6 +38,9 @@ struct v2v_weights_info {
 enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info,
                                       const char *path) V2V_MUST_CHECK;
 
+/** Is it an HDF5 file with that group? @kind Local. */
+int v2v_weights_file_has(const char *path, const char *group);
+
 /** Read `/GROUP/NAME` of every field into its place of the arena; every field must be there with
  * its shape, finite and with a matching checksum when the file has one; others are ignored.
  *  @kind Local. @param group its name

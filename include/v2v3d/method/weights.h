@@ -35,8 +35,9 @@ struct v2v_weights_hints {
 enum v2v_status v2v_weights_read(struct v2v_weights *weights, const char *path,
                                  const struct v2v_weights_hints *hints) V2V_MUST_CHECK;
 
-/** Does the file have an array under a name that a network gives it? @kind Local. */
-int v2v_weights_are_in(const char *path, const struct v2v_config *config);
+/** The network whose names the arrays of a file have, below a prefix or not; NULL: none.
+ *  @kind Local. */
+const char *v2v_weights_method(const char *path, const struct v2v_config *config);
 
 /** Write safetensors, or HDF5. @kind Local (one rank). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY */
 enum v2v_status v2v_weights_write(const struct v2v_weights *weights, const char *path,

@@ -45,6 +45,18 @@ struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t coun
 /** Sum of squares in double precision, in a fixed order of blocks. @kind Local. */
 double v2v_sum_of_squares(const float *x, int64_t count);
 
+/** Least, most, and the sums that mean and standard deviation follow from; zeroed: of nothing. */
+struct v2v_figures {
+    int64_t count;
+    double least, most, sum, squares;
+};
+
+/** @kind Local. */
+void v2v_figures_add(struct v2v_figures *figures, const float *x, int64_t count);
+double v2v_figures_mean(const struct v2v_figures *figures);
+/** Of the whole, not of a sample; to about 1e-8 of the largest modulus. */
+double v2v_figures_deviation(const struct v2v_figures *figures);
+
 /** Index of the first NaN or Inf, -1 when all are finite. @kind Local. */
 int64_t v2v_first_not_finite(const float *x, int64_t count);
 

@@ -147,6 +147,29 @@ static void a_missing_file_has_nothing_to_cut(void **state)
     assert_int_equal(v2v_json_lines_cut(folder, 3), V2V_E_IO);
 }
 
+static void lines_are_summed_up_by_member(void **state)
+{
+    (void)state;
+    struct v2v_json_lines lines;
+    char path[320];
+    (void)snprintf(path, sizeof path, "%s/lines.jsonl", folder);
+    assert_ok(v2v_file_write_text(path, "{\"step\": 2, \"loss\": 3.5, \"name\": \"a\"}\n"
+                                        "{\"step\": 4, \"loss\": 1.25}\n"
+                                        "not an object\n[1]\n"
+                                        "{\"step\": 6, \"loss\": 2, \"more\": -1}\n"
+                                        "{\"step\": 8, \"lo"));
+    assert_ok(v2v_json_lines_read(&lines, path));
+    assert_true(lines.lines == 3 && lines.members == 3);
+    const struct v2v_json_member *loss = v2v_json_lines_find(&lines, "loss");
+    assert_non_null(loss);
+    assert_true(loss->last == 2.0 && loss->sum == 6.75 && loss->least == 1.25 &&
+                loss->least_at == 4.0);
+    assert_true(v2v_json_lines_find(&lines, "step")->last == 6.0);
+    assert_true(v2v_json_lines_find(&lines, "more")->least == -1.0);
+    assert_null(v2v_json_lines_find(&lines, "name"));
+    assert_int_equal(v2v_json_lines_read(&lines, folder), V2V_E_INPUT);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -156,6 +179,7 @@ int main(void)
         cmocka_unit_test(a_stream_that_is_full_fails),
         cmocka_unit_test(lines_after_the_step_are_cut),
         cmocka_unit_test(a_missing_file_has_nothing_to_cut),
+        cmocka_unit_test(lines_are_summed_up_by_member),
     };
     (void)snprintf(folder, sizeof folder, "%s", test_folder(NULL));
     return cmocka_run_group_tests_name("io.json", tests, NULL, NULL);

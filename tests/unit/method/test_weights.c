@@ -170,7 +170,7 @@ static void a_strangers_file_is_known_by_names_and_shapes(void **state)
         hints.slices = strcmp(method, "unrolled") == 0 ? SLICES : 0;
         for (int p = 0; p < 3; p++) {
             write_plain(&made, prefixes[p], -1, "");
-            assert_true(v2v_weights_are_in(path, hints.config));
+            assert_string_equal(v2v_weights_method(path, hints.config), method);
             assert_ok(v2v_weights_read(&found, path, &hints));
             assert_false(found.is_ours);
             assert_string_equal(found.info.method, method);
@@ -233,7 +233,7 @@ static void arrays_that_do_not_fit_are_named_with_both_shapes(void **state)
     fwrite("\2\0\0\0\0\0\0\0{}", 1, 10, file);
     assert_int_equal(fclose(file), 0);
     assert_refused(V2V_E_INPUT, "none of its 0 arrays is of a network");
-    assert_false(v2v_weights_are_in(path, &config));
+    assert_null(v2v_weights_method(path, &config));
     assert_int_equal(v2v_mem_held(), 0);
 }
 

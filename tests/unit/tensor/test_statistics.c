@@ -233,9 +233,28 @@ static void slopes_of_even_noise_scatter_by_their_standard_error(void **state)
     assert_true(fabs(squares / TRIALS - 1.0) <= 5.0 * sqrt(2.0 / TRIALS));
 }
 
+static void figures_of_parts_are_those_of_the_whole(void **state)
+{
+    (void)state;
+    static const float x[] = {3.0f, -1.0f, 2.0f, 2.0f, 4.0f};
+    struct v2v_figures figures = {0};
+    assert_true(v2v_figures_mean(&figures) == 0.0 && v2v_figures_deviation(&figures) == 0.0);
+    v2v_figures_add(&figures, x, 0);
+    v2v_figures_add(&figures, x, 1);
+    v2v_figures_add(&figures, x + 1, 4);
+    assert_true(figures.least == -1.0 && figures.most == 4.0 && figures.count == 5);
+    assert_true(v2v_figures_mean(&figures) == 2.0);
+    assert_float_equal(v2v_figures_deviation(&figures), sqrt(14.0 / 5.0), 1e-15);
+    figures = (struct v2v_figures){0};
+    v2v_figures_add(&figures, x + 2, 2);
+    assert_true(figures.least == 2.0 && figures.most == 2.0);
+    assert_true(v2v_figures_deviation(&figures) == 0.0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(figures_of_parts_are_those_of_the_whole),
         cmocka_unit_test(selection_parts_an_array_at_its_kth_value),
         cmocka_unit_test(slopes_of_even_noise_scatter_by_their_standard_error),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
