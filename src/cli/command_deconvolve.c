@@ -18,7 +18,11 @@ static const struct v2v_option options[] = {
                    "left out of the first frame"),
     V2V_OPTION_SET(
         "noise", "deconv.noise", "auto|gaussian|poisson",
-        "tv: the same for all samples, or of photons; auto (default): as the views show"),
+        "tv: the same for all samples, or of photons; auto (default): as the first frame shows"),
+    V2V_OPTION_SET("electrons-per-count", "deconv.electrons_per_count", "E|auto",
+                   "tv: of the camera (EMCCD: half of it), instead of an estimate"),
+    V2V_OPTION_SET("read-noise", "deconv.read_noise", "E|auto",
+                   "tv: of the camera, electrons, rms, instead of an estimate"),
     V2V_OPTIONS_VOLUMES,
     V2V_OPTION_NEIGHBOURS,
     V2V_OPTION_SET("skip", "recon.skip", "off|auto|N",

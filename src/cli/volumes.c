@@ -107,8 +107,7 @@ done:
 
 /* Settings that the method decides by the recording's first frame, whatever frames are asked for: a
  * range has the bits of the whole. Collective. */
-static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *session,
-                                       const struct v2v_input_settings *input)
+static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_problem *problem = &work->problem;
@@ -118,7 +117,6 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
         return V2V_OK;
     }
-    V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, input, session->world));
     rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
         rc = v2v_fusion_create(&fusion, session->config.recon.neighbours, work->psf.views,
@@ -187,8 +185,8 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     } else {
         work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, V2V_RECON_SKIP_AUTO);
     }
-    V2V_TRY(settle_by_frame(work, session, &input));
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
+    V2V_TRY(settle_by_frame(work, session));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
 done:

@@ -201,8 +201,8 @@ static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *view
 static void take_noise(struct v2v_fusion *fusion, const float *views, double sigma)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
-    const struct v2v_photons photons =
-        v2v_photons_find(fusion->neighbour, views, fusion->views, fusion->height, fusion->width);
+    const struct v2v_photons photons = v2v_photons_find(fusion->neighbour, views, fusion->views,
+                                                        fusion->height, fusion->width, NULL);
     for (int64_t v = 0; photons.is_clear && v < fusion->views; v++) {
         take_photons(fusion, v, views, &photons);
     }

@@ -1,5 +1,7 @@
 #include "method/photons.h"
 
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -14,22 +16,81 @@ static const double brighter_part = 1e-3;
 static const double least_contrast = 3.0, least_certain = 5.0, most_colour = 2.0,
                     least_brighter = 4.0;
 
+struct v2v_camera v2v_camera_of(const struct v2v_config *config)
+{
+    const struct v2v_number *electrons = &config->deconv.electrons_per_count;
+    const struct v2v_number *read = &config->deconv.read_noise;
+    struct v2v_camera camera = {0.0, -1.0};
+    if (electrons->mode == V2V_NUMBER_GIVEN) {
+        camera.gain = 1.0 / electrons->value;
+        if (read->mode == V2V_NUMBER_GIVEN) {
+            camera.variance = read->value * read->value * camera.gain * camera.gain;
+        }
+    }
+    return camera;
+}
+
+enum v2v_status v2v_camera_check(const struct v2v_problem *problem)
+{
+    const struct v2v_deconv_settings *deconv = &problem->config->deconv;
+    if (deconv->electrons_per_count.mode != V2V_NUMBER_GIVEN) {
+        return deconv->read_noise.mode != V2V_NUMBER_GIVEN
+                   ? V2V_OK
+                   : V2V_FAIL(V2V_E_CONFIG, "deconv.read_noise is in electrons: it wants "
+                                            "deconv.electrons_per_count");
+    }
+    if (problem->config->recon.neighbours > 0 || problem->skip > 0.0) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "deconv.electrons_per_count is of single frames, which %s averages",
+                        problem->skip > 0.0 ? "recon.skip" : "recon.neighbours");
+    }
+    return V2V_OK;
+}
+
 struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t count,
-                                    int64_t height, int64_t width)
+                                    int64_t height, int64_t width, const struct v2v_camera *camera)
 {
     const int64_t samples = count * height * width;
     const double brighter = (double)samples * brighter_part;
+    const int is_known = camera != NULL && camera->gain > 0.0;
     struct v2v_photons found = {0};
     memcpy(scratch, views, (size_t)samples * sizeof *views);
     found.bright = (double)v2v_select(scratch, samples, samples - 1 - (int64_t)brighter);
     if (found.bright > 0.0) {
         const struct v2v_noise_line line =
             v2v_noise_line_of_images(views, count, height, width, found.bright);
-        found.gain = line.gain;
-        found.variance = fmax(line.variance, 0.0);
-        found.is_clear = line.gain * found.bright > least_contrast * found.variance &&
-                         line.gain > least_certain * line.gain_error && line.colour < most_colour &&
-                         brighter >= least_brighter;
+        found.gain = is_known ? camera->gain : line.gain;
+        found.variance =
+            is_known && camera->variance >= 0.0 ? camera->variance : fmax(line.variance, 0.0);
+        found.is_clear = is_known || (line.gain * found.bright > least_contrast * found.variance &&
+                                      line.gain > least_certain * line.gain_error &&
+                                      line.colour < most_colour && brighter >= least_brighter);
     }
     return found;
+}
+
+enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_problem *problem,
+                                   const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_camera camera = v2v_camera_of(config);
+    const int64_t count = problem->psf->views;
+    float *scratch = NULL;
+    if (config->deconv.noise != V2V_NOISE_MODEL_AUTO) {
+        return V2V_OK;
+    }
+    V2V_TRY(V2V_ALLOC(scratch, "photons.settle",
+                      v2v_mem_product(count, problem->height, problem->width)));
+    const struct v2v_photons found =
+        v2v_photons_find(scratch, views, count, problem->height, problem->width, &camera);
+    config->deconv.noise = found.is_clear ? V2V_NOISE_MODEL_POISSON : V2V_NOISE_MODEL_GAUSSIAN;
+    if (found.is_clear) {
+        v2v_log(V2V_LOG_INFO, "noise poisson, by a frame: %.3g counts an electron%s", found.gain,
+                camera.gain > 0.0 ? ", as given" : "");
+    } else {
+        v2v_log(V2V_LOG_INFO, "noise gaussian, by a frame: it shows no photons");
+    }
+done:
+    v2v_mem_free(scratch);
+    return rc;
 }

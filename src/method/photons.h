@@ -2,6 +2,7 @@
 #ifndef METHOD_PHOTONS_H
 #define METHOD_PHOTONS_H
 
+#include "v2v3d/method/estimator.h"
 #include <stdint.h>
 
 struct v2v_photons {
@@ -9,12 +10,30 @@ struct v2v_photons {
     double gain;     /**< the variance is gain * level + variance, in the views' units .. */
     double variance; /**< .. 0 at least */
     int is_clear; /**< bool: the noise is white, where it is bright of photons above all, and there
-                          are samples enough to tell */
+                          are samples enough to tell; or the camera is known */
 };
 
+/** What the configuration says of the camera, in counts. */
+struct v2v_camera {
+    double gain;     /**< counts an electron; 0: not known */
+    double variance; /**< of the read noise; < 0: not known */
+};
+
+/** @kind Local. */
+struct v2v_camera v2v_camera_of(const struct v2v_config *config);
+
+/** Read noise without a gain, or a camera where frames are averaged, cannot be meant.
+ *  @kind Local. @return V2V_OK | V2V_E_CONFIG */
+enum v2v_status v2v_camera_check(const struct v2v_problem *problem) V2V_MUST_CHECK;
+
 /** @kind Local. @param views [v,height,width], finite @param scratch as large
- *  @source REFERENCE.md 10 */
+ *  @param camera NULL: not known @source REFERENCE.md 10 */
 struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t count,
-                                    int64_t height, int64_t width);
+                                    int64_t height, int64_t width, const struct v2v_camera *camera);
+
+/** deconv.noise, where it is auto, as the views [v,y,x] of a whole frame show; logs which.
+ *  @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_problem *problem,
+                                   const float *views) V2V_MUST_CHECK;
 
 #endif

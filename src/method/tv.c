@@ -70,6 +70,7 @@ struct tv {
     int64_t iterations;
     double lambda, depth, tolerance;
     enum v2v_noise_model model;
+    struct v2v_camera camera;
     double light;       /* sum of a view's PSF, mean of all views */
     int is_told;        /* bool: `level` is that of a larger frame, for all runs */
     struct level level; /* of the last run, or of all */
@@ -80,17 +81,23 @@ struct tv {
 
 static int is_open(const struct v2v_config *config)
 {
-    return config->deconv.lambda.mode == V2V_NUMBER_AUTO;
+    return config->deconv.lambda.mode == V2V_NUMBER_AUTO ||
+           config->deconv.noise == V2V_NOISE_MODEL_AUTO;
 }
 
+/* The noise first: lambda is in units of it. */
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
                               const float *views)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_number *lambda = &config->deconv.lambda;
-    V2V_TRY(v2v_tv_choose_lambda(&lambda->value, problem, views));
-    lambda->mode = V2V_NUMBER_GIVEN;
-    v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame", lambda->value);
+    V2V_TRY(v2v_camera_check(problem));
+    V2V_TRY(v2v_photons_settle(config, problem, views));
+    if (lambda->mode == V2V_NUMBER_AUTO) {
+        V2V_TRY(v2v_tv_choose_lambda(&lambda->value, problem, views));
+        lambda->mode = V2V_NUMBER_GIVEN;
+        v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame", lambda->value);
+    }
 done:
     return rc;
 }
@@ -119,7 +126,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
         .most_branches = 1,
         .bytes = v2v_mem_bytes(volumes, v2v_mem_bytes(views, v2v_mem_bytes(floats, data_step))),
         .fixed_bytes = v2v_mem_bytes(views, 0)};
-    if (is_open(problem->config)) {
+    if (problem->config->deconv.lambda.mode == V2V_NUMBER_AUTO) {
         return V2V_FAIL(V2V_E_CONFIG,
                         "deconv.lambda: auto is for deconvolve alone; here it is a number");
     }
@@ -128,7 +135,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
                         "--stop heldout is for Richardson-Lucy (--method rl, rld or frl): "
                         "tv ends when its volume stands still");
     }
-    return V2V_OK;
+    return v2v_camera_check(problem);
 }
 
 /* Rows of the frame among the torus' rows of a rank. */
@@ -182,6 +189,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .depth = config->deconv.depth,
                         .tolerance = config->deconv.tolerance,
                         .model = config->deconv.noise,
+                        .camera = v2v_camera_of(config),
                         .light = v2v_psf_light(problem->psf)};
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
                                  split_of(config), self->comm));
@@ -250,8 +258,8 @@ static struct level measure(const struct tv *self, const float *views)
     }
     const double sigma =
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
-    const struct v2v_photons photons =
-        v2v_photons_find(self->scratch, views, self->views, self->height, self->width);
+    const struct v2v_photons photons = v2v_photons_find(self->scratch, views, self->views,
+                                                        self->height, self->width, &self->camera);
     const double brightness = fmax(photons.bright, least_of_brightest * brightest);
     const double noisy = fmax(brightness, least_of_brightest * largest);
     struct level level = {.brightness = brightness, .sigma = fmax(sigma, least_noise * noisy)};

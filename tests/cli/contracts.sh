@@ -66,6 +66,22 @@ same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
+# The noise is decided by the first frame; the volume says which.
+grep -q 'noise gaussian, by a frame' stderr || fail "no word on the noise: $(cat stderr)"
+works info tv.h5 --json
+says '\\n  noise: gaussian\\n'
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_gaussian.h5 --noise gaussian
+same tv.h5 tv_gaussian.h5 /volume
+works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_camera.h5 --electrons-per-count 100 \
+    --read-noise 2
+grep -q 'noise poisson, by a frame: 0.01 counts an electron, as given' stderr ||
+    fail "no word on the camera: $(cat stderr)"
+works info tv_camera.h5 --json
+says '\\n  noise: poisson\\n  electrons_per_count: 100\\n  read_noise: 2\\n'
+refuses 78 'deconv.read_noise is in electrons' deconvolve --psf one/psf.h5 --input rec.h5 -o out.h5 \
+    --read-noise 2
+refuses 78 'single frames, which recon.skip averages' deconvolve --psf one/psf.h5 --input rec.h5 \
+    -o out.h5 --electrons-per-count 100 --skip auto
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"
 same tv.h5 tv_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_unskipped.h5 --skip 0 --refresh 2

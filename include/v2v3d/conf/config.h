@@ -136,7 +136,7 @@ struct v2v_recon_settings {
 enum v2v_stop { V2V_STOP_FIXED, V2V_STOP_HELDOUT };
 
 /** Of the views: the same for every sample; or of photons, its variance growing with the light.
- *  AUTO: the second where the views show it. */
+ *  AUTO: the second where the views show it; of a recording its first frame decides. */
 enum v2v_noise_model { V2V_NOISE_MODEL_AUTO, V2V_NOISE_MODEL_GAUSSIAN, V2V_NOISE_MODEL_POISSON };
 
 /** Methods that deconvolve by iteration. */
@@ -147,8 +147,10 @@ struct v2v_deconv_settings {
     double weight;                      /**< of a view's correction */
     int stop;                           /**< enum v2v_stop */
     struct v2v_number
-        lambda;       /**< tv: weight of the variation, in units of the noise of the views */
-    int noise;        /**< tv: enum v2v_noise_model */
+        lambda; /**< tv: weight of the variation, in units of the noise of the views */
+    int noise;  /**< tv: enum v2v_noise_model */
+    struct v2v_number electrons_per_count; /**< tv: of the camera, for noise of photons .. */
+    struct v2v_number read_noise;          /**< .. and, in electrons, beside it; auto: estimated */
     double depth;     /**< tv: of differences along z, against those along x and y */
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };
