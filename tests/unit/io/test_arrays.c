@@ -142,6 +142,27 @@ static void what_is_damaged_is_refused_in_one_line(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+/* Of valid JSON, and all in the file. */
+static void a_header_above_4_mib_is_refused_before_it_is_read(void **state)
+{
+    (void)state;
+    enum { BYTES = (4 << 20) + 8 };
+    struct v2v_arrays *arrays = NULL;
+    char *header = NULL;
+    assert_ok(V2V_ALLOC(header, "test", BYTES + 1));
+    memset(header, ' ', BYTES);
+    memcpy(header, "{}", 2);
+    use("long.safetensors");
+    write_file(BYTES - 8, header, "", 0); /* the rest is of no array */
+    assert_int_equal(v2v_arrays_open(&arrays, path), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "8 bytes at its end are of no array"));
+    write_file(BYTES, header, "", 0);
+    assert_int_equal(v2v_arrays_open(&arrays, path), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "more than the 4 MiB that are read"));
+    v2v_mem_free(header);
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 /* Numbers that are none of a network, or not finite: the array can be told of, not read. */
 static void what_is_no_finite_float_is_listed_but_not_read(void **state)
 {
@@ -220,6 +241,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_type_of_float_is_read),
         cmocka_unit_test(what_is_damaged_is_refused_in_one_line),
+        cmocka_unit_test(a_header_above_4_mib_is_refused_before_it_is_read),
         cmocka_unit_test(what_is_no_finite_float_is_listed_but_not_read),
         cmocka_unit_test(hdf5_is_listed_from_the_group_or_the_root),
     };
