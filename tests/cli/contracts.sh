@@ -172,18 +172,11 @@ works convert --input truth.tif -o again.h5
 same one/truth.h5 again.h5 /volume
 works evaluate --truth truth.tif --volume one/truth.h5
 says '^ mean +inf +1 '
-
-# There and back, and as an input like any other.
-works convert --input one/truth.h5 -o truth.tif
-works convert --input truth.tif -o again.h5
-same one/truth.h5 again.h5 /volume
-works evaluate --truth truth.tif --volume one/truth.h5
 works evaluate --truth one/truth.h5 --truth-dataset volume --volume one/truth.h5 --volume-dataset volume
 refuses 65 '/branch1: there is no such dataset' evaluate --truth one/truth.h5 --volume one/truth.h5 \
     --volume-dataset branch1
 refuses 65 '/views: there is no such dataset' evaluate --truth one/truth.h5 --volume one/truth.h5 \
     --truth-dataset views
-says '^ mean +inf +1 '
 works convert --input rec.h5 -o rec.tif
 works convert --input rec.tif --views 5 -o rec_again.h5
 same rec.h5 rec_again.h5 /views
