@@ -2,12 +2,14 @@
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_resume.h"
+#include "io/write_behind.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
+#include <stdio.h>
 #include <string.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -22,13 +24,15 @@ struct v2v_h5_writer {
     hid_t file, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
     int64_t shape[4];
-    int64_t *sums;     /* [t] checksums of what this rank wrote; else NULL */
-    uint8_t *was_done; /* [t] by the run before; NULL likewise */
-    int lock;          /* rank 0: holds lock_name while this is >= 0 */
-    int resumed;       /* agreed: frames of the run before may be there */
-    int created;       /* agreed: the temporary file may be there */
-    int marked;        /* this rank marked a frame, with others or alone */
-    int broken;        /* HDF5 itself failed in a call of this rank, or in a collective one */
+    int64_t place[V2V_H5_WRITER_SETS], done_place, checksum_place; /* as place_of */
+    struct v2v_write_behind *behind; /* NULL: nothing was put to be written later yet */
+    int64_t *sums;                   /* [t] checksums of what this rank wrote; else NULL */
+    uint8_t *was_done;               /* [t] by the run before; NULL likewise */
+    int lock;                        /* rank 0: holds lock_name while this is >= 0 */
+    int resumed;                     /* agreed: frames of the run before may be there */
+    int created;                     /* agreed: the temporary file may be there */
+    int marked;                      /* this rank marked a frame, with others or alone */
+    int broken; /* HDF5 itself failed in a call of this rank, or in a collective one */
 };
 
 /* 0: shape and name are fine and the disk has room for the data. */
@@ -61,22 +65,18 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
     return V2V_OK;
 }
 
-/* One image a chunk, all space taken at once, nothing filled in: parallel HDF5 would take it early
- * anyway, and every image is written by exactly one rank. */
+/* In one piece, all space taken at once, nothing filled in: every image is written by exactly one
+ * rank, and has a place in the file that needs no index to be found. */
 static enum v2v_status create_images(hid_t file, const char *path, const char *name,
                                      const int64_t shape[4])
 {
     enum v2v_status rc = V2V_OK;
-    hsize_t extent[4], chunk[4];
-    for (int i = 0; i < 4; i++) {
-        extent[i] = (hsize_t)shape[i];
-        chunk[i] = i < 2 ? 1 : extent[i];
-    }
+    const hsize_t extent[4] = {(hsize_t)shape[0], (hsize_t)shape[1], (hsize_t)shape[2],
+                               (hsize_t)shape[3]};
     hid_t space = H5Screate_simple(4, extent, NULL);
     hid_t creation = H5Pcreate(H5P_DATASET_CREATE);
     hid_t set = H5I_INVALID_HID;
-    if (H5Pset_chunk(creation, 4, chunk) < 0 ||
-        H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
+    if (H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
         H5Pset_fill_time(creation, H5D_FILL_TIME_NEVER) < 0 ||
         (set = H5Dcreate2(file, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, creation, H5P_DEFAULT)) <
             0) {
@@ -227,6 +227,27 @@ static enum v2v_status open_datasets(struct v2v_h5_writer *writer, const struct 
     return V2V_OK;
 }
 
+/* Where a dataset lies in the file, as one piece of what memory holds; -1: it does not. */
+static int64_t place_of(hid_t set, hid_t type)
+{
+    hid_t own = set > 0 ? H5Dget_type(set) : H5I_INVALID_HID;
+    const haddr_t at = set > 0 ? H5Dget_offset(set) : HADDR_UNDEF;
+    const int is_same = own > 0 && H5Tequal(own, type) > 0;
+    v2v_h5_close(&own);
+    return is_same && at != HADDR_UNDEF ? (int64_t)at : -1;
+}
+
+/* Local: what lies in one piece can be written without HDF5, where marks can, too. */
+static void find_places(struct v2v_h5_writer *writer)
+{
+    writer->done_place = place_of(writer->done, H5T_STD_U8LE);
+    writer->checksum_place = place_of(writer->checksum, H5T_STD_U64LE);
+    const int has_marks = writer->done_place >= 0 && writer->checksum_place >= 0;
+    for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
+        writer->place[i] = has_marks ? place_of(writer->set[i], H5T_NATIVE_FLOAT) : -1;
+    }
+}
+
 enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *path,
                                      const struct v2v_h5_plan *plan, const struct v2v_comm *comm)
 {
@@ -250,6 +271,7 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
                               ? V2V_OK
                               : V2V_H5_FAIL(V2V_E_IO, path, "/", "can't be opened to write")));
     V2V_TRY(settle(fresh, open_datasets(fresh, plan)));
+    find_places(fresh);
     *writer = fresh;
     fresh = NULL;
 done:
@@ -380,6 +402,72 @@ done:
     return rc;
 }
 
+/* ---- by a thread ---- */
+
+/* Local: the thread, from the first time on that there is something for it to do. */
+static enum v2v_status begin_behind(struct v2v_h5_writer *writer)
+{
+    return writer->behind != NULL
+               ? V2V_OK
+               : v2v_write_behind_create(&writer->behind, writer->temporary, writer->path);
+}
+
+enum v2v_status v2v_h5_writer_put_later(struct v2v_h5_writer *writer, int set, const float *images,
+                                        int64_t t, int64_t first, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t *shape = writer->shape;
+    const int64_t image = shape[2] * shape[3] * (int64_t)sizeof *images;
+    const int64_t place = writer->place[set];
+    if (count == 0 || place < 0) {
+        return v2v_h5_writer_put(writer, set, images, t, first, count);
+    }
+    V2V_ASSERT(t >= 0 && t < shape[0] && first >= 0 && count > 0 && first + count <= shape[1]);
+    V2V_TRY(begin_behind(writer));
+    V2V_TRY(v2v_write_behind_put(writer->behind,
+                                 &(struct v2v_piece){.data = images,
+                                                     .bytes = count * image,
+                                                     .at = place + (t * shape[1] + first) * image,
+                                                     .fault = "h5.write"}));
+    add_checksum(writer, set, images, t, first, count);
+done:
+    return rc;
+}
+
+/* Local: a number of so many bytes. */
+static enum v2v_status put_number(struct v2v_h5_writer *writer, uint64_t number, int64_t bytes,
+                                  int64_t at)
+{
+    return v2v_write_behind_put(
+        writer->behind,
+        &(struct v2v_piece){.number = number, .bytes = bytes, .at = at, .fault = "h5.mark"});
+}
+
+enum v2v_status v2v_h5_writer_mark_later(struct v2v_h5_writer *writer, int64_t t,
+                                         const struct v2v_comm *writers)
+{
+    enum v2v_status rc = V2V_OK;
+    if (v2v_comm_size(writers) > 1 || writer->behind == NULL) {
+        V2V_TRY(v2v_par_agree(writers, v2v_h5_writer_wait(writer)));
+        return v2v_h5_writer_mark_done(writer, t, writers);
+    }
+    V2V_ASSERT(t >= 0 && t < writer->shape[0]);
+    const int64_t bytes = (int64_t)sizeof *writer->sums;
+    V2V_TRY(
+        put_number(writer, (uint64_t)writer->sums[t], bytes, writer->checksum_place + t * bytes));
+    V2V_TRY(put_number(writer, 1, 1, writer->done_place + t));
+    writer->marked = 1;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_h5_writer_wait(struct v2v_h5_writer *writer)
+{
+    return writer->behind != NULL ? v2v_write_behind_wait(writer->behind) : V2V_OK;
+}
+
+/* ---- the end ---- */
+
 /* Collective(comm): rank 0 marks all frames. */
 static enum v2v_status mark_all(struct v2v_h5_writer *writer)
 {
@@ -429,6 +517,8 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_writer *own = *writer;
+    V2V_TRY(v2v_par_agree(own->comm, v2v_h5_writer_wait(own)));
+    v2v_write_behind_destroy(&own->behind);
     share_state(own);
     if (own->done > 0 && !own->marked && !own->resumed) {
         V2V_TRY(mark_all(own));
@@ -451,18 +541,23 @@ done:
 void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
 {
     struct v2v_h5_writer *own = *writer;
+    char message[V2V_MESSAGE_BYTES], place[V2V_MESSAGE_BYTES];
     *writer = NULL;
     if (own == NULL) {
         return;
     }
+    v2v_write_behind_destroy(&own->behind);
     if (own->created && v2v_comm_rank(own->comm) == 0) {
         unlink(own->temporary); /* before the close, which may not come back */
     }
     if (own->broken) {
         v2v_watchdog_arm(BROKEN_CLOSE_SECONDS, "closing a file whose writing failed");
     }
-    /* What the close says is of no interest: the file is gone, or it is closed already. */
+    /* What the close says is of no interest: the file is gone, closed, or was not written well. */
+    snprintf(message, sizeof message, "%s", v2v_status_message());
+    snprintf(place, sizeof place, "%s", v2v_status_place());
     (void)!close_file(own);
+    v2v_status_set_message(message, place);
     v2v_file_unlock_output(&own->lock, own->lock_name);
     v2v_mem_free(own->was_done);
     v2v_mem_free(own->sums);

@@ -45,6 +45,16 @@ int v2v_h5_writer_is_done(const struct v2v_h5_writer *writer, int64_t t);
 enum v2v_status v2v_h5_writer_put(struct v2v_h5_writer *writer, int set, const float *images,
                                   int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 
+/** As v2v_h5_writer_put, by a thread while the caller goes on: `images` are lent until
+ *  v2v_h5_writer_wait. What went wrong with it is told by the next call. At once where a dataset
+ *  does not lie in the file in one piece. @kind Local. @return likewise */
+enum v2v_status v2v_h5_writer_put_later(struct v2v_h5_writer *writer, int set, const float *images,
+                                        int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Until all that was put to be written later is on the disk, or failed. @kind Local. @return
+ *  V2V_OK | V2V_E_IO */
+enum v2v_status v2v_h5_writer_wait(struct v2v_h5_writer *writer) V2V_MUST_CHECK;
+
 /** Likewise, of all ranks. @kind Collective(comm); ranks may differ in all arguments. @return
  *  agreed */
 enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const float *images,
@@ -56,6 +66,12 @@ enum v2v_status v2v_h5_writer_write(struct v2v_h5_writer *writer, int set, const
  *  @kind Collective(writers). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed by them */
 enum v2v_status v2v_h5_writer_mark_done(struct v2v_h5_writer *writer, int64_t t,
                                         const struct v2v_comm *writers) V2V_MUST_CHECK;
+
+/** As v2v_h5_writer_mark_done, by the thread, once what was put later is on the disk; at once
+ *  where several ranks wrote the frame. @kind Collective(writers). @return likewise, of this or an
+ *  earlier frame */
+enum v2v_status v2v_h5_writer_mark_later(struct v2v_h5_writer *writer, int64_t t,
+                                         const struct v2v_comm *writers) V2V_MUST_CHECK;
 
 /** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
  *  it succeeded or not; after a failure what was written is left as by v2v_h5_writer_suspend.

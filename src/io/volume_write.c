@@ -255,6 +255,25 @@ enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t
     return writer->h5 != NULL ? v2v_h5_writer_mark_done(writer->h5, t, writers) : V2V_OK;
 }
 
+enum v2v_status v2v_volume_put_later(struct v2v_volume_writer *writer, int dataset,
+                                     const float *slices, int64_t t, int64_t first, int64_t count)
+{
+    return writer->h5 != NULL
+               ? v2v_h5_writer_put_later(writer->h5, dataset, slices, t, first, count)
+               : v2v_volume_write(writer, dataset, slices, t, first, count);
+}
+
+enum v2v_status v2v_volume_mark_later(struct v2v_volume_writer *writer, int64_t t,
+                                      const struct v2v_comm *writers)
+{
+    return writer->h5 != NULL ? v2v_h5_writer_mark_later(writer->h5, t, writers) : V2V_OK;
+}
+
+enum v2v_status v2v_volume_wait(struct v2v_volume_writer *writer)
+{
+    return writer->h5 != NULL ? v2v_h5_writer_wait(writer->h5) : V2V_OK;
+}
+
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer)
 {
     const enum v2v_status rc = (*writer)->h5 != NULL ? v2v_h5_writer_finish(&(*writer)->h5)

@@ -12,6 +12,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
+#include <stdio.h>
 
 enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
 
@@ -350,6 +351,7 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
         V2V_TRY(run_frame(recon, t, recon->still == NULL));
     }
     recon->parts[1] += 1.0;
+    V2V_TRY(v2v_volume_wait(recon->writer)); /* the frame before has left these volumes */
     for (int o = 0; o < recon->outputs; o++) {
         if (v2v_estimator_holds(recon->estimator, o)) {
             V2V_TRY(cut(recon, o, t));
@@ -437,14 +439,17 @@ static enum v2v_status put_frame(struct v2v_recon *recon, int64_t t)
         half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
         slices = make_slices(recon, average(recon)) + half.first * recon->height * recon->width;
     }
-    rc = v2v_volume_put(recon->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
-                        half.count);
+    rc = v2v_volume_put_later(recon->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
+                              half.count);
     for (int o = 0; recon->branches && o < recon->outputs; o++) {
         int is_held = t >= 0 && v2v_estimator_holds(recon->estimator, o);
+        if (rc == V2V_OK && recon->slicing != NULL) {
+            rc = v2v_volume_wait(recon->writer); /* its slices come where the last ones are */
+        }
         slices = is_held ? make_slices(recon, recon->cut[o]) : NULL; /* with the other ranks */
         if (rc == V2V_OK) {
-            rc = v2v_volume_put(recon->writer, V2V_VOLUME_BRANCH1 + o, slices, frame, own.first,
-                                is_held ? own.count : 0);
+            rc = v2v_volume_put_later(recon->writer, V2V_VOLUME_BRANCH1 + o, slices, frame,
+                                      own.first, is_held ? own.count : 0);
         }
     }
     return rc;
@@ -473,7 +478,7 @@ static enum v2v_status put_round(struct v2v_recon *recon, int64_t t, enum v2v_st
     put = put_frame(recon, has_frame ? t : -1);
     if (has_frame) {
         V2V_TRY(v2v_par_agree(sample, put));
-        V2V_TRY(v2v_volume_mark_done(recon->writer, t, sample));
+        V2V_TRY(v2v_volume_mark_later(recon->writer, t, sample));
     }
     recon->rounds++;
     rc = rc == V2V_OK ? put : rc;
@@ -517,6 +522,22 @@ done:
     return rc;
 }
 
+/** Collective(world): whatever ended the run, frames that were made come to the disk. */
+static enum v2v_status end_writing(const struct v2v_recon *recon, enum v2v_status rc)
+{
+    char message[V2V_MESSAGE_BYTES], place[V2V_MESSAGE_BYTES];
+    snprintf(message, sizeof message, "%s", v2v_status_message());
+    snprintf(place, sizeof place, "%s", v2v_status_place());
+    v2v_watchdog_beat("writing the last frames");
+    const enum v2v_status written = v2v_volume_wait(recon->writer);
+    if (written > rc) {
+        rc = written;
+    } else {
+        v2v_status_set_message(message, place);
+    }
+    return v2v_par_agree(recon->grid.world, rc);
+}
+
 /** Local: the frames that are not done yet. */
 static enum v2v_status list_frames(struct v2v_recon *recon)
 {
@@ -553,7 +574,7 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
         recon->estimator->units = 1 / scaling->gain;
     }
     V2V_TRY(v2v_par_agree(recon->grid.world, list_frames(recon)));
-    V2V_TRY(run_rounds(recon));
+    V2V_TRY(end_writing(recon, run_rounds(recon)));
 done:
     return rc;
 }

@@ -53,7 +53,7 @@ struct v2v_attribute {
     double number;
 };
 
-/** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x], chunk = one slice, `/done` [t],
+/** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x] in one piece, `/done` [t],
  * attrs;
  *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers and holds frames that come before their turn
  *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). `datasets`
@@ -116,6 +116,19 @@ int v2v_volume_keeps_step(const struct v2v_volume_writer *writer);
  *  by them */
 enum v2v_status v2v_volume_mark_done(struct v2v_volume_writer *writer, int64_t t,
                                      const struct v2v_comm *writers) V2V_MUST_CHECK;
+
+/** As v2v_volume_put and v2v_volume_mark_done, while the caller goes on with the next frame: a
+ *  thread writes the data to the disk and then the mark. `slices` are lent until v2v_volume_wait.
+ *  What went wrong is told by the next of these calls, of v2v_volume_wait or of v2v_volume_finish.
+ *  At once all the same: a TIFF, and a frame that several ranks wrote.
+ *  @kind as those. @return likewise */
+enum v2v_status v2v_volume_put_later(struct v2v_volume_writer *writer, int dataset,
+                                     const float *slices, int64_t t, int64_t first,
+                                     int64_t count) V2V_MUST_CHECK;
+enum v2v_status v2v_volume_mark_later(struct v2v_volume_writer *writer, int64_t t,
+                                      const struct v2v_comm *writers) V2V_MUST_CHECK;
+/** Until the thread is done: nothing is lent any more. @kind Local. @return V2V_OK | V2V_E_IO */
+enum v2v_status v2v_volume_wait(struct v2v_volume_writer *writer) V2V_MUST_CHECK;
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;
 /** Close an unfinished file and leave it for v2v_volume_resume, when it has a task and done frames;
  *  else drop it. Accepts NULL. @kind Collective(comm) */
