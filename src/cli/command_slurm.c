@@ -1,5 +1,6 @@
 #include "cli/steps.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include <inttypes.h>
@@ -155,8 +156,8 @@ done:
 }
 
 /* What the job would say to its arguments, before it waits in a queue. Rank 0.
- *  @param memory_gb that a rank may hold by its configuration; 0: no limit */
-static enum v2v_status check_words(const struct arguments *given, double *memory_gb)
+ *  @param of_job its settings */
+static enum v2v_status check_words(const struct arguments *given, struct v2v_config *of_job)
 {
     enum v2v_status rc = V2V_OK;
     static char input[] = "--input=recording";
@@ -164,7 +165,6 @@ static enum v2v_status check_words(const struct arguments *given, double *memory
         strcmp(given->kind, "train") == 0 ? &v2v_command_train : &v2v_command_reconstruct;
     struct v2v_common *parsed = NULL;
     char **words = NULL;
-    struct v2v_config config;
     int count = given->words.count;
     V2V_TRY(V2V_ALLOC(words, "cli.words", count + 1));
     for (int i = 0; i < count; i++) {
@@ -178,12 +178,11 @@ static enum v2v_status check_words(const struct arguments *given, double *memory
         V2V_TRY(V2V_E_MEMORY);
     }
     V2V_TRY(v2v_options_parse(parsed, command->options, count, words));
-    v2v_config_defaults(&config);
+    v2v_config_defaults(of_job);
     if (parsed->config != NULL) {
-        V2V_TRY(v2v_config_load(&config, parsed->config));
+        V2V_TRY(v2v_config_load(of_job, parsed->config));
     }
-    V2V_TRY(v2v_options_apply(parsed, &config));
-    *memory_gb = config.parallel.max_mem_gb;
+    V2V_TRY(v2v_options_apply(parsed, of_job));
 done:
     if (parsed != NULL) {
         v2v_options_fini(parsed, command->options);
@@ -277,18 +276,20 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    const int64_t threads = session->config.parallel.threads;
-    double memory_gb = 0.0;
+    struct v2v_config of_job;
     V2V_TRY(check(given));
     if (v2v_step_on_root(session)) {
-        rc = check_words(given, &memory_gb);
+        rc = check_words(given, &of_job);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     if (v2v_step_on_root(session)) {
-        /* what the program counts, and a tenth for the libraries */
-        memory_gb =
-            given->memory_gb > 0.0 ? given->memory_gb : 1.1 * memory_gb * (double)given->ranks;
-        print_request(given, threads > 0 ? threads : 1, memory_gb);
+        /* the cores that its threads will use; what the program counts, and a tenth for libraries */
+        const int64_t threads =
+            v2v_larger(session->config.parallel.threads, of_job.parallel.threads);
+        const double memory_gb = given->memory_gb > 0.0
+                                     ? given->memory_gb
+                                     : 1.1 * of_job.parallel.max_mem_gb * (double)given->ranks;
+        print_request(given, v2v_larger(threads, 1), memory_gb);
         print_start(given);
     }
 done:

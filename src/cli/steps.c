@@ -1,5 +1,7 @@
 #include "cli/steps.h"
 
+#include "cli/threads.h"
+
 #include "cli/versions.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
@@ -222,7 +224,11 @@ enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_sc
 
 void v2v_step_announce(const struct v2v_session *session)
 {
-    v2v_log(V2V_LOG_INFO, "%d ranks x %d threads", v2v_comm_size(session->world), session->threads);
+    char waiting[64];
+    v2v_cli_waiting(waiting, sizeof waiting);
+    v2v_log(V2V_LOG_INFO, "%d ranks x %d threads%s%s", v2v_comm_size(session->world),
+            session->threads, session->threads > 1 ? ", " : "",
+            session->threads > 1 ? waiting : "");
 }
 
 void v2v_step_communication(const struct v2v_session *session, const struct v2v_par_time *began)

@@ -2,9 +2,16 @@
 
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
 #include <sched.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
+
+/* Variables that tell libgomp's threads how to wait, the stronger one first, and what that
+ * one is where there is neither. */
+static const char *const waiting[] = {"GOMP_SPINCOUNT", "OMP_WAIT_POLICY"};
+static const char spins[] = "1000";
 
 int v2v_cli_cores(void)
 {
@@ -62,4 +69,25 @@ int v2v_cli_threads(int64_t wanted, const struct v2v_comm *world)
         share = (int)most;
     }
     return share > 1 ? share : 1;
+}
+
+void v2v_cli_settle_waiting(char **argv)
+{
+    char program[V2V_PATH_BYTES];
+    if (getenv(waiting[0]) != NULL || getenv(waiting[1]) != NULL) {
+        return;
+    }
+    const ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    if (length > 0 && setenv(waiting[0], spins, 1) == 0) {
+        program[length] = '\0';
+        (void)execv(program, argv); /* where it can't, threads wait as libgomp likes */
+        (void)unsetenv(waiting[0]);
+    }
+}
+
+void v2v_cli_waiting(char *text, size_t bytes)
+{
+    const int i = getenv(waiting[0]) == NULL;
+    const char *value = getenv(waiting[i]);
+    snprintf(text, bytes, "%s %s", waiting[i], value != NULL ? value : "not set");
 }

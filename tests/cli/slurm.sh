@@ -47,6 +47,10 @@ is_script '#SBATCH --time=0-00:04' '#SBATCH --mem=9537M' '#SBATCH --signal=B:USR
     'run_job reconstruct -- --psf p --weights w --input r.h5 -o v.h5'
 grep -qE 'partition|account|array' stdout && fail "asks for more than it was told: $(cat stdout)"
 
+# Its own threads are the cores that a rank is given.
+works slurm train -- "${train[@]}" --threads 6
+is_script '#SBATCH --cpus-per-task=6'
+
 works slurm array --array 0-9%2 --each 100 -- --psf p --weights w --input r.h5 -o v_%a.h5
 is_script '#SBATCH --array=0-9%2'
 runs '[reconstruct][--resume][--proof][v2v3d-7.finished][--psf][p][--weights][w][--input][r.h5][-o][v_2.h5][--frames][200:100]'

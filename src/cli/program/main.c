@@ -1,4 +1,5 @@
 #include "cli/command.h"
+#include "cli/threads.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -23,5 +24,6 @@ static _Noreturn void leave(int code)
 
 int main(int argc, char **argv)
 {
+    v2v_cli_settle_waiting(argv);
     leave(v2v_cli_main(argc, argv));
 }

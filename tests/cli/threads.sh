@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Threads that wait for others sleep soon, so that they do not take the core from whom they wait for;
+# who says how they shall wait is obeyed.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+# waits PATTERN: so says libgomp, of the last start of the program.
+waits() {
+    local said
+    said=$(env OMP_DISPLAY_ENV=VERBOSE "$program" --version 2>&1 | grep -E 'GOMP_SPINCOUNT|WAIT_POLICY')
+    printf '%s\n' "$said" | tail -n 2 | grep -qE -- "$1" || fail "no \"$1\" in: $said"
+}
+waits "GOMP_SPINCOUNT = '1000'"
+GOMP_SPINCOUNT=77 waits "GOMP_SPINCOUNT = '77'"
+OMP_WAIT_POLICY=ACTIVE waits "WAIT_POLICY = 'ACTIVE'"
+
+"$V2V_MAKE_BAD" "$folder" || exit 1
+deconvolve=(deconvolve --method rld --iterations 1 --psf psf.h5 --input recording.h5 --threads 2)
+works "${deconvolve[@]}" -o first.h5
+grep -q "$ranks ranks x 2 threads, GOMP_SPINCOUNT 1000" stderr || fail "not said: $(cat stderr)"
+export OMP_WAIT_POLICY=passive
+works "${deconvolve[@]}" -o second.h5
+grep -q "$ranks ranks x 2 threads, OMP_WAIT_POLICY passive" stderr || fail "not said: $(cat stderr)"
+same first.h5 second.h5 /volume
+finish
