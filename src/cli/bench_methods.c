@@ -72,7 +72,8 @@ struct bench {
 struct row {
     const struct method *method;
     const char *weights; /* NULL: none */
-    double seconds[2], psnr, ssim;
+    struct v2v_volumes_result made;
+    double psnr, ssim;
     struct v2v_heldout heldout;
 };
 
@@ -118,8 +119,8 @@ static enum v2v_status print(const struct bench *bench, const struct row *row)
         {.name = "weights", .text = row->weights != NULL ? row->weights : ""},
         {.name = "processor", .text = processor.model},
         {.name = "threads", .number = bench->session->threads},
-        {.name = "start_s", .number = row->seconds[0]},
-        {.name = "frame_s", .number = row->seconds[1]},
+        {.name = "start_s", .number = row->made.ready_s},
+        {.name = "frame_s", .number = row->made.frames_s},
         {.name = "psnr", .number = row->psnr},
         {.name = "ssim", .number = row->ssim},
         {.name = "heldout_residual", .number = heldout->residual},
@@ -127,7 +128,7 @@ static enum v2v_status print(const struct bench *bench, const struct row *row)
     if (bench->given->json) {
         return v2v_json_print(stdout, items, sizeof items / sizeof *items);
     }
-    printf("%-17s %8.3f %8.3f", row->method->name, row->seconds[0], row->seconds[1]);
+    printf("%-17s %8.3f %8.3f", row->method->name, row->made.ready_s, row->made.frames_s);
     if (bench->given->truth != NULL) {
         printf(" %8.2f %7.3f", row->psnr, row->ssim);
     }
@@ -152,7 +153,7 @@ static enum v2v_status measure(const struct bench *bench, struct row *row,
                                         .weights = row->weights,
                                         .output = bench->volume,
                                         .frames = "0:1",
-                                        .seconds = row->seconds};
+                                        .result = &row->made};
     session.force = 1;
     for (int s = 0; s < SETTINGS && row->method->setting[s] != NULL; s++) {
         V2V_TRY(v2v_config_set(&session.config, row->method->setting[s]));

@@ -1,9 +1,9 @@
-#include "cli/volumes.h"
+#include "cli/recordings.h"
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
-    V2V_OPTION_FILE(struct v2v_volumes, input, "input", 1, "recording"),
-    V2V_OPTION_OUTPUT(struct v2v_volumes, output, "volume to write: .h5 or .tif"),
+    V2V_OPTION_RECORDINGS,
+    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5 or .tif"),
     V2V_OPTION_SET("method", "deconv.method", "tv|rl|rld|frl",
                    "total variation (default); A'(y / Ax) / A'1 of all views at once, or of one "
                    "after the other; or A'y / A'Ax"),
@@ -45,7 +45,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (ops->is_learned) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--method %s takes weights: v2v3d reconstruct", ops->name));
     }
-    V2V_TRY(v2v_volumes_make(arguments, ops, NULL, session));
+    V2V_TRY(v2v_recordings_make(arguments, ops, session));
 done:
     return rc;
 }

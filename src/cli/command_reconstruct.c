@@ -1,10 +1,10 @@
-#include "cli/volumes.h"
+#include "cli/recordings.h"
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_FILE(struct v2v_volumes, weights, "weights", 1, "of the trained network"),
-    V2V_OPTION_FILE(struct v2v_volumes, input, "input", 1, "recording"),
-    V2V_OPTION_OUTPUT(struct v2v_volumes, output, "volume to write: .h5, or .tif (mean only)"),
+    V2V_OPTION_RECORDINGS,
+    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5, or .tif (mean only)"),
     V2V_OPTION_SWITCH(struct v2v_volumes, branches, "branches",
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTIONS_VOLUMES,
@@ -27,7 +27,7 @@ static const struct v2v_option options[] = {
 
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
-    return v2v_volumes_make(arguments, NULL, NULL, session);
+    return v2v_recordings_make(arguments, NULL, session);
 }
 
 const struct v2v_command v2v_command_reconstruct = {

@@ -283,7 +283,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     if (v2v_step_on_root(session)) {
-        /* the cores that its threads will use; what the program counts, and a tenth for libraries */
+        /* its threads' cores; what the program counts, and a tenth for libraries */
         const int64_t threads =
             v2v_larger(session->config.parallel.threads, of_job.parallel.threads);
         const double memory_gb = given->memory_gb > 0.0

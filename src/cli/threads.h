@@ -16,10 +16,11 @@ int v2v_cli_neighbours(const struct v2v_comm *world);
 /** Cores that this rank may run on. @kind Local */
 int v2v_cli_cores(void);
 
-/** How long a thread looks for work before it sleeps, where the user did not say: libgomp's own 10 ms
- *  are spent in vain whenever another thread of the barrier has lost its core to other work, 0.1 ms
- *  are enough for those of idle cores. libgomp reads the variable when it is loaded: the program
- *  starts once more with it. @kind Local, before MPI starts; may not return */
+/** How long a thread looks for work before it sleeps, where the user did not say: libgomp's own
+ *  10 ms are spent in vain whenever another thread of the barrier has lost its core to other work;
+ *  hundredths of a millisecond are enough for those of idle cores. libgomp reads the variable when
+ *  it is loaded: the program starts once more with it.
+ *  @kind Local, before MPI starts; may not return */
 void v2v_cli_settle_waiting(char **argv);
 
 /** What says so: a variable and its value. @kind Local. @param text of `bytes` */

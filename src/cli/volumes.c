@@ -18,14 +18,15 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 
 /* What a run opens and makes. */
 struct work {
     const struct v2v_volumes *given;
+    const struct v2v_volumes_tools *tools;
     const struct v2v_estimator_ops *ops;
+    const struct v2v_psf_file *psf;
     struct v2v_part frames;
-    struct v2v_file_state weights; /* as this rank first saw the file */
-    struct v2v_psf_file psf;
     struct v2v_recording *recording;
     struct v2v_scaling scaling;
     struct v2v_problem problem;
@@ -35,6 +36,7 @@ struct work {
     unsigned datasets;
     struct v2v_provenance provenance;
     struct v2v_volume_writer *writer;
+    struct v2v_volumes_result result;
 };
 
 double v2v_volumes_skip(const struct v2v_number *skip, double automatic)
@@ -62,9 +64,9 @@ done:
     return rc;
 }
 
-static enum v2v_status check(struct work *work, const struct v2v_session *session)
+enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
+                                  const struct v2v_session *session)
 {
-    const struct v2v_volumes *given = work->given;
     if (given->weights != NULL && v2v_volumes_skip(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
@@ -73,7 +75,7 @@ static enum v2v_status check(struct work *work, const struct v2v_session *sessio
         return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
                         given->output);
     }
-    return parse_frames(&work->frames, given->frames);
+    return parse_frames(frames, given->frames);
 }
 
 /* The weights, and what convolutions compute in; what was decided against is not what the volume's
@@ -85,7 +87,7 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
     const struct v2v_network_ops *ops = NULL;
     struct v2v_recon_settings *recon = &session->config.recon;
     struct v2v_problem *problem = &work->problem;
-    V2V_TRY(v2v_step_weights_info(session, &network, work->given->weights, &work->psf));
+    V2V_TRY(v2v_step_weights_info(session, &network, work->given->weights, work->psf));
     V2V_TRY(v2v_precision_agree(&problem->precision, recon->precision, session->world));
     if (problem->precision == V2V_PRECISION_F32) {
         recon->precision = V2V_PRECISION_F32;
@@ -111,7 +113,7 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_problem *problem = &work->problem;
-    const int64_t samples = v2v_mem_product(work->psf.views, problem->height, problem->width);
+    const int64_t samples = v2v_mem_product(work->psf->views, problem->height, problem->width);
     struct v2v_fusion *fusion = NULL;
     float *views = NULL;
     if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
@@ -119,7 +121,7 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     }
     rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
-        rc = v2v_fusion_create(&fusion, session->config.recon.neighbours, work->psf.views,
+        rc = v2v_fusion_create(&fusion, session->config.recon.neighbours, work->psf->views,
                                problem->height, problem->width);
     }
     if (rc == V2V_OK) {
@@ -159,20 +161,10 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     struct v2v_input_settings input = session->config.input;
-    if (given->weights != NULL) {
-        V2V_TRY(v2v_par_agree(session->world, v2v_file_remember(&work->weights, given->weights)));
-    }
-    if (work->ops == NULL) {
-        const struct v2v_network_ops *network = NULL;
-        V2V_TRY(v2v_step_network(session, &network, given->weights));
-        work->ops = v2v_estimator_of_network(network);
-    }
-    V2V_TRY(v2v_step_calibration(session, given->calibration));
-    V2V_TRY(v2v_step_psf(session, &work->psf, given->psf));
-    V2V_TRY(v2v_step_recording(session, &work->recording, given->input, &work->psf));
+    V2V_TRY(v2v_step_recording(session, &work->recording, given->input, work->psf));
     const struct v2v_recording_info *info = v2v_recording_info(work->recording);
     work->problem = (struct v2v_problem){.config = &session->config,
-                                         .psf = &work->psf,
+                                         .psf = work->psf,
                                          .weights = given->weights,
                                          .height = info->height,
                                          .width = info->width,
@@ -198,9 +190,9 @@ done:
 static enum v2v_status check_weights(const struct work *work, const struct v2v_session *session)
 {
     const char *path = work->given->weights;
-    return path == NULL
-               ? V2V_OK
-               : v2v_par_agree(session->world, v2v_file_unchanged(V2V_OK, &work->weights, path));
+    return path == NULL ? V2V_OK
+                        : v2v_par_agree(session->world,
+                                        v2v_file_unchanged(V2V_OK, &work->tools->weights, path));
 }
 
 /* What the output will be, and of which task. Collective. */
@@ -208,13 +200,13 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
-    work->info = v2v_step_volume_of(session, v2v_recording_info(work->recording), &work->psf);
+    work->info = v2v_step_volume_of(session, v2v_recording_info(work->recording), work->psf);
     work->datasets = 1u << V2V_VOLUME_MEAN;
     if (given->branches) {
         work->datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;
     }
-    V2V_TRY(v2v_provenance_init(&work->provenance, session, &work->psf, given->weights,
-                                &work->scaling));
+    V2V_TRY(
+        v2v_provenance_init(&work->provenance, session, work->psf, given->weights, &work->scaling));
     V2V_TRY(v2v_provenance_task(&work->provenance, session, given->input, work->frames.first));
     V2V_TRY(check_weights(work, session));
 done:
@@ -280,6 +272,38 @@ static enum v2v_status open_output(struct work *work, const struct v2v_session *
         provenance->count, session->world);
 }
 
+/* Frames that are done in the output. Local. */
+static int64_t count_done(const struct work *work)
+{
+    int64_t done = 0;
+    for (int64_t t = 0; t < work->info.frames; t++) {
+        done += v2v_volume_is_done(work->writer, t);
+    }
+    return done;
+}
+
+/* One line: what was made, how fast, and what it took. Collective. */
+static void report_made(const struct work *work, const struct v2v_session *session)
+{
+    const struct v2v_volume_info *info = &work->info;
+    const struct v2v_volumes_result *result = &work->result;
+    struct rusage used = {0};
+    char before[64] = "";
+    getrusage(RUSAGE_SELF, &used);
+    double peak_gb = 1024e-9 * (double)used.ru_maxrss;
+    v2v_par_max_f64(session->world, &peak_gb, 1);
+    if (result->before > 0) {
+        snprintf(before, sizeof before, ", %lld before", (long long)result->before);
+    }
+    v2v_log(V2V_LOG_INFO,
+            "%s: %lld frames of %lld x %lld x %lld; %lld now in %.1f s, %.3g s a frame%s; %.2f GB "
+            "on the largest rank",
+            work->given->output, (long long)info->frames, (long long)info->slices,
+            (long long)info->height, (long long)info->width, (long long)result->now,
+            result->frames_s, result->now > 0 ? result->frames_s / (double)result->now : 0.0,
+            before, peak_gb);
+}
+
 static void report_skipped(const struct work *work)
 {
     const double part = v2v_recon_computed_part(work->recon);
@@ -304,7 +328,7 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_psf_file *psf = &work->psf;
+    const struct v2v_psf_file *psf = work->psf;
     const int64_t height = work->problem.height, width = work->problem.width;
     const int64_t samples = v2v_mem_product(psf->views, height, width);
     const int by_mean = work->ops->has_gain && session->config.psf.reduce == V2V_REDUCE_MEAN;
@@ -387,6 +411,7 @@ static void keep_frames(struct work *work, const struct v2v_session *session)
     v2v_volume_suspend(&work->writer);
     if (v2v_step_on_root(session)) {
         v2v_volume_left(&left, work->given->output, NULL);
+        work->result.now = left.done - work->result.before;
         if (left.done > 0) {
             v2v_log(V2V_LOG_WARNING, "%s: %lld of %lld frames are done; --resume goes on with them",
                     work->given->output, (long long)left.done, (long long)left.frames);
@@ -397,30 +422,57 @@ static void keep_frames(struct work *work, const struct v2v_session *session)
 static void close_all(struct work *work, const struct v2v_session *session)
 {
     keep_frames(work, session);
+    if (work->given->result != NULL) {
+        *work->given->result = work->result;
+    }
     v2v_provenance_fini(&work->provenance);
     v2v_recon_destroy(&work->recon);
     v2v_recording_close(&work->recording);
-    v2v_psf_file_fini(&work->psf);
 }
 
-enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
-                                 const struct v2v_estimator_ops *ops,
-                                 const struct v2v_monitor *monitor, struct v2v_session *session)
+enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct v2v_volumes *given,
+                                  const struct v2v_estimator_ops *ops, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    struct work work = {.given = given, .ops = ops};
-    const double started = v2v_clock_now();
+    *tools = (struct v2v_volumes_tools){.ops = ops, .began = v2v_clock_now()};
+    if (given->weights != NULL) {
+        V2V_TRY(v2v_par_agree(session->world, v2v_file_remember(&tools->weights, given->weights)));
+    }
+    if (ops == NULL) {
+        const struct v2v_network_ops *network = NULL;
+        V2V_TRY(v2v_step_network(session, &network, given->weights));
+        tools->ops = v2v_estimator_of_network(network);
+    }
+    V2V_TRY(v2v_step_calibration(session, given->calibration));
+    V2V_TRY(v2v_step_psf(session, &tools->psf, given->psf));
+done:
+    return rc;
+}
+
+void v2v_volumes_end(struct v2v_volumes_tools *tools)
+{
+    v2v_psf_file_fini(&tools->psf);
+}
+
+enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
+                               const struct v2v_volumes_tools *tools,
+                               const struct v2v_monitor *monitor, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct work work = {.given = given, .tools = tools, .ops = tools->ops, .psf = &tools->psf};
     double ready = 0.0;
     int is_complete = 0;
-    V2V_TRY(check(&work, session));
+    V2V_TRY(v2v_volumes_check(&work.frames, given, session));
     V2V_TRY(v2v_step_output_or_resume(
         session, given->output,
         (const char *const[]){given->psf, given->weights, given->calibration, given->input}, 4,
         given->resume));
     V2V_TRY(prepare(&work, session));
     V2V_TRY(describe(&work, session));
+    work.result.frames = work.info.frames;
     V2V_TRY(meet_output(&is_complete, &work, session));
     if (is_complete) {
+        work.result.before = work.info.frames;
         goto done;
     }
     V2V_TRY(meet_frames(&work, session));
@@ -428,6 +480,7 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     V2V_TRY(
         v2v_recon_create(&work.recon, work.ops, &work.problem, work.info.frames, session->world));
     V2V_TRY(open_output(&work, session));
+    work.result.before = count_done(&work);
     v2v_step_announce(session);
     struct v2v_par_time began = v2v_par_time_now();
     v2v_stop_heed_ending();
@@ -437,12 +490,25 @@ enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
     v2v_step_communication(session, &began);
     report_skipped(&work);
     V2V_TRY(v2v_volume_finish(&work.writer));
-    if (given->seconds != NULL) {
-        given->seconds[0] = ready - started;
-        given->seconds[1] = v2v_clock_now() - ready;
-    }
+    work.result.now = work.info.frames - work.result.before;
+    work.result.ready_s = ready - tools->began;
+    work.result.frames_s = v2v_clock_now() - ready;
+    report_made(&work, session);
     report_quality(&work, session);
 done:
     close_all(&work, session);
+    return rc;
+}
+
+enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
+                                 const struct v2v_estimator_ops *ops,
+                                 const struct v2v_monitor *monitor, struct v2v_session *session)
+{
+    struct v2v_volumes_tools tools;
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_volumes_begin(&tools, given, ops, session));
+    V2V_TRY(v2v_volumes_of(given, &tools, monitor, session));
+done:
+    v2v_volumes_end(&tools);
     return rc;
 }

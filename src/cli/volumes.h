@@ -4,7 +4,15 @@
 #define V2V_CLI_VOLUMES_H
 
 #include "cli/command.h"
+#include "v2v3d/io/file.h"
+#include "v2v3d/io/psf_file.h"
 #include "v2v3d/method/estimator.h"
+
+/** What became of a recording, known to rank 0 also after a failure. */
+struct v2v_volumes_result {
+    double ready_s, frames_s;    /**< until all was ready, and then for the frames */
+    int64_t frames, before, now; /**< of the output; done when it was opened; made by this run */
+};
 
 /** Arguments of a command that makes volumes. */
 struct v2v_volumes {
@@ -12,7 +20,8 @@ struct v2v_volumes {
     const char *psf, *weights, *calibration, *input, *output;
     const char *frames; /* FIRST:COUNT; NULL: all */
     int branches, resume;
-    double *seconds; /* [2] out, where not NULL: until all is ready, and then for the frames */
+    struct v2v_words inputs;           /* as the command line has them: see cli/recordings.h */
+    struct v2v_volumes_result *result; /* out, where not NULL */
 };
 
 /** Rows of its options. */
@@ -33,9 +42,36 @@ struct v2v_volumes {
 /** The tolerance that recon.skip means; 0: nothing is left out. @kind Local */
 double v2v_volumes_skip(const struct v2v_number *skip, double automatic);
 
-/** Read, settle, reconstruct, write.
- *  @param ops NULL: what the weights are for @param monitor of a method that iterates; may be NULL.
+/** Do the words fit together? @param frames FIRST:COUNT; all when it is not given @kind Local.
+ *  @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
+                                  const struct v2v_session *session) V2V_MUST_CHECK;
+
+/** What every recording needs: read once. */
+struct v2v_volumes_tools {
+    const struct v2v_estimator_ops *ops;
+    struct v2v_file_state weights; /**< as this rank first saw the file */
+    struct v2v_psf_file psf;       /**< calibrated */
+    double began;
+};
+
+/** PSFs, calibration, and what the weights are for; the session's configuration takes their network
+ *  over. @param ops NULL: what the weights are for @kind Collective(world). @return agreed or not;
+ *  v2v_volumes_end after both */
+enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct v2v_volumes *given,
+                                  const struct v2v_estimator_ops *ops,
+                                  struct v2v_session *session) V2V_MUST_CHECK;
+void v2v_volumes_end(struct v2v_volumes_tools *tools);
+
+/** Read, settle, reconstruct, write given->input. @param session of which settings are decided by
+ *  this recording @param monitor of a method that iterates; may be NULL.
  *  @kind Collective(world). @return agreed or not */
+enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
+                               const struct v2v_volumes_tools *tools,
+                               const struct v2v_monitor *monitor,
+                               struct v2v_session *session) V2V_MUST_CHECK;
+
+/** All three. @kind Collective(world). @return agreed or not */
 enum v2v_status v2v_volumes_make(const struct v2v_volumes *given,
                                  const struct v2v_estimator_ops *ops,
                                  const struct v2v_monitor *monitor,
