@@ -83,9 +83,9 @@ refuses 65 'says pixels of 0.65 um, but the PSFs are for 0.5 um; .*--pixel-size 
     "${rl[@]}" --input other_pixels.h5 -o out.h5
 works "${rl[@]}" --input other_pixels.h5 -o v.h5 --pixel-size 0.5 --slice-spacing 3 --frame-interval 2
 works info v.h5
-says '^pixel size 0.5 um$'
-says '^slice spacing 3 um$'
-says '^frame interval 2 s$'
+says '^pixel size: 0.5 um$'
+says '^slice spacing: 3 um$'
+says '^frame interval: 2 s$'
 mkdir psf_channels
 cp ij_czt.tif psf_channels/psf_1.tif
 refuses 65 'psf_1.tif: has 2 channels, 3 slices and 4 frames; a PSF has slices' psf info psf_channels
