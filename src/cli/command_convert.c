@@ -1,5 +1,6 @@
 #include "cli/content.h"
 #include "cli/steps.h"
+#include "cli/storage.h"
 #include "cli/weights_conversion.h"
 
 #include "v2v3d/base/log.h"
@@ -10,7 +11,8 @@
 struct arguments {
     struct v2v_common common;
     const char *input, *output;
-    int kind; /* enum v2v_content */
+    int kind;                           /* enum v2v_content */
+    struct v2v_storage_options storage; /* of volumes */
 };
 
 static const struct v2v_option options[] = {
@@ -22,6 +24,7 @@ static const struct v2v_option options[] = {
      .value = "auto|volume|recording|psf|weights",
      .help = "of the content; a TIFF stack with --views is a recording, else a volume",
      .initial = "auto"},
+    V2V_OPTIONS_STORAGE(struct arguments, storage),
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
     V2V_OPTIONS_INPUT,
@@ -39,13 +42,15 @@ static enum v2v_status convert_volume(const struct arguments *given,
                                          {.name = "command_line", .text = session->command_line}};
     V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
+    struct v2v_volume_info written = *info;
+    V2V_TRY(v2v_storage_settle(&written.storage, &given->storage, given->output));
     struct v2v_part mine =
         v2v_par_part(info->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
     rc =
         V2V_ALLOC(slices, "convert.slices", v2v_mem_product(mine.count, info->height, info->width));
     V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_volume_create(&writer, given->output, info, 1u << V2V_VOLUME_MEAN, attributes, 2,
-                              session->world));
+    V2V_TRY(v2v_volume_create(&writer, given->output, &written, 1u << V2V_VOLUME_MEAN, attributes,
+                              2, session->world));
     for (int64_t t = 0; t < info->frames; t++) {
         v2v_watchdog_beat("convert: a frame");
         rc = v2v_volume_read(volume, slices, t, mine.first, mine.count);

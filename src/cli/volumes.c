@@ -67,6 +67,8 @@ done:
 enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
                                   const struct v2v_session *session)
 {
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume_storage storage;
     if (given->weights != NULL && v2v_volumes_skip(&session->config.recon.skip, 1.0) > 0.0 &&
         !session->config.model.winograd) {
         return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
@@ -75,7 +77,10 @@ enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volu
         return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
                         given->output);
     }
-    return parse_frames(frames, given->frames);
+    V2V_TRY(v2v_storage_settle(&storage, &given->storage, given->output));
+    V2V_TRY(parse_frames(frames, given->frames));
+done:
+    return rc;
 }
 
 /* The weights, and what convolutions compute in; what was decided against is not what the volume's
@@ -201,6 +206,7 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     work->info = v2v_step_volume_of(session, v2v_recording_info(work->recording), work->psf);
+    V2V_TRY(v2v_storage_settle(&work->info.storage, &given->storage, given->output));
     work->datasets = 1u << V2V_VOLUME_MEAN;
     if (given->branches) {
         work->datasets |= 1u << V2V_VOLUME_BRANCH1 | 1u << V2V_VOLUME_BRANCH2;

@@ -4,6 +4,7 @@
 #define V2V_CLI_VOLUMES_H
 
 #include "cli/command.h"
+#include "cli/storage.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/method/estimator.h"
@@ -20,13 +21,15 @@ struct v2v_volumes {
     const char *psf, *weights, *calibration, *input, *output;
     const char *frames; /* FIRST:COUNT; NULL: all */
     int branches, resume;
+    struct v2v_storage_options storage;
     struct v2v_words inputs;           /* as the command line has them: see cli/recordings.h */
     struct v2v_volumes_result *result; /* out, where not NULL */
 };
 
 /** Rows of its options. */
 #define V2V_OPTIONS_VOLUMES                                                                        \
-    V2V_OPTION_CALIBRATION(struct v2v_volumes, calibration),                                       \
+    V2V_OPTIONS_STORAGE(struct v2v_volumes, storage),                                              \
+        V2V_OPTION_CALIBRATION(struct v2v_volumes, calibration),                                   \
         V2V_OPTION_SWITCH(struct v2v_volumes, resume, "resume",                                    \
                           "go on with what an interrupted run left; a complete output stays"),     \
     {                                                                                              \

@@ -76,18 +76,21 @@ enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums)
 {
     enum v2v_status rc = V2V_OK;
     v2v_h5_quiet();
-    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
+    hid_t access = H5Pcreate(H5P_FILE_ACCESS), creation = H5Pcreate(H5P_FILE_CREATE);
     *file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_clear(path));
+    /* without the time of day: the same content is the same file */
     if (access < 0 || H5Pset_file_locking(access, 0, 1) < 0 ||
+        H5Pset_obj_track_times(creation, 0) < 0 ||
         (checksums && H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST) < 0)) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_MEMORY, path, "/", "no access properties"));
     }
-    *file = H5Fcreate(path, H5F_ACC_EXCL, H5P_DEFAULT, access);
+    *file = H5Fcreate(path, H5F_ACC_EXCL, creation, access);
     if (*file < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_IO, path, "/", "HDF5 can't create it"));
     }
 done:
+    v2v_h5_close(&creation);
     v2v_h5_close(&access);
     return rc;
 }

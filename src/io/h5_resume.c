@@ -4,15 +4,41 @@
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
+#include "io/volume_pack.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
 #include <stdio.h>
 #include <string.h>
 
-/* A dataset of this very shape with all its space, so that its index can be walked through. */
+/* Is a dataset stored as a complete file's shall be? */
+static enum v2v_status check_storage(hid_t set, const char *path, const char *name,
+                                     const struct v2v_volume_storage *storage)
+{
+    enum v2v_status rc = V2V_OK;
+    const int is_integer = storage->sample == V2V_SAMPLE_UINT16;
+    hid_t creation = H5Dget_create_plist(set), type = H5Dget_type(set);
+    double step = 0.0;
+    V2V_TRY(v2v_h5_get_length(&step, set, path, V2V_VOLUME_STEP));
+    if ((H5Tget_class(type) == H5T_INTEGER) != is_integer ||
+        H5Tget_size(type) != (is_integer ? 2 : 4) ||
+        (H5Pget_nfilters(creation) > 0) != (storage->deflate > 0) ||
+        (is_integer && storage->peak > 0.0 && step != v2v_volume_step(storage->peak))) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: %s: is stored with another type, peak or compression than asked for",
+                         path, name));
+    }
+done:
+    v2v_h5_close(&type);
+    v2v_h5_close(&creation);
+    return rc;
+}
+
+/* A dataset of this very shape: with all its space where it was taken at once, so that its index
+ * can be walked through; or stored as a complete file's. */
 static enum v2v_status check_dataset(hid_t file, const char *path, const char *name, int rank,
-                                     const int64_t *shape, size_t bytes)
+                                     const int64_t *shape, size_t bytes,
+                                     const struct v2v_volume_storage *storage)
 {
     enum v2v_status rc = V2V_OK;
     hid_t set = H5I_INVALID_HID, space = H5I_INVALID_HID, type = H5I_INVALID_HID;
@@ -21,14 +47,20 @@ static enum v2v_status check_dataset(hid_t file, const char *path, const char *n
     space = H5Dget_space(set);
     type = H5Dget_type(set);
     int same = H5Sget_simple_extent_ndims(space) == rank &&
-               H5Sget_simple_extent_dims(space, extent, NULL) == rank && H5Tget_size(type) == bytes;
+               H5Sget_simple_extent_dims(space, extent, NULL) == rank;
     for (int i = 0; i < rank; i++) {
         same = same && extent[i] == (hsize_t)shape[i];
         elements *= (hsize_t)shape[i];
     }
-    if (!same || H5Dget_storage_size(set) != elements * bytes) {
+    if (storage == NULL) {
+        same = same && H5Tget_size(type) == bytes && H5Dget_storage_size(set) == elements * bytes;
+    }
+    if (!same) {
         V2V_TRY(
             V2V_FAIL(V2V_E_INPUT, "%s: %s: has not the shape, type or space expected", path, name));
+    }
+    if (storage != NULL) {
+        V2V_TRY(check_storage(set, path, name, storage));
     }
 done:
     v2v_h5_close(&type);
@@ -53,11 +85,12 @@ static enum v2v_status check_file(const char *path, const struct v2v_h5_plan *pl
     }
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {
-            V2V_TRY(check_dataset(file, path, plan->dataset[i], 4, plan->shape, sizeof(float)));
+            V2V_TRY(check_dataset(file, path, plan->dataset[i], 4, plan->shape, sizeof(float),
+                                  plan->storage));
         }
     }
-    V2V_TRY(check_dataset(file, path, "/done", 1, plan->shape, sizeof(uint8_t)));
-    V2V_TRY(check_dataset(file, path, V2V_H5_CHECKSUM, 1, plan->shape, sizeof(uint64_t)));
+    V2V_TRY(check_dataset(file, path, "/done", 1, plan->shape, sizeof(uint8_t), NULL));
+    V2V_TRY(check_dataset(file, path, V2V_H5_CHECKSUM, 1, plan->shape, sizeof(uint64_t), NULL));
 done:
     v2v_h5_close(&file);
     return rc;

@@ -2,6 +2,7 @@
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_resume.h"
+#include "io/volume_pack.h"
 #include "io/write_behind.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/fault.h"
@@ -21,6 +22,7 @@
 struct v2v_h5_writer {
     char path[V2V_PATH_BYTES], temporary[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
     const struct v2v_comm *comm;
+    const struct v2v_volume_pack *pack; /* or NULL */
     hid_t file, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
     int64_t shape[4];
@@ -99,6 +101,7 @@ static enum v2v_status create_marks(hid_t file, const char *path, const char *na
     hid_t creation = H5Pcreate(H5P_DATASET_CREATE);
     hid_t set = H5I_INVALID_HID;
     if (H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
+        H5Pset_obj_track_times(creation, 0) < 0 ||
         H5Pset_fill_value(creation, H5T_NATIVE_UINT8, &zero) < 0 ||
         (set = H5Dcreate2(file, name, type, space, H5P_DEFAULT, creation, H5P_DEFAULT)) < 0) {
         rc = V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created");
@@ -257,6 +260,7 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
     *writer = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.h5_writer", 1)));
     fresh->comm = comm;
+    fresh->pack = plan->pack;
     fresh->lock = -1;
     memcpy(fresh->shape, plan->shape, sizeof fresh->shape);
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
@@ -513,6 +517,28 @@ static enum v2v_status close_file(struct v2v_h5_writer *writer)
     return rc;
 }
 
+/* What is complete gets its name: it, or what is made of it. Collective(comm). */
+static enum v2v_status give_name(struct v2v_h5_writer *writer)
+{
+    enum v2v_status rc = V2V_OK;
+    char packed[V2V_PATH_BYTES];
+    const int on_root = v2v_comm_rank(writer->comm) == 0;
+    if (writer->pack != NULL) {
+        rc = v2v_text_format(packed, sizeof packed, "%s.v2v3d-packed", writer->path);
+        V2V_TRY(v2v_par_agree(writer->comm, rc));
+        V2V_TRY(v2v_volume_pack_run(writer->pack, packed, writer->temporary, writer->comm));
+    }
+    if (on_root) {
+        rc = v2v_file_commit(writer->pack != NULL ? packed : writer->temporary, writer->path);
+    }
+    V2V_TRY(v2v_par_agree(writer->comm, rc));
+    if (on_root && writer->pack != NULL) {
+        unlink(writer->temporary);
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
 {
     enum v2v_status rc = V2V_OK;
@@ -528,10 +554,7 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
         rc = v2v_file_sync(own->temporary); /* each host has written a part of it */
     }
     V2V_TRY(settle(own, rc));
-    if (v2v_comm_rank(own->comm) == 0) {
-        rc = v2v_file_commit(own->temporary, own->path);
-    }
-    V2V_TRY(v2v_par_agree(own->comm, rc));
+    V2V_TRY(give_name(own));
     own->created = 0;
 done:
     v2v_h5_writer_suspend(writer); /* a failure at the end costs no frame that is done */

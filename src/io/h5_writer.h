@@ -16,6 +16,8 @@
 #define V2V_H5_WRITER_SETS 4
 
 struct v2v_h5_writer;
+struct v2v_volume_pack;
+struct v2v_volume_storage;
 
 /** What to create. */
 struct v2v_h5_plan {
@@ -25,6 +27,10 @@ struct v2v_h5_plan {
     const char *task; /**< what `describe` writes as the attribute of this name: with it and /done
                            the file has checksums [t], and can be gone on with; or NULL */
     int resume;       /**< go on with what an interrupted writer of the same task left */
+    const struct v2v_volume_storage *storage; /**< of a complete file that is checked; NULL: as it
+                                                   is written here */
+    const struct v2v_volume_pack *pack;       /**< makes the complete file of what is written; NULL:
+                                                   it is that. Outlives the writer */
     /** Write attributes (on rank 0 only, before anything else can fail on another rank). */
     enum v2v_status (*describe)(hid_t file, const char *path, const void *context);
     const void *context;

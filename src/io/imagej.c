@@ -79,6 +79,7 @@ enum v2v_status v2v_imagej_format(char *text, size_t bytes, const struct v2v_tif
     char unit[16] = "";
     char spacing[48] = "";
     char interval[48] = "";
+    char step[96] = "";
 
     if (info->pixel_size_um > 0 || info->slice_spacing_um > 0) {
         V2V_TRY(v2v_text_format(unit, sizeof unit, "unit=micron\n"));
@@ -90,13 +91,17 @@ enum v2v_status v2v_imagej_format(char *text, size_t bytes, const struct v2v_tif
         V2V_TRY(
             v2v_text_format(interval, sizeof interval, "finterval=%.9g\n", info->frame_interval_s));
     }
+    if (info->step > 0) { /* a straight line from integers to values, which ImageJ then shows */
+        V2V_TRY(
+            v2v_text_format(step, sizeof step, "cf=0\nc0=0\nc1=%.9g\nvunit=counts\n", info->step));
+    }
     /* The version is one that ImageJ itself has written: it picks the reader's rules. */
     V2V_TRY(v2v_text_format(text, bytes,
                             "ImageJ=1.53k\nimages=%lld\nchannels=%lld\nslices=%lld\nframes=%lld\n"
-                            "hyperstack=true\nmode=grayscale\n%s%s%sloop=false\n",
+                            "hyperstack=true\nmode=grayscale\n%s%s%s%sloop=false\n",
                             (long long)info->pages, (long long)info->channels,
                             (long long)info->slices, (long long)info->frames, unit, spacing,
-                            interval));
+                            interval, step));
 done:
     return rc;
 }

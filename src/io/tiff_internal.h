@@ -24,8 +24,10 @@ void v2v_tiff_log_clear(struct v2v_tiff_log *log);
 /** The reason to print: never empty. @kind Local. */
 const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log);
 
-/** What the tag `Software` says where a file has a task. */
-#define V2V_TIFF_SOFTWARE "v2v3d; task "
+/** What the tag `Software` says where a file has a task or a step: "v2v3d; task X; step S". */
+#define V2V_TIFF_SOFTWARE "v2v3d"
+#define V2V_TIFF_TASK "; task "
+#define V2V_TIFF_STEP "; step "
 
 /** A page's checksum as the tag `PageName`. @kind Local. @param pixels float32, as stored */
 enum { V2V_TIFF_PAGE_NAME_BYTES = 24 };

@@ -17,6 +17,7 @@ struct v2v_tiff_writer {
     struct v2v_tiff_info info;
     TIFF *handle;
     int64_t page_bytes, written;
+    uint16_t *integers; /* [y,x] of a page; NULL: floats */
 };
 
 int v2v_tiff_needs_big(int64_t pages, int64_t page_bytes)
@@ -41,7 +42,8 @@ static enum v2v_status settle_shape(struct v2v_tiff_writer *writer,
     own->slices = info->slices == 0 ? 1 : info->slices;
     own->frames = info->frames == 0 ? 1 : info->frames;
     own->pages = v2v_mem_product(own->channels, own->slices, own->frames);
-    writer->page_bytes = v2v_mem_product(own->height, own->width, (int64_t)sizeof(float));
+    own->bits = info->bits == 16 ? 16 : 32;
+    writer->page_bytes = v2v_mem_product(own->height, own->width, own->bits / 8);
     if (own->pages < 1 || (info->pages != 0 && info->pages != own->pages)) {
         return V2V_FAIL(V2V_E_INPUT,
                         "%s: a stack of %lld channels, %lld slices, %lld frames in "
@@ -50,7 +52,7 @@ static enum v2v_status settle_shape(struct v2v_tiff_writer *writer,
                         (long long)info->frames, (long long)info->pages);
     }
     if (own->height < 1 || own->width < 1 || writer->page_bytes < 1 ||
-        writer->page_bytes / (int64_t)sizeof(float) > V2V_TIFF_MOST_PIXELS) {
+        own->height * own->width > V2V_TIFF_MOST_PIXELS) {
         return V2V_FAIL(V2V_E_INPUT, "%s: pages of %lld x %lld pixels cannot be written",
                         writer->path, (long long)own->height, (long long)own->width);
     }
@@ -87,12 +89,17 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
     V2V_TRY(v2v_text_format(writer->path, sizeof writer->path, "%s", path));
     V2V_TRY(v2v_file_temporary(writer->temporary, path));
     V2V_TRY(settle_shape(writer, info));
+    if (writer->info.bits == 16) {
+        V2V_TRY(V2V_ALLOC(writer->integers, "io.tiff_writer",
+                          v2v_mem_product(info->height, info->width, 1)));
+    }
     V2V_TRY(open_temporary(writer));
     *writer_out = writer;
     writer = NULL;
 done:
     if (writer != NULL) {
         v2v_file_unlock_output(&writer->lock, writer->lock_name);
+        v2v_mem_free(writer->integers);
     }
     v2v_mem_free(writer);
     return rc;
@@ -115,8 +122,9 @@ static int set_tags(TIFF *handle, const struct v2v_tiff_info *info)
     int ok = TIFFSetField(handle, TIFFTAG_IMAGEWIDTH, (uint32_t)info->width) &&
              TIFFSetField(handle, TIFFTAG_IMAGELENGTH, (uint32_t)info->height) &&
              TIFFSetField(handle, TIFFTAG_ROWSPERSTRIP, (uint32_t)info->height) &&
-             TIFFSetField(handle, TIFFTAG_BITSPERSAMPLE, 32) &&
-             TIFFSetField(handle, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_IEEEFP) &&
+             TIFFSetField(handle, TIFFTAG_BITSPERSAMPLE, info->bits) &&
+             TIFFSetField(handle, TIFFTAG_SAMPLEFORMAT,
+                          info->bits == 16 ? SAMPLEFORMAT_UINT : SAMPLEFORMAT_IEEEFP) &&
              TIFFSetField(handle, TIFFTAG_SAMPLESPERPIXEL, 1) &&
              TIFFSetField(handle, TIFFTAG_COMPRESSION, COMPRESSION_NONE) &&
              TIFFSetField(handle, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) &&
@@ -131,12 +139,44 @@ static int set_tags(TIFF *handle, const struct v2v_tiff_info *info)
     return ok;
 }
 
+/* The pixels as they are stored. */
+static const void *stored_page(const struct v2v_tiff_writer *writer, const float *page)
+{
+    const int64_t pixels = writer->info.height * writer->info.width;
+    if (writer->integers == NULL) {
+        return page;
+    }
+    for (int64_t i = 0; i < pixels; i++) {
+        writer->integers[i] = (uint16_t)page[i];
+    }
+    return writer->integers;
+}
+
+/* What later runs of this program read: "" where there is nothing. */
+static enum v2v_status format_software(char *text, size_t bytes, const struct v2v_tiff_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    char task[64] = "", step[64] = "";
+    text[0] = '\0';
+    if (info->task[0] != '\0') {
+        V2V_TRY(v2v_text_format(task, sizeof task, V2V_TIFF_TASK "%s", info->task));
+    }
+    if (info->step > 0.0) {
+        V2V_TRY(v2v_text_format(step, sizeof step, V2V_TIFF_STEP "%.17g", info->step));
+    }
+    if (task[0] != '\0' || step[0] != '\0') {
+        V2V_TRY(v2v_text_format(text, bytes, V2V_TIFF_SOFTWARE "%s%s", task, step));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float *page)
 {
     enum v2v_status rc = V2V_OK;
-    char description[512], software[64], name[V2V_TIFF_PAGE_NAME_BYTES];
+    char description[512], software[128], name[V2V_TIFF_PAGE_NAME_BYTES];
     /* libtiff's prototype lacks a const; uncompressed data in native byte order are only read. */
-    void *data = (void *)(uintptr_t)page;
+    void *data = (void *)(uintptr_t)stored_page(writer, page);
 
     V2V_TRY(V2V_FAULT_POINT("tiff.write_page"));
     if (writer->written == writer->info.pages) {
@@ -145,12 +185,12 @@ enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float 
     }
     v2v_tiff_log_clear(&writer->log);
     V2V_TRY(v2v_imagej_format(description, sizeof description, &writer->info));
-    V2V_TRY(v2v_text_format(software, sizeof software, V2V_TIFF_SOFTWARE "%s", writer->info.task));
+    V2V_TRY(format_software(software, sizeof software, &writer->info));
     v2v_tiff_name_page(name, page, writer->info.height * writer->info.width);
     if (!set_tags(writer->handle, &writer->info) ||
         (writer->written == 0 &&
          !TIFFSetField(writer->handle, TIFFTAG_IMAGEDESCRIPTION, description)) ||
-        (writer->written == 0 && writer->info.task[0] != '\0' &&
+        (writer->written == 0 && software[0] != '\0' &&
          !TIFFSetField(writer->handle, TIFFTAG_SOFTWARE, software)) ||
         !TIFFSetField(writer->handle, TIFFTAG_PAGENAME, name) ||
         TIFFWriteEncodedStrip(writer->handle, 0, data, (tmsize_t)writer->page_bytes) !=
@@ -188,6 +228,7 @@ enum v2v_status v2v_tiff_finish(struct v2v_tiff_writer **writer_in)
     }
     V2V_TRY(v2v_file_commit(writer->temporary, writer->path));
     v2v_file_unlock_output(&writer->lock, writer->lock_name);
+    v2v_mem_free(writer->integers);
     v2v_mem_free(writer);
     *writer_in = NULL;
 done:
@@ -207,6 +248,7 @@ void v2v_tiff_abandon(struct v2v_tiff_writer **writer_in)
     }
     (void)unlink(writer->temporary);
     v2v_file_unlock_output(&writer->lock, writer->lock_name);
+    v2v_mem_free(writer->integers);
     v2v_mem_free(writer);
     *writer_in = NULL;
 }

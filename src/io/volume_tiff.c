@@ -1,4 +1,5 @@
 #include "io/volume_tiff.h"
+#include "io/volume_pack.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
@@ -36,8 +37,8 @@ struct v2v_volume_tiff {
 };
 
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
-                                       const struct v2v_volume_info *info, const char *task,
-                                       const struct v2v_comm *comm)
+                                       const struct v2v_volume_info *info, double step,
+                                       const char *task, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_tiff *fresh = NULL;
@@ -48,9 +49,9 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
         .channels = 1,
         .slices = info->slices,
         .frames = info->frames,
-        .bits = 32,
-        .is_float = 1,
-        .type_max = 1.0,
+        .bits = step > 0.0 ? 16 : 32,
+        .is_float = step == 0.0,
+        .step = step,
         .pixel_size_um = info->pixel_size_um,
         .slice_spacing_um = info->slice_spacing_um,
         .frame_interval_s = info->frame_interval_s,
@@ -88,6 +89,12 @@ enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_
     if (task == NULL || strcmp(file->task, task) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
                          path));
+    }
+    const int is_integer = info->storage.sample == V2V_SAMPLE_UINT16;
+    if (file->is_float == is_integer || (is_integer && info->storage.peak > 0.0 &&
+                                         file->step != v2v_volume_step(info->storage.peak))) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_INPUT, "%s: is stored with another type or peak than asked for", path));
     }
     if (file->frames != info->frames || file->slices != info->slices ||
         file->height != info->height || file->width != info->width) {

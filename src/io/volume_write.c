@@ -3,8 +3,10 @@
 #include "io/h5_resume.h"
 #include "io/h5_writer.h"
 #include "io/stack.h"
+#include "io/volume_pack.h"
 #include "io/volume_tiff.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/volume.h"
 #include <string.h>
@@ -16,6 +18,7 @@
 struct v2v_volume_writer {
     struct v2v_h5_writer *h5; /* one of the two */
     struct v2v_volume_tiff *tiff;
+    struct v2v_volume_pack pack; /* of `h5`, where the file is not what it writes */
 };
 
 /* What rank 0 writes beside the data. */
@@ -89,12 +92,16 @@ static int is_hdf5_name(const char *path)
     return -1;
 }
 
-static enum v2v_status check_request(const char *path, unsigned datasets)
+static enum v2v_status check_request(const char *path, const struct v2v_volume_info *info,
+                                     unsigned datasets)
 {
     const int hdf5 = is_hdf5_name(path);
     V2V_ASSERT((datasets & (1u << V2V_VOLUME_MEAN)) && datasets < (1u << V2V_H5_WRITER_SETS));
     if (hdf5 < 0) {
         return V2V_FAIL(V2V_E_USAGE, "%s: a volume's name ends in .h5, .hdf5, .tif or .tiff", path);
+    }
+    if (hdf5 == 0 && info->storage.deflate > 0) {
+        return V2V_FAIL(V2V_E_USAGE, "%s: compression needs an HDF5 file (.h5)", path);
     }
     if (hdf5 == 0 && datasets != 1u << V2V_VOLUME_MEAN) {
         return V2V_FAIL(V2V_E_USAGE,
@@ -102,6 +109,12 @@ static enum v2v_status check_request(const char *path, unsigned datasets)
                         path);
     }
     return V2V_OK;
+}
+
+/* Is it written as plain HDF5, at least at first? */
+static int is_written_as_hdf5(const char *path, const struct v2v_volume_info *info)
+{
+    return is_hdf5_name(path) == 1 || v2v_volume_pack_is_needed(&info->storage);
 }
 
 static const char *task_of(const struct v2v_attribute *attributes, int64_t count)
@@ -129,11 +142,25 @@ static void make_plan(struct v2v_h5_plan *plan, const struct description *descri
     }
 }
 
+/* What becomes of the plain file. */
+static enum v2v_status make_pack(struct v2v_volume_pack *pack, const char *path,
+                                 const struct description *description, const char *task)
+{
+    enum v2v_status rc = V2V_OK;
+    *pack = (struct v2v_volume_pack){.info = *description->info,
+                                     .datasets = description->datasets,
+                                     .is_tiff = is_hdf5_name(path) == 0};
+    V2V_TRY(v2v_text_format(pack->path, sizeof pack->path, "%s", path));
+    V2V_TRY(v2v_text_format(pack->task, sizeof pack->task, "%s", task != NULL ? task : ""));
+done:
+    return rc;
+}
+
 static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path,
                              const struct description *description, int resume,
                              const struct v2v_comm *comm)
 {
-    enum v2v_status rc = check_request(path, description->datasets);
+    enum v2v_status rc = check_request(path, description->info, description->datasets);
     struct v2v_volume_writer *fresh = NULL;
     struct v2v_h5_plan plan;
     *writer = NULL;
@@ -142,11 +169,16 @@ static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(fresh, "io.volume", 1);
     }
+    if (rc == V2V_OK && v2v_volume_pack_is_needed(&description->info->storage)) {
+        rc = make_pack(&fresh->pack, path, description, plan.task);
+        plan.pack = &fresh->pack;
+    }
     V2V_TRY(v2v_par_agree(comm, rc));
-    if (is_hdf5_name(path)) {
+    if (is_written_as_hdf5(path, description->info)) {
         V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
     } else {
-        V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, description->info, plan.task, comm));
+        V2V_TRY(
+            v2v_volume_tiff_create(&fresh->tiff, path, description->info, 0.0, plan.task, comm));
     }
     *writer = fresh;
     fresh = NULL;
@@ -177,7 +209,7 @@ void v2v_volume_left(struct v2v_volume_left *left, const char *path, const char 
 {
     char temporary[V2V_PATH_BYTES];
     *left = (struct v2v_volume_left){0};
-    if (is_hdf5_name(path) == 1 && v2v_file_temporary(temporary, path) == V2V_OK) {
+    if (v2v_file_temporary(temporary, path) == V2V_OK && v2v_file_is_hdf5(temporary)) {
         v2v_h5_left(left, temporary, task);
     }
 }
@@ -207,8 +239,9 @@ enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info 
 {
     const struct description description = {info, datasets, attributes, attribute_count};
     struct v2v_h5_plan plan;
-    enum v2v_status rc = check_request(path, datasets);
+    enum v2v_status rc = check_request(path, info, datasets);
     make_plan(&plan, &description);
+    plan.storage = &info->storage;
     V2V_TRY(v2v_par_agree(comm, rc));
     if (is_hdf5_name(path)) {
         return check_h5(path, &plan, comm);

@@ -177,6 +177,19 @@ refuses 65 '/branch1: there is no such dataset' evaluate --truth one/truth.h5 --
     --volume-dataset branch1
 refuses 65 '/views: there is no such dataset' evaluate --truth one/truth.h5 --volume one/truth.h5 \
     --truth-dataset views
+
+# Integers are half a step from it at most: the scene's brightest voxel is less than 1.
+for words in 'small.h5 --output-type uint16 --compression gzip:4' 'small.tif --output-type uint16'; do
+    read -ra words <<<"$words"
+    works convert --input one/truth.h5 -o "${words[@]}"
+    works convert --input "${words[0]}" -o back.h5 --force
+    same one/truth.h5 back.h5 /volume 7.7e-6
+done
+works convert --input one/truth.h5 -o small.h5 --force --compression gzip
+same one/truth.h5 small.h5 /volume
+works convert --input one/truth.h5 -o small.h5 --force --output-type uint16 --output-peak 1e-3
+grep -q '^warning.*small.h5: uint16 .*[1-9][0-9]* voxels were beyond' stderr ||
+    fail "no word of the voxels that were clipped: $(cat stderr)"
 works convert --input rec.h5 -o rec.tif
 works convert --input rec.tif --views 5 -o rec_again.h5
 same rec.h5 rec_again.h5 /views

@@ -14,6 +14,8 @@ for from in $(seq 15); do
     [ $code -eq 74 ] || fail "full from write $from on: exit code $code: $(cat stderr)"
     grep -q '^v2v3d deconvolve: .*No space left' stderr || fail "no word on it: $(cat stderr)"
     ((from > 10)) || refuses 74 'No space left' convert --input volume.h5 -o out.h5
+    ((from > 10)) ||
+        refuses 74 'No space left' convert --input volume.h5 -o out.h5 --output-type uint16
     ! grep -q ': writing failed: No space left' stderr || by_thread=1
 done
 [ -n "${by_thread:-}" ] || fail "no frame's data met the full disk"

@@ -19,7 +19,13 @@ stays() {
 }
 
 # A complete output stays, also where its inputs were copied; nothing else is taken for it.
-for volume in done.h5 done.tif; do
+plain=("${common[@]}")
+for volume in done.h5 done.tif packed.h5 integers.tif; do
+    case $volume in
+    packed.h5) common=("${plain[@]}" --output-type uint16 --compression gzip) ;;
+    integers.tif) common=("${plain[@]}" --output-type uint16) ;;
+    *) common=("${plain[@]}") ;;
+    esac
     works "${common[@]}" --input rec.h5 -o $volume
     keep $volume
     cp rec.h5 copy.h5
@@ -41,6 +47,15 @@ for volume in done.h5 done.tif; do
     done
     rm $volume
 done
+common=("${plain[@]}")
+
+# A complete output of another type is none that was asked for.
+works "${common[@]}" --input rec.h5 -o done.h5
+refuses 65 'done.h5: .*stored with another type.*--force makes it anew' "${common[@]}" \
+    --input rec.h5 -o done.h5 --resume --output-type uint16
+works "${common[@]}" --input rec.h5 -o done.h5 --resume --force --output-type uint16
+refuses 65 'done.h5: .*stored with another type' "${common[@]}" --input rec.h5 -o done.h5 --resume
+rm done.h5
 
 # Damage is seen: a voxel, a mark.
 works "${common[@]}" --input rec.h5 -o done.h5

@@ -73,6 +73,15 @@ refuses 2 "--precision: 'f16' is not f32 or bf16 or bf16-always" \
     reconstruct --psf p --weights w --input r -o out.h5 --precision f16
 refuses 2 '--branches needs an HDF5 output' \
     reconstruct --psf p --weights w --input r -o out.tif --branches
+refuses 2 '--compression needs an HDF5 output' \
+    reconstruct --psf p --weights w --input r -o out.tif --compression gzip
+for compression in zip gzip:0 gzip:10 gzip: gzip:2x; do
+    refuses 2 '--compression' deconvolve --psf p --input r -o out.h5 --compression $compression
+done
+refuses 2 '--output-peak needs --output-type uint16' \
+    deconvolve --psf p --input r -o out.h5 --output-peak 3
+refuses 2 "--output-type: 'uint8' is none of" \
+    deconvolve --psf p --input r -o out.h5 --output-type uint8
 refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
 refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
 refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5

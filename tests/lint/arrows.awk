@@ -7,6 +7,7 @@ BEGIN {
     owner["H5"] = " io "
     owner["tiff"] = " io "
     owner["png.h"] = " io "
+    owner["zlib.h"] = " io "
     owner["jansson"] = " io "
     owner["libxml"] = " io "
     owner["fftw3"] = " fft "

@@ -10,17 +10,34 @@
 extern "C" {
 #endif
 
+/** Types that the voxels of a file are written in. */
+enum v2v_sample { V2V_SAMPLE_FLOAT32 = 0, V2V_SAMPLE_UINT16 };
+
+/** How the voxels of a file are stored; zeroed: float32, as they are. */
+struct v2v_volume_storage {
+    enum v2v_sample sample;
+    double peak; /**< UINT16: what 65535 stands for, in all frames; 0: the largest voxel of all
+                      frames. Beyond it, and below 0, voxels are clipped and counted */
+    int deflate; /**< HDF5: level 1 .. 9 of zlib, on shuffled bytes; 0: not compressed */
+};
+
 /** The outermost axis first: [t,z,y,x]. Sizes in micrometres, 0 = not stated (never invented). */
 struct v2v_volume_info {
     int64_t frames, slices, height, width;
     double pixel_size_um, slice_spacing_um, frame_interval_s;
+    struct v2v_volume_storage storage; /**< of a file to write; of one that is read: zeroed */
 };
+
+/** The attribute of a dataset of integers that tells the step between them, in the recording's
+ *  units: the name that CF conventions for netCDF have for it, which some readers apply. */
+#define V2V_VOLUME_STEP "scale_factor"
 
 struct v2v_volume;
 
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack: of its channels
  *  the one that `settings` name; its slices and frames where it states both, else settings->slices,
- *  which must divide the pages, else all pages are slices of one frame. Integer data are read as
+ *  which must divide the pages, else all pages are slices of one frame. Integers are read in
+ *  the step that the file states (V2V_VOLUME_STEP), else as
  *  fractions of their type's maximum.
  *  A frame that `/done` doesn't mark, or whose `/checksum` doesn't hold, is refused when it is
  *  read.
@@ -56,7 +73,10 @@ struct v2v_attribute {
 /** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x] in one piece, `/done` [t],
  * attrs;
  *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers and holds frames that come before their turn
- *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). `datasets`
+ *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). Where
+ *  info->storage asks for integers or compression, frames are first written as HDF5 float32,
+ *  whatever the name, and v2v_volume_finish makes the file of that: only then all ranks' frames,
+ *  and their largest voxel, are known, and ranks keep their own pace until then. `datasets`
  * is a bit mask of 1 << V2V_VOLUME_... ; it appears under `path` at v2v_volume_finish.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_USAGE (other file type) | V2V_E_IO; agreed */
 struct v2v_volume_writer;

@@ -1,0 +1,42 @@
+#include "cli/storage.h"
+
+#include "cli/steps.h"
+#include "v2v3d/base/text.h"
+#include <string.h>
+
+/* Higher ones take much longer and save little: tests/bench/README.md. */
+enum { USUAL_LEVEL = 2 };
+
+static enum v2v_status parse_compression(int *level, const char *text)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char what[] = "--compression gzip:LEVEL";
+    int64_t given = USUAL_LEVEL;
+    if (text == NULL || strcmp(text, "none") == 0) {
+        given = 0;
+    } else if (strncmp(text, "gzip:", 5) == 0) {
+        V2V_TRY(v2v_text_to_i64(&given, text + 5, 1, 9, what, V2V_E_USAGE));
+    } else if (strcmp(text, "gzip") != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--compression %s: none, gzip or gzip:LEVEL is meant", text));
+    }
+    *level = (int)given;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_storage_settle(struct v2v_volume_storage *storage,
+                                   const struct v2v_storage_options *given, const char *output)
+{
+    enum v2v_status rc = V2V_OK;
+    *storage =
+        (struct v2v_volume_storage){.sample = (enum v2v_sample)given->type, .peak = given->peak};
+    V2V_TRY(parse_compression(&storage->deflate, given->compression));
+    if (storage->peak > 0.0 && storage->sample != V2V_SAMPLE_UINT16) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--output-peak needs --output-type uint16"));
+    }
+    if (storage->deflate > 0 && !v2v_step_is_hdf5_name(output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--compression needs an HDF5 output (.h5), not %s", output));
+    }
+done:
+    return rc;
+}

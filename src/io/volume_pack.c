@@ -1,0 +1,234 @@
+#include "io/volume_pack.h"
+
+#include "io/h5_checksum.h"
+#include "io/h5_common.h"
+#include "io/h5_packed.h"
+#include "io/volume_tiff.h"
+#include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
+#include <float.h>
+#include <math.h>
+#include <string.h>
+#include <unistd.h>
+
+/* Of 16 bits. */
+#define MOST 65535.0
+
+struct work {
+    const struct v2v_volume_pack *pack;
+    const struct v2v_comm *comm;
+    const char *part;
+    struct v2v_h5_summed source;
+    uint64_t *checksum; /* [t] of the plain file; NULL: it has none */
+    double step[V2V_H5_WRITER_SETS];
+    float *frame;             /* [z,y,x] */
+    int64_t *sums, *clipped;  /* [t] of this rank's frames */
+    struct v2v_h5_packed *h5; /* one of the two */
+    struct v2v_volume_tiff *tiff;
+};
+
+int v2v_volume_pack_is_needed(const struct v2v_volume_storage *storage)
+{
+    return storage->sample != V2V_SAMPLE_FLOAT32 || storage->deflate > 0;
+}
+
+double v2v_volume_step(double peak)
+{
+    return peak / MOST;
+}
+
+static int has_set(const struct work *work, int set)
+{
+    return (work->pack->datasets & 1u << set) != 0;
+}
+
+/* Local: the plain file, and memory for a frame of it. */
+static enum v2v_status open_part(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &work->pack->info;
+    const char *dataset[V2V_H5_WRITER_SETS];
+    for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
+        dataset[set] = has_set(work, set) ? v2v_h5_volume_sets[set] : NULL;
+    }
+    V2V_TRY(v2v_h5_summed_open(&work->source, work->part, dataset));
+    const hid_t file = work->source.array[V2V_VOLUME_MEAN].file;
+    if (H5Lexists(file, V2V_H5_CHECKSUM, H5P_DEFAULT) > 0) {
+        V2V_TRY(V2V_ALLOC(work->checksum, "io.pack", info->frames));
+        V2V_TRY(v2v_h5_read_of_frames(work->checksum, file, work->part, V2V_H5_CHECKSUM,
+                                      H5T_NATIVE_UINT64, info->frames));
+    }
+    V2V_TRY(V2V_ALLOC(work->sums, "io.pack", info->frames));
+    V2V_TRY(V2V_ALLOC(work->clipped, "io.pack", info->frames));
+    V2V_TRY(V2V_ALLOC(work->frame, "io.pack",
+                      v2v_mem_product(info->slices, info->height, info->width)));
+done:
+    return rc;
+}
+
+/* What a set's frame t, which lies in work->frame, adds to the frame's checksum. */
+static uint64_t checksum_of(const struct work *work, int set, int64_t t)
+{
+    const struct v2v_volume_info *info = &work->pack->info;
+    const int64_t rows = info->slices * info->height;
+    return v2v_h5_rows_checksum(work->frame, (set * info->frames + t) * rows, rows, info->width);
+}
+
+static enum v2v_status read_frame(struct work *work, int set, int64_t t)
+{
+    return v2v_h5_array_read(&work->source.array[set], work->frame, t, 0, work->pack->info.slices);
+}
+
+/* The steps of integers; a recording without any light has the finest. Collective(comm). */
+static enum v2v_status settle_steps(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &work->pack->info;
+    const struct v2v_part mine =
+        v2v_par_part(info->frames, v2v_comm_size(work->comm), v2v_comm_rank(work->comm));
+    const int64_t voxels = v2v_mem_product(info->slices, info->height, info->width);
+    double peak[V2V_H5_WRITER_SETS] = {0.0};
+    for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
+        peak[set] = info->storage.peak;
+    }
+    for (int64_t t = mine.first; info->storage.peak == 0.0 && t < mine.first + mine.count; t++) {
+        v2v_watchdog_beat("looking for the brightest voxel");
+        for (int set = 0; rc == V2V_OK && set < V2V_H5_WRITER_SETS; set++) {
+            rc = has_set(work, set) ? read_frame(work, set, t) : V2V_OK;
+            for (int64_t i = 0; rc == V2V_OK && has_set(work, set) && i < voxels; i++) {
+                peak[set] = work->frame[i] > peak[set] ? (double)work->frame[i] : peak[set];
+            }
+        }
+    }
+    V2V_TRY(v2v_par_agree(work->comm, rc));
+    v2v_par_max_f64(work->comm, peak, V2V_H5_WRITER_SETS);
+    for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
+        work->step[set] = fmax(v2v_volume_step(peak[set]), (double)FLT_MIN);
+    }
+done:
+    return rc;
+}
+
+/* Voxels to the nearest of the integers 0 .. 65535; how many have none within half a step. */
+static int64_t round_to_steps(float *voxels, int64_t count, double step)
+{
+    int64_t clipped = 0;
+#pragma omp parallel for schedule(static) reduction(+ : clipped)
+    for (int64_t i = 0; i < count; i++) {
+        const double number = rint((double)voxels[i] / step);
+        clipped += number < 0.0 || number > MOST;
+        voxels[i] = (float)fmin(fmax(number, 0.0), MOST);
+    }
+    return clipped;
+}
+
+/* Local: a set's frame as it is to be stored, in work->frame. @param sum of the plain file's */
+static enum v2v_status prepare_frame(struct work *work, uint64_t *sum, int set, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &work->pack->info;
+    V2V_TRY(V2V_FAULT_POINT("volume.pack"));
+    V2V_TRY(read_frame(work, set, t));
+    *sum += checksum_of(work, set, t);
+    if (info->storage.sample == V2V_SAMPLE_UINT16) {
+        work->clipped[t] +=
+            round_to_steps(work->frame, info->slices * info->height * info->width, work->step[set]);
+    }
+    work->sums[t] = (int64_t)((uint64_t)work->sums[t] + checksum_of(work, set, t));
+done:
+    return rc;
+}
+
+/* Collective(comm): a frame of each rank, from `first` on. */
+static enum v2v_status pack_round(struct work *work, int64_t first)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &work->pack->info;
+    const int64_t t = first + v2v_comm_rank(work->comm);
+    const int is_mine = t < info->frames;
+    uint64_t sum = 0;
+    for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
+        if (!has_set(work, set)) {
+            continue;
+        }
+        V2V_TRY(v2v_par_agree(work->comm, is_mine ? prepare_frame(work, &sum, set, t) : V2V_OK));
+        V2V_TRY(work->h5 != NULL ? v2v_h5_packed_put(work->h5, set, work->frame, first)
+                                 : v2v_volume_tiff_write(work->tiff, work->frame, is_mine ? t : 0,
+                                                         0, is_mine ? info->slices : 0));
+    }
+    if (is_mine && work->checksum != NULL && sum != work->checksum[t]) {
+        rc = V2V_FAIL(V2V_E_INPUT, "%s: frame %lld is damaged: its checksum doesn't hold",
+                      work->part, (long long)t);
+    }
+    V2V_TRY(v2v_par_agree(work->comm, rc));
+done:
+    return rc;
+}
+
+static enum v2v_status create(struct work *work, const char *packed)
+{
+    const struct v2v_volume_pack *pack = work->pack;
+    return pack->is_tiff
+               ? v2v_volume_tiff_create(&work->tiff, packed, &pack->info,
+                                        work->step[V2V_VOLUME_MEAN], pack->task, work->comm)
+               : v2v_h5_packed_create(&work->h5, packed, pack, work->part, work->step, work->comm);
+}
+
+/* Collective(comm). */
+static enum v2v_status finish(struct work *work)
+{
+    const int64_t frames = work->pack->info.frames;
+    v2v_par_sum_i64(work->comm, work->sums, frames);
+    v2v_par_sum_i64(work->comm, work->clipped, frames);
+    if (work->tiff != NULL) {
+        return v2v_volume_tiff_finish(&work->tiff);
+    }
+    return v2v_h5_packed_finish(&work->h5, work->checksum != NULL ? work->sums : NULL,
+                                work->clipped);
+}
+
+/* Local: one line on what integers cost. */
+static void report(const struct work *work)
+{
+    int64_t clipped = 0;
+    for (int64_t t = 0; t < work->pack->info.frames; t++) {
+        clipped += work->clipped[t];
+    }
+    if (v2v_comm_rank(work->comm) == 0) {
+        v2v_log(clipped > 0 ? V2V_LOG_WARNING : V2V_LOG_INFO,
+                "%s: uint16 in steps of %.4g, up to %.4g; %lld voxels were beyond it or below 0",
+                work->pack->path, work->step[V2V_VOLUME_MEAN], work->step[V2V_VOLUME_MEAN] * MOST,
+                (long long)clipped);
+    }
+}
+
+enum v2v_status v2v_volume_pack_run(const struct v2v_volume_pack *pack, const char *packed,
+                                    const char *part, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct work work = {.pack = pack, .comm = comm, .part = part};
+    V2V_TRY(v2v_par_agree(comm, open_part(&work)));
+    if (pack->info.storage.sample == V2V_SAMPLE_UINT16) {
+        V2V_TRY(settle_steps(&work));
+    }
+    V2V_TRY(create(&work, packed));
+    for (int64_t first = 0; first < pack->info.frames; first += v2v_comm_size(comm)) {
+        v2v_watchdog_beat("packing a frame");
+        V2V_TRY(pack_round(&work, first));
+    }
+    V2V_TRY(finish(&work));
+    if (pack->info.storage.sample == V2V_SAMPLE_UINT16) {
+        report(&work);
+    }
+done:
+    v2v_volume_tiff_abandon(&work.tiff);
+    v2v_h5_packed_abandon(&work.h5);
+    v2v_h5_summed_close(&work.source);
+    v2v_mem_free(work.frame);
+    v2v_mem_free(work.clipped);
+    v2v_mem_free(work.sums);
+    v2v_mem_free(work.checksum);
+    return rc;
+}
