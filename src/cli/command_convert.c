@@ -17,7 +17,8 @@ struct arguments {
 
 static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, input, "input", 1, "volume, recording, PSFs or weights"),
-    V2V_OPTION_OUTPUT(struct arguments, output, "file to write: .h5, .tif or .safetensors"),
+    V2V_OPTION_OUTPUT(struct arguments, output,
+                      "file to write: .h5, .tif (ImageJ), .ome.tif or .safetensors"),
     {.name = "kind",
      .kind = V2V_OPTION_CHOICE,
      .at = offsetof(struct arguments, kind),
@@ -81,6 +82,7 @@ static enum v2v_status recording_to_tiff(const char *output, struct v2v_recordin
                                  .frames = info->frames,
                                  .bits = 32,
                                  .is_float = 1,
+                                 .is_ome = v2v_tiff_is_ome_name(output),
                                  .type_max = 1.0,
                                  .pixel_size_um = info->pixel_size_um,
                                  .frame_interval_s = info->frame_interval_s};

@@ -3,7 +3,7 @@
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_RECORDINGS,
-    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5 or .tif"),
+    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5, .tif or .ome.tif"),
     V2V_OPTION_SET("method", "deconv.method", "tv|rl|rld|frl",
                    "total variation (default); A'(y / Ax) / A'1 of all views at once, or of one "
                    "after the other; or A'y / A'Ax"),

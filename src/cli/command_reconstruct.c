@@ -4,7 +4,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_FILE(struct v2v_volumes, weights, "weights", 1, "of the trained network"),
     V2V_OPTION_RECORDINGS,
-    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5, or .tif (mean only)"),
+    V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5; .tif or .ome.tif (mean only)"),
     V2V_OPTION_SWITCH(struct v2v_volumes, branches, "branches",
                       "write /branch1 and /branch2 beside their mean"),
     V2V_OPTIONS_VOLUMES,

@@ -152,6 +152,13 @@ void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description);
 enum v2v_status v2v_imagej_format(char *text, size_t bytes,
                                   const struct v2v_tiff_info *info) V2V_MUST_CHECK;
 
+/** OME-XML of a file whose pages are in the order c, z, t, and room enough for it. In ASCII, which
+ *  is all that TIFF allows. @kind Local. @return V2V_OK | V2V_E_INPUT (does not fit)
+ *  @source https://www.openmicroscopy.org/Schemas/OME/2016-06/ome.xsd */
+int64_t v2v_ome_bytes(const struct v2v_tiff_info *info);
+enum v2v_status v2v_ome_format(char *text, size_t bytes,
+                               const struct v2v_tiff_info *info) V2V_MUST_CHECK;
+
 /** Does a file of so many pages need BigTIFF's 64-bit offsets? @kind Local. */
 int v2v_tiff_needs_big(int64_t pages, int64_t page_bytes);
 

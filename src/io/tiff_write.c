@@ -18,6 +18,7 @@ struct v2v_tiff_writer {
     TIFF *handle;
     int64_t page_bytes, written;
     uint16_t *integers; /* [y,x] of a page; NULL: floats */
+    char *description;
 };
 
 int v2v_tiff_needs_big(int64_t pages, int64_t page_bytes)
@@ -59,6 +60,19 @@ static enum v2v_status settle_shape(struct v2v_tiff_writer *writer,
     return V2V_OK;
 }
 
+/* ImageJ's description, or OME's. */
+static enum v2v_status describe(struct v2v_tiff_writer *writer)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_tiff_info *info = &writer->info;
+    const int64_t bytes = info->is_ome ? v2v_ome_bytes(info) : 512;
+    V2V_TRY(V2V_ALLOC(writer->description, "io.tiff_writer", bytes));
+    V2V_TRY((info->is_ome ? v2v_ome_format : v2v_imagej_format)(writer->description, (size_t)bytes,
+                                                                info));
+done:
+    return rc;
+}
+
 static enum v2v_status open_temporary(struct v2v_tiff_writer *writer)
 {
     int big = v2v_tiff_needs_big(writer->info.pages, writer->page_bytes);
@@ -77,6 +91,18 @@ done:
     return rc;
 }
 
+/* The lock and the memory; accepts NULL. */
+static void give_back(struct v2v_tiff_writer **writer)
+{
+    if (*writer != NULL) {
+        v2v_file_unlock_output(&(*writer)->lock, (*writer)->lock_name);
+        v2v_mem_free((*writer)->integers);
+        v2v_mem_free((*writer)->description);
+        v2v_mem_free(*writer);
+        *writer = NULL;
+    }
+}
+
 enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char *path,
                                 const struct v2v_tiff_info *info)
 {
@@ -89,6 +115,7 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
     V2V_TRY(v2v_text_format(writer->path, sizeof writer->path, "%s", path));
     V2V_TRY(v2v_file_temporary(writer->temporary, path));
     V2V_TRY(settle_shape(writer, info));
+    V2V_TRY(describe(writer));
     if (writer->info.bits == 16) {
         V2V_TRY(V2V_ALLOC(writer->integers, "io.tiff_writer",
                           v2v_mem_product(info->height, info->width, 1)));
@@ -97,11 +124,7 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
     *writer_out = writer;
     writer = NULL;
 done:
-    if (writer != NULL) {
-        v2v_file_unlock_output(&writer->lock, writer->lock_name);
-        v2v_mem_free(writer->integers);
-    }
-    v2v_mem_free(writer);
+    give_back(&writer);
     return rc;
 }
 
@@ -131,10 +154,12 @@ static int set_tags(TIFF *handle, const struct v2v_tiff_info *info)
              TIFFSetField(handle, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
 
     if (ok && info->pixel_size_um > 0) {
-        /* ImageJ takes the unit from the description and wants none here. */
-        ok = TIFFSetField(handle, TIFFTAG_XRESOLUTION, 1 / info->pixel_size_um) &&
-             TIFFSetField(handle, TIFFTAG_YRESOLUTION, 1 / info->pixel_size_um) &&
-             TIFFSetField(handle, TIFFTAG_RESOLUTIONUNIT, RESUNIT_NONE);
+        /* ImageJ takes the unit from the description and wants none here; others centimetres. */
+        const double unit_um = info->is_ome ? 1e4 : 1.0;
+        ok = TIFFSetField(handle, TIFFTAG_XRESOLUTION, unit_um / info->pixel_size_um) &&
+             TIFFSetField(handle, TIFFTAG_YRESOLUTION, unit_um / info->pixel_size_um) &&
+             TIFFSetField(handle, TIFFTAG_RESOLUTIONUNIT,
+                          info->is_ome ? RESUNIT_CENTIMETER : RESUNIT_NONE);
     }
     return ok;
 }
@@ -174,7 +199,7 @@ done:
 enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float *page)
 {
     enum v2v_status rc = V2V_OK;
-    char description[512], software[128], name[V2V_TIFF_PAGE_NAME_BYTES];
+    char software[128], name[V2V_TIFF_PAGE_NAME_BYTES];
     /* libtiff's prototype lacks a const; uncompressed data in native byte order are only read. */
     void *data = (void *)(uintptr_t)stored_page(writer, page);
 
@@ -184,12 +209,11 @@ enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float 
                          writer->temporary, (long long)writer->info.pages));
     }
     v2v_tiff_log_clear(&writer->log);
-    V2V_TRY(v2v_imagej_format(description, sizeof description, &writer->info));
     V2V_TRY(format_software(software, sizeof software, &writer->info));
     v2v_tiff_name_page(name, page, writer->info.height * writer->info.width);
     if (!set_tags(writer->handle, &writer->info) ||
         (writer->written == 0 &&
-         !TIFFSetField(writer->handle, TIFFTAG_IMAGEDESCRIPTION, description)) ||
+         !TIFFSetField(writer->handle, TIFFTAG_IMAGEDESCRIPTION, writer->description)) ||
         (writer->written == 0 && software[0] != '\0' &&
          !TIFFSetField(writer->handle, TIFFTAG_SOFTWARE, software)) ||
         !TIFFSetField(writer->handle, TIFFTAG_PAGENAME, name) ||
@@ -227,10 +251,6 @@ enum v2v_status v2v_tiff_finish(struct v2v_tiff_writer **writer_in)
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, writer->log.error));
     }
     V2V_TRY(v2v_file_commit(writer->temporary, writer->path));
-    v2v_file_unlock_output(&writer->lock, writer->lock_name);
-    v2v_mem_free(writer->integers);
-    v2v_mem_free(writer);
-    *writer_in = NULL;
 done:
     v2v_tiff_abandon(writer_in);
     return rc;
@@ -247,8 +267,5 @@ void v2v_tiff_abandon(struct v2v_tiff_writer **writer_in)
         TIFFClose(writer->handle);
     }
     (void)unlink(writer->temporary);
-    v2v_file_unlock_output(&writer->lock, writer->lock_name);
-    v2v_mem_free(writer->integers);
-    v2v_mem_free(writer);
-    *writer_in = NULL;
+    give_back(writer_in);
 }

@@ -170,9 +170,10 @@ done:
 static enum v2v_status create(struct work *work, const char *packed)
 {
     const struct v2v_volume_pack *pack = work->pack;
+    const struct v2v_volume_tiff_plan tiff = {pack->is_ome, work->step[V2V_VOLUME_MEAN],
+                                              pack->task};
     return pack->is_tiff
-               ? v2v_volume_tiff_create(&work->tiff, packed, &pack->info,
-                                        work->step[V2V_VOLUME_MEAN], pack->task, work->comm)
+               ? v2v_volume_tiff_create(&work->tiff, packed, &pack->info, &tiff, work->comm)
                : v2v_h5_packed_create(&work->h5, packed, pack, work->part, work->step, work->comm);
 }
 

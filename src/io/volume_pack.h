@@ -17,7 +17,7 @@
 struct v2v_volume_pack {
     struct v2v_volume_info info;
     unsigned datasets; /**< as of v2v_volume_create */
-    int is_tiff;
+    int is_tiff, is_ome;
     char path[V2V_PATH_BYTES]; /**< that it gets in the end */
     char task[32];             /**< or "" */
 };

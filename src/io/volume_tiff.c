@@ -37,8 +37,9 @@ struct v2v_volume_tiff {
 };
 
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
-                                       const struct v2v_volume_info *info, double step,
-                                       const char *task, const struct v2v_comm *comm)
+                                       const struct v2v_volume_info *info,
+                                       const struct v2v_volume_tiff_plan *plan,
+                                       const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_tiff *fresh = NULL;
@@ -49,9 +50,10 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
         .channels = 1,
         .slices = info->slices,
         .frames = info->frames,
-        .bits = step > 0.0 ? 16 : 32,
-        .is_float = step == 0.0,
-        .step = step,
+        .bits = plan->step > 0.0 ? 16 : 32,
+        .is_float = plan->step == 0.0,
+        .is_ome = plan->is_ome,
+        .step = plan->step,
         .pixel_size_um = info->pixel_size_um,
         .slice_spacing_um = info->slice_spacing_um,
         .frame_interval_s = info->frame_interval_s,
@@ -62,7 +64,8 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
     fresh->info = *info;
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
     if (rc == V2V_OK) {
-        rc = v2v_text_format(file.task, sizeof file.task, "%s", task != NULL ? task : "");
+        rc = v2v_text_format(file.task, sizeof file.task, "%s",
+                             plan->task != NULL ? plan->task : "");
     }
     if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
         rc = V2V_ALLOC(fresh->blocks, "io.volume", v2v_comm_size(comm));

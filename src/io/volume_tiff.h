@@ -7,12 +7,18 @@
 
 struct v2v_volume_tiff;
 
-/** @kind Collective(comm). @param step of the integers that are written, which come as whole
- *  numbers 0 .. 65535; 0: floats @param task of V2V_VOLUME_TASK; or NULL
+/** What else a file is. */
+struct v2v_volume_tiff_plan {
+    int is_ome;
+    double step;      /**< of integers, which come as whole numbers 0 .. 65535; 0: floats */
+    const char *task; /**< of V2V_VOLUME_TASK; or NULL */
+};
+
+/** @kind Collective(comm).
  *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char *path,
-                                       const struct v2v_volume_info *info, double step,
-                                       const char *task,
+                                       const struct v2v_volume_info *info,
+                                       const struct v2v_volume_tiff_plan *plan,
                                        const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** As v2v_volume_write. @kind Collective(comm) */

@@ -8,6 +8,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
 #include "v2v3d/io/volume.h"
 #include <string.h>
 #include <strings.h>
@@ -149,7 +150,8 @@ static enum v2v_status make_pack(struct v2v_volume_pack *pack, const char *path,
     enum v2v_status rc = V2V_OK;
     *pack = (struct v2v_volume_pack){.info = *description->info,
                                      .datasets = description->datasets,
-                                     .is_tiff = is_hdf5_name(path) == 0};
+                                     .is_tiff = is_hdf5_name(path) == 0,
+                                     .is_ome = v2v_tiff_is_ome_name(path)};
     V2V_TRY(v2v_text_format(pack->path, sizeof pack->path, "%s", path));
     V2V_TRY(v2v_text_format(pack->task, sizeof pack->task, "%s", task != NULL ? task : ""));
 done:
@@ -177,8 +179,9 @@ static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path
     if (is_written_as_hdf5(path, description->info)) {
         V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
     } else {
-        V2V_TRY(
-            v2v_volume_tiff_create(&fresh->tiff, path, description->info, 0.0, plan.task, comm));
+        const struct v2v_volume_tiff_plan tiff = {.is_ome = v2v_tiff_is_ome_name(path),
+                                                  .task = plan.task};
+        V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, description->info, &tiff, comm));
     }
     *writer = fresh;
     fresh = NULL;

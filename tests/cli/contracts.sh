@@ -179,7 +179,8 @@ refuses 65 '/views: there is no such dataset' evaluate --truth one/truth.h5 --vo
     --truth-dataset views
 
 # Integers are half a step from it at most: the scene's brightest voxel is less than 1.
-for words in 'small.h5 --output-type uint16 --compression gzip:4' 'small.tif --output-type uint16'; do
+for words in 'small.h5 --output-type uint16 --compression gzip:4' 'small.tif --output-type uint16' \
+    'small.ome.tif --output-type uint16'; do
     read -ra words <<<"$words"
     works convert --input one/truth.h5 -o "${words[@]}"
     works convert --input "${words[0]}" -o back.h5 --force
@@ -190,6 +191,13 @@ same one/truth.h5 small.h5 /volume
 works convert --input one/truth.h5 -o small.h5 --force --output-type uint16 --output-peak 1e-3
 grep -q '^warning.*small.h5: uint16 .*[1-9][0-9]* voxels were beyond' stderr ||
     fail "no word of the voxels that were clipped: $(cat stderr)"
+works convert --input one/truth.h5 -o truth.ome.tif
+works evaluate --truth truth.ome.tif --volume one/truth.h5
+says '^ mean +inf +1 '
+works convert --input rec.h5 -o rec.ome.tif
+works convert --input rec.ome.tif --kind recording -o rec_again.h5
+same rec.h5 rec_again.h5 /views
+rm rec_again.h5
 works convert --input rec.h5 -o rec.tif
 works convert --input rec.tif --views 5 -o rec_again.h5
 same rec.h5 rec_again.h5 /views

@@ -18,6 +18,7 @@ struct v2v_tiff_info {
     int is_float;
     double type_max; /**< 255, 65535, 4294967295; 1 for float */
     double pixel_size_um, slice_spacing_um, frame_interval_s;
+    int is_ome;    /**< of a file to write: described by OME-XML, not as ImageJ does */
     double step;   /**< between integers that this program made of voxels; else 0 */
     char task[32]; /**< V2V_VOLUME_TASK of a volume that this program computed; else "" */
 };
@@ -40,13 +41,16 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,
                               int64_t count) V2V_MUST_CHECK;
 void v2v_tiff_close(struct v2v_tiff **tiff);
 
-/** Write [t,z,y,x] page by page as an ImageJ hyperstack with voxel size: float32, or where
- *  info->bits is 16 unsigned integers, whose pages come as whole numbers 0 .. 65535; BigTIFF when
- *  the data pass 4 GB. Every page's name is its checksum (CRC-32C). The file appears under `path`
- *  only at v2v_tiff_finish, which also frees the writer when it fails; after a failed page call
- *  v2v_tiff_abandon. @kind Local. @return V2V_OK | V2V_E_BUSY (another process writes this file) |
- *  V2V_E_INPUT (a shape that cannot be) | V2V_E_IO | V2V_E_MEMORY | V2V_E_INTERNAL (more or fewer
- *  pages than announced) */
+/** Does the name end in .ome.tif or .ome.tiff? @kind Local. */
+int v2v_tiff_is_ome_name(const char *path);
+
+/** Write [t,z,y,x] page by page as an ImageJ hyperstack or OME-TIFF with voxel size: float32, or
+ *  where info->bits is 16 unsigned integers, whose pages come as whole numbers 0 .. 65535; BigTIFF
+ *  when the data pass 4 GB. Every page's name is its checksum (CRC-32C). The file appears under
+ *  `path` only at v2v_tiff_finish, which also frees the writer when it fails; after a failed page
+ *  call v2v_tiff_abandon. @kind Local. @return V2V_OK | V2V_E_BUSY (another process writes this
+ *  file) | V2V_E_INPUT (a shape that cannot be) | V2V_E_IO | V2V_E_MEMORY | V2V_E_INTERNAL (more or
+ *  fewer pages than announced) */
 struct v2v_tiff_writer;
 enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer, const char *path,
                                 const struct v2v_tiff_info *info) V2V_MUST_CHECK;

@@ -5,6 +5,7 @@
 #include "h5_files.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
 #include "v2v3d/io/volume.h"
 
 #include <math.h>
@@ -114,13 +115,59 @@ static void integers_are_within_half_a_step_of_the_brightest_voxel(void **state)
     static const struct {
         const char *name;
         const struct v2v_volume_storage *storage;
-    } cases[] = {{"plain.h5", &integers}, {"small.h5", &small_integers}, {"stack.tif", &integers}};
+    } cases[] = {{"plain.h5", &integers},
+                 {"small.h5", &small_integers},
+                 {"stack.tif", &integers},
+                 {"stack.ome.tif", &integers}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         use(cases[i].name);
         assert_ok(write_volume(cases[i].storage, 1u << V2V_VOLUME_MEAN));
         assert_voxels(half_a_step);
         assert_nothing_beside();
     }
+}
+
+static void ome_tiff_says_what_it_holds(void **state)
+{
+    (void)state;
+    struct v2v_tiff *tiff = NULL;
+    char text[16384];
+    use("floats.ome.tiff");
+    assert_ok(write_volume(&plain, 1u << V2V_VOLUME_MEAN));
+    assert_voxels(0.0);
+    assert_nothing_beside();
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    const size_t bytes = fread(text, 1, sizeof text - 1, file);
+    assert_int_equal(fclose(file), 0);
+    assert_true(memmem(text, bytes, "ImageJ", 6) == NULL &&
+                memmem(text, bytes, "OME/2016-06", 11) != NULL);
+    /* views are channels, and the planes go by channel first */
+    const struct v2v_tiff_info views = {.pages = 6,
+                                        .height = 1,
+                                        .width = 1,
+                                        .channels = 3,
+                                        .frames = 2,
+                                        .bits = 32,
+                                        .is_float = 1,
+                                        .is_ome = 1};
+    struct v2v_tiff_writer *writer = NULL;
+    use("views.ome.tif");
+    assert_ok(v2v_tiff_create(&writer, path, &views));
+    for (int i = 0; i < 6; i++) {
+        assert_ok(v2v_tiff_write_page(writer, (float[]){(float)i}));
+    }
+    assert_ok(v2v_tiff_finish(&writer));
+    assert_ok(v2v_tiff_open(&tiff, path));
+    const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
+    assert_true(info->channels == 3 && info->slices == 1 && info->frames == 2);
+    float page = -1.0f;
+    assert_ok(v2v_tiff_read(tiff, &page, 4, 1));
+    assert_true(page == 4.0f);
+    v2v_tiff_close(&tiff);
+    assert_true(v2v_tiff_is_ome_name("a.OME.TIF") && v2v_tiff_is_ome_name("a.ome.tiff"));
+    assert_false(v2v_tiff_is_ome_name("a.tif") || v2v_tiff_is_ome_name("ome.tif") ||
+                 v2v_tiff_is_ome_name("a.ome.h5") || v2v_tiff_is_ome_name(".tif"));
 }
 
 static void compressed_floats_are_read_back_to_the_bit(void **state)
@@ -318,6 +365,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(integers_are_within_half_a_step_of_the_brightest_voxel),
+        cmocka_unit_test(ome_tiff_says_what_it_holds),
         cmocka_unit_test(compressed_floats_are_read_back_to_the_bit),
         cmocka_unit_test(every_dataset_has_its_own_step_and_attributes_stay),
         cmocka_unit_test(clipped_voxels_are_counted_by_frame),
