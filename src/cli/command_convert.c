@@ -5,6 +5,7 @@
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/io/bdv.h"
 #include "v2v3d/io/tiff.h"
 #include "v2v3d/par/watchdog.h"
 
@@ -18,7 +19,8 @@ struct arguments {
 static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, input, "input", 1, "volume, recording, PSFs or weights"),
     V2V_OPTION_OUTPUT(struct arguments, output,
-                      "file to write: .h5, .tif (ImageJ), .ome.tif or .safetensors"),
+                      "file to write: .h5; .tif (ImageJ), .ome.tif; NAME.xml (BigDataViewer, with "
+                      "NAME.bdv.h5 beside it, uint16); .safetensors"),
     {.name = "kind",
      .kind = V2V_OPTION_CHOICE,
      .at = offsetof(struct arguments, kind),
@@ -32,6 +34,29 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
+/* A volume for BigDataViewer: rank 0 reads and writes. */
+static enum v2v_status convert_to_bdv(const struct arguments *given,
+                                      const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_volume *volume = NULL;
+    struct v2v_volume_storage storage;
+    struct v2v_storage_options stored = given->storage;
+    char data[V2V_PATH_BYTES];
+    stored.type = V2V_SAMPLE_UINT16; /* the only one that it reads */
+    V2V_TRY(v2v_bdv_data_name(data, given->output));
+    V2V_TRY(v2v_storage_settle(&storage, &stored, data));
+    V2V_TRY(v2v_step_output(session, data, &given->input, 1));
+    V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
+    if (v2v_step_on_root(session)) {
+        rc = v2v_bdv_write(given->output, volume, &storage);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+done:
+    v2v_volume_close(&volume);
+    return rc;
+}
+
 static enum v2v_status convert_volume(const struct arguments *given,
                                       const struct v2v_session *session)
 {
@@ -41,6 +66,9 @@ static enum v2v_status convert_volume(const struct arguments *given,
     float *slices = NULL;
     struct v2v_attribute attributes[] = {{.name = "program", .text = "v2v3d " V2V_VERSION},
                                          {.name = "command_line", .text = session->command_line}};
+    if (v2v_bdv_is_name(given->output)) {
+        return convert_to_bdv(given, session);
+    }
     V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     struct v2v_volume_info written = *info;
@@ -130,6 +158,10 @@ static enum v2v_status convert_recording(const struct arguments *given,
     enum v2v_status rc = V2V_OK;
     struct v2v_recording *recording = NULL;
     float *views = NULL;
+    if (v2v_bdv_is_name(given->output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: only volumes are written for BigDataViewer (.xml)",
+                         given->output));
+    }
     V2V_TRY(v2v_recording_open(&recording, given->input, &session->config.input, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     rc = V2V_ALLOC(views, "convert.views", v2v_mem_product(info->views, info->height, info->width));
@@ -177,8 +209,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     enum v2v_content content = (enum v2v_content)given->kind;
     if (!v2v_step_is_hdf5_name(given->output) && !v2v_step_is_tiff_name(given->output) &&
-        !v2v_step_is_safetensors_name(given->output)) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output's name must end in .h5, .tif or .safetensors",
+        !v2v_step_is_safetensors_name(given->output) && !v2v_bdv_is_name(given->output)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "%s: the output's name must end in .h5, .tif, .xml or .safetensors",
                          given->output));
     }
     V2V_TRY(v2v_step_output(session, given->output, &given->input, 1));
@@ -221,7 +254,7 @@ done:
 
 const struct v2v_command v2v_command_convert = {
     .name = "convert",
-    .summary = "TIFF <-> HDF5: volumes, recordings, PSFs; weights",
+    .summary = "TIFF <-> HDF5: volumes, recordings, PSFs; volumes for BigDataViewer; weights",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

@@ -4,7 +4,7 @@
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
-#include "io/volume_pack.h"
+#include "io/rounding.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
@@ -23,7 +23,7 @@ static enum v2v_status check_storage(hid_t set, const char *path, const char *na
     if ((H5Tget_class(type) == H5T_INTEGER) != is_integer ||
         H5Tget_size(type) != (is_integer ? 2 : 4) ||
         (H5Pget_nfilters(creation) > 0) != (storage->deflate > 0) ||
-        (is_integer && storage->peak > 0.0 && step != v2v_volume_step(storage->peak))) {
+        (is_integer && storage->peak > 0.0 && step != v2v_rounding_step(storage->peak))) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: %s: is stored with another type, peak or compression than asked for",
                          path, name));

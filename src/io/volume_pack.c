@@ -3,18 +3,13 @@
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_packed.h"
+#include "io/rounding.h"
 #include "io/volume_tiff.h"
 #include "v2v3d/base/fault.h"
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
-#include <float.h>
-#include <math.h>
 #include <string.h>
 #include <unistd.h>
-
-/* Of 16 bits. */
-#define MOST 65535.0
 
 struct work {
     const struct v2v_volume_pack *pack;
@@ -32,11 +27,6 @@ struct work {
 int v2v_volume_pack_is_needed(const struct v2v_volume_storage *storage)
 {
     return storage->sample != V2V_SAMPLE_FLOAT32 || storage->deflate > 0;
-}
-
-double v2v_volume_step(double peak)
-{
-    return peak / MOST;
 }
 
 static int has_set(const struct work *work, int set)
@@ -97,31 +87,18 @@ static enum v2v_status settle_steps(struct work *work)
         v2v_watchdog_beat("looking for the brightest voxel");
         for (int set = 0; rc == V2V_OK && set < V2V_H5_WRITER_SETS; set++) {
             rc = has_set(work, set) ? read_frame(work, set, t) : V2V_OK;
-            for (int64_t i = 0; rc == V2V_OK && has_set(work, set) && i < voxels; i++) {
-                peak[set] = work->frame[i] > peak[set] ? (double)work->frame[i] : peak[set];
+            if (rc == V2V_OK && has_set(work, set)) {
+                peak[set] = v2v_rounding_peak(peak[set], work->frame, voxels);
             }
         }
     }
     V2V_TRY(v2v_par_agree(work->comm, rc));
     v2v_par_max_f64(work->comm, peak, V2V_H5_WRITER_SETS);
     for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
-        work->step[set] = fmax(v2v_volume_step(peak[set]), (double)FLT_MIN);
+        work->step[set] = v2v_rounding_step(peak[set]);
     }
 done:
     return rc;
-}
-
-/* Voxels to the nearest of the integers 0 .. 65535; how many have none within half a step. */
-static int64_t round_to_steps(float *voxels, int64_t count, double step)
-{
-    int64_t clipped = 0;
-#pragma omp parallel for schedule(static) reduction(+ : clipped)
-    for (int64_t i = 0; i < count; i++) {
-        const double number = rint((double)voxels[i] / step);
-        clipped += number < 0.0 || number > MOST;
-        voxels[i] = (float)fmin(fmax(number, 0.0), MOST);
-    }
-    return clipped;
 }
 
 /* Local: a set's frame as it is to be stored, in work->frame. @param sum of the plain file's */
@@ -133,8 +110,8 @@ static enum v2v_status prepare_frame(struct work *work, uint64_t *sum, int set, 
     V2V_TRY(read_frame(work, set, t));
     *sum += checksum_of(work, set, t);
     if (info->storage.sample == V2V_SAMPLE_UINT16) {
-        work->clipped[t] +=
-            round_to_steps(work->frame, info->slices * info->height * info->width, work->step[set]);
+        work->clipped[t] += v2v_rounding_apply(
+            work->frame, info->slices * info->height * info->width, work->step[set]);
     }
     work->sums[t] = (int64_t)((uint64_t)work->sums[t] + checksum_of(work, set, t));
 done:
@@ -190,7 +167,7 @@ static enum v2v_status finish(struct work *work)
                                 work->clipped);
 }
 
-/* Local: one line on what integers cost. */
+/* Local: what integers cost. */
 static void report(const struct work *work)
 {
     int64_t clipped = 0;
@@ -198,10 +175,7 @@ static void report(const struct work *work)
         clipped += work->clipped[t];
     }
     if (v2v_comm_rank(work->comm) == 0) {
-        v2v_log(clipped > 0 ? V2V_LOG_WARNING : V2V_LOG_INFO,
-                "%s: uint16 in steps of %.4g, up to %.4g; %lld voxels were beyond it or below 0",
-                work->pack->path, work->step[V2V_VOLUME_MEAN], work->step[V2V_VOLUME_MEAN] * MOST,
-                (long long)clipped);
+        v2v_rounding_report(work->pack->path, work->step[V2V_VOLUME_MEAN], clipped);
     }
 }
 

@@ -28,9 +28,6 @@ struct v2v_volume_pack {
 /** Does a file that is stored so need a pass? @kind Local. */
 int v2v_volume_pack_is_needed(const struct v2v_volume_storage *storage);
 
-/** Between two of the integers of which 65535 stands for `peak`. @kind Local. */
-double v2v_volume_step(double peak);
-
 /** @kind Collective(comm). @param packed the file to make, removed when it fails @param part the
  *  plain one, closed. @return V2V_OK | V2V_E_INPUT (`part` is not as it was written) | V2V_E_IO |
  *  V2V_E_MEMORY; agreed. @cost each rank holds a frame, and once more what is stored of it; the

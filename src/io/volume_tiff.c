@@ -1,5 +1,5 @@
 #include "io/volume_tiff.h"
-#include "io/volume_pack.h"
+#include "io/rounding.h"
 #include "par/comm_mpi.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
@@ -95,7 +95,7 @@ enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_
     }
     const int is_integer = info->storage.sample == V2V_SAMPLE_UINT16;
     if (file->is_float == is_integer || (is_integer && info->storage.peak > 0.0 &&
-                                         file->step != v2v_volume_step(info->storage.peak))) {
+                                         file->step != v2v_rounding_step(info->storage.peak))) {
         V2V_TRY(
             V2V_FAIL(V2V_E_INPUT, "%s: is stored with another type or peak than asked for", path));
     }

@@ -194,6 +194,9 @@ grep -q '^warning.*small.h5: uint16 .*[1-9][0-9]* voxels were beyond' stderr ||
 works convert --input one/truth.h5 -o truth.ome.tif
 works evaluate --truth truth.ome.tif --volume one/truth.h5
 says '^ mean +inf +1 '
+works convert --input one/truth.h5 -o truth.xml --compression gzip
+grep -q '<hdf5 type="relative">truth.bdv.h5</hdf5>' truth.xml || fail 'the XML names no data'
+[ -s truth.bdv.h5 ] || fail 'there are no data for BigDataViewer'
 works convert --input rec.h5 -o rec.ome.tif
 works convert --input rec.ome.tif --kind recording -o rec_again.h5
 same rec.h5 rec_again.h5 /views

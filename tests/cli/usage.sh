@@ -86,7 +86,11 @@ refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
 refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
 refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5
 refuses 2 '--uncertainty needs an HDF5' evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.tif
-refuses 2 'end in .h5, .tif or .safetensors' convert --input a.tif -o out.xyz
+refuses 2 'end in .h5, .tif, .xml or .safetensors' convert --input a.tif -o out.xyz
+touch there.bdv.h5
+refuses 2 'there.bdv.h5: exists' convert --input v.h5 --kind volume -o there.xml
+refuses 2 'only volumes are written for BigDataViewer' \
+    convert --input v.h5 --kind recording -o out.xml
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
 refuses 78 "unknown section 'nonsense'" init --set nonsense.key=1
 refuses 78 'train.step' init --set train.step=1
