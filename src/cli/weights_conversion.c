@@ -43,7 +43,7 @@ enum v2v_status v2v_convert_weights(const struct v2v_session *session, const cha
                                     const char *output)
 {
     enum v2v_status rc = V2V_OK;
-    if (v2v_step_is_tiff_name(output)) {
+    if (!v2v_step_is_hdf5_name(output) && !v2v_step_is_safetensors_name(output)) {
         rc = V2V_FAIL(V2V_E_USAGE, "%s: weights are written as .h5 or .safetensors", output);
     } else if (v2v_step_on_root(session)) {
         rc = convert(session, input, output);
