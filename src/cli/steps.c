@@ -7,6 +7,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/io/file_sum.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
@@ -62,6 +63,23 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
         }
     }
     return v2v_par_agree(session->world, rc);
+}
+
+enum v2v_status v2v_step_frames(struct v2v_part *frames, const char *text)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char what[] = "--frames FIRST:COUNT";
+    char first[32];
+    *frames = (struct v2v_part){0, INT64_MAX};
+    if (text != NULL) {
+        const int digits = (int)strcspn(text, ":");
+        V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits, text));
+        V2V_TRY(v2v_text_to_i64(&frames->first, first, 0, INT64_MAX, what, V2V_E_USAGE));
+        V2V_TRY(v2v_text_to_i64(&frames->count, text[digits] == ':' ? text + digits + 1 : "", 1,
+                                INT64_MAX, what, V2V_E_USAGE));
+    }
+done:
+    return rc;
 }
 
 static int ends_in(const char *path, const char *ending)

@@ -70,6 +70,9 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
 enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_scaling *scaling,
                                 struct v2v_recording *recording) V2V_MUST_CHECK;
 
+/** --frames FIRST:COUNT; NULL: all frames. @kind Local. @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_step_frames(struct v2v_part *frames, const char *text) V2V_MUST_CHECK;
+
 /** Log ranks x threads. @kind Local */
 void v2v_step_announce(const struct v2v_session *session);
 

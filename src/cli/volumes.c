@@ -46,24 +46,6 @@ double v2v_volumes_skip(const struct v2v_number *skip, double automatic)
                                            : skip->value;
 }
 
-/* FIRST:COUNT; all frames when it is not given. */
-static enum v2v_status parse_frames(struct v2v_part *frames, const char *text)
-{
-    enum v2v_status rc = V2V_OK;
-    static const char what[] = "--frames FIRST:COUNT";
-    char first[32];
-    *frames = (struct v2v_part){0, INT64_MAX};
-    if (text != NULL) {
-        const int digits = (int)strcspn(text, ":");
-        V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits, text));
-        V2V_TRY(v2v_text_to_i64(&frames->first, first, 0, INT64_MAX, what, V2V_E_USAGE));
-        V2V_TRY(v2v_text_to_i64(&frames->count, text[digits] == ':' ? text + digits + 1 : "", 1,
-                                INT64_MAX, what, V2V_E_USAGE));
-    }
-done:
-    return rc;
-}
-
 enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
                                   const struct v2v_session *session)
 {
@@ -78,7 +60,7 @@ enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volu
                         given->output);
     }
     V2V_TRY(v2v_storage_settle(&storage, &given->storage, given->output));
-    V2V_TRY(parse_frames(frames, given->frames));
+    V2V_TRY(v2v_step_frames(frames, given->frames));
 done:
     return rc;
 }

@@ -1,5 +1,4 @@
-#include "v2v3d/eval/preview.h"
-
+#include "eval/preview_kinds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -45,17 +44,25 @@ static void project(struct mips *mips, const float *volume, int64_t slices, int6
     }
 }
 
-/** Grey range: as given, else 0 to the percentile of the projection along z (of which even a sparse
- *  scene fills more than a thousandth), else to its maximum, else to 1. */
+/** Where a projection's range ends: at its percentile (even a sparse scene fills more than a
+ *  thousandth of one along z), else at its maximum; 0 where there is no light. */
+static enum v2v_status find_white(double *high, const float *mip, int64_t count)
+{
+    enum v2v_status rc = v2v_percentile(high, mip, count, white_percentile);
+    for (int64_t i = 0; rc == V2V_OK && *high <= 0 && i < count; i++) {
+        *high = fmax(*high, mip[i]);
+    }
+    *high = fmax(*high, 0);
+    return rc;
+}
+
+/** Grey range: as given, else from 0 to the projection's end, else to 1. */
 static enum v2v_status choose_range(double *low, double *high, const float *mip, int64_t count)
 {
     if (*low != 0 || *high != 0) {
         return V2V_OK;
     }
-    enum v2v_status rc = v2v_percentile(high, mip, count, white_percentile);
-    for (int64_t i = 0; rc == V2V_OK && *high <= 0 && i < count; i++) {
-        *high = fmax(*high, mip[i]);
-    }
+    enum v2v_status rc = find_white(high, mip, count);
     *high = *high > 0 ? *high : 1;
     return rc;
 }
@@ -91,4 +98,39 @@ done:
     v2v_mem_free(mips.along_y);
     v2v_mem_free(mips.along_z);
     return rc;
+}
+
+enum v2v_status v2v_preview_widen(struct v2v_preview *preview, const float *volume)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = preview->height * preview->width;
+    double high = 0.0;
+    float *mip = NULL;
+    V2V_TRY(V2V_ALLOC(mip, "preview.mips", pixels));
+    for (int64_t i = 0; i < pixels; i++) {
+        mip[i] = volume[i];
+        for (int64_t z = 1; z < preview->slices; z++) {
+            mip[i] = fmaxf(mip[i], volume[z * pixels + i]);
+        }
+    }
+    V2V_TRY(find_white(&high, mip, pixels));
+    preview->high = fmax(preview->high, high);
+done:
+    v2v_mem_free(mip);
+    return rc;
+}
+
+enum v2v_status v2v_preview_draw(struct v2v_canvas *canvas, const struct v2v_preview *preview,
+                                 const float *volume)
+{
+    switch (preview->kind) {
+    case V2V_PREVIEW_MONTAGE:
+        return v2v_preview_montage(canvas, preview, volume);
+    case V2V_PREVIEW_DEPTH:
+        return v2v_preview_depth(canvas, preview, volume);
+    case V2V_PREVIEW_PROJECTIONS:
+        break;
+    }
+    return v2v_preview_volume(canvas, volume, preview->slices, preview->height, preview->width,
+                              preview->z_zoom, preview->low, preview->high);
 }

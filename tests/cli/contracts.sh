@@ -212,6 +212,13 @@ same rld.h5 from_tiff.h5 /volume
 works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
 works preview rld.h5 --frame 2 -o picture.png
 [ "$(head -c 4 picture.png | tail -c 3)" = PNG ] || fail 'preview wrote no PNG'
+for kind in projections montage depth; do
+    works preview rld.h5 --kind $kind --frames 1:9 -o $kind.png
+    grep -aq acTL $kind.png || fail "preview --kind $kind --frames wrote no animation"
+    works preview rld.h5 --kind $kind --frames 2:9 -o $kind.png --force
+    grep -aq acTL $kind.png && fail "preview --kind $kind --frames animates one frame"
+done
+refuses 2 'rld.h5 has frames 0 .. 2' preview rld.h5 --frames 3:1 -o out.png
 
 # The same numbers from one rank: some hundred float32 additions and transforms of values up to 1
 # (6e-8 each) in another order. Deconvolution divides by the sensitivity and by the predicted view,

@@ -91,6 +91,8 @@ touch there.bdv.h5
 refuses 2 'there.bdv.h5: exists' convert --input v.h5 --kind volume -o there.xml
 refuses 2 'only volumes are written for BigDataViewer' \
     convert --input v.h5 --kind recording -o out.xml
+refuses 2 '--frames FIRST:COUNT' preview v.h5 -o out.png --frames 3
+refuses 2 "--kind: 'film' is none of" preview v.h5 -o out.png --kind film
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
 refuses 78 "unknown section 'nonsense'" init --set nonsense.key=1
 refuses 78 'train.step' init --set train.step=1
