@@ -101,6 +101,7 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     enum v2v_status rc = V2V_OK;
     const struct v2v_problem *problem = &work->problem;
     const int64_t samples = v2v_mem_product(work->psf->views, problem->height, problem->width);
+    const int noise = session->config.deconv.noise;
     struct v2v_fusion *fusion = NULL;
     float *views = NULL;
     if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
@@ -122,6 +123,10 @@ static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *se
     /* one answer for all: ranks on other processors may round another way */
     v2v_par_broadcast(session->world, &session->config.deconv, sizeof session->config.deconv, 0);
     v2v_par_broadcast(session->world, &session->config.recon, sizeof session->config.recon, 0);
+    if (session->config.deconv.noise != noise) {
+        v2v_log(V2V_LOG_INFO, "noise %s, by the first frame",
+                session->config.deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian");
+    }
 done:
     v2v_mem_free(views);
     return rc;

@@ -26,7 +26,7 @@ struct v2v_h5_writer {
     hid_t file, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
     int64_t shape[4];
-    int64_t place[V2V_H5_WRITER_SETS], done_place, checksum_place; /* as place_of */
+    int64_t place[V2V_H5_WRITER_SETS], done_place, checksum_place; /* -1: none */
     struct v2v_write_behind *behind; /* NULL: nothing was put to be written later yet */
     int64_t *sums;                   /* [t] checksums of what this rank wrote; else NULL */
     uint8_t *was_done;               /* [t] by the run before; NULL likewise */
@@ -67,18 +67,20 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
     return V2V_OK;
 }
 
-/* In one piece, all space taken at once, nothing filled in: every image is written by exactly one
- * rank, and has a place in the file that needs no index to be found. */
+/* One image a chunk, all space taken at once, nothing filled in: every image is written by exactly
+ * one rank. */
 static enum v2v_status create_images(hid_t file, const char *path, const char *name,
                                      const int64_t shape[4])
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t extent[4] = {(hsize_t)shape[0], (hsize_t)shape[1], (hsize_t)shape[2],
                                (hsize_t)shape[3]};
+    const hsize_t chunk[4] = {1, 1, extent[2], extent[3]};
     hid_t space = H5Screate_simple(4, extent, NULL);
     hid_t creation = H5Pcreate(H5P_DATASET_CREATE);
     hid_t set = H5I_INVALID_HID;
-    if (H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
+    if (H5Pset_chunk(creation, 4, chunk) < 0 ||
+        H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
         H5Pset_fill_time(creation, H5D_FILL_TIME_NEVER) < 0 ||
         (set = H5Dcreate2(file, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, creation, H5P_DEFAULT)) <
             0) {
@@ -118,7 +120,8 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(check_space(writer, plan));
-    V2V_TRY(v2v_h5_create(&file, writer->temporary, 0));
+    V2V_TRY(v2v_h5_create(&file, writer->temporary, 0,
+                          v2v_mem_product(plan->shape[0], plan->shape[1], 1)));
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {
             V2V_TRY(create_images(file, writer->path, plan->dataset[i], plan->shape));
@@ -230,24 +233,54 @@ static enum v2v_status open_datasets(struct v2v_h5_writer *writer, const struct 
     return V2V_OK;
 }
 
-/* Where a dataset lies in the file, as one piece of what memory holds; -1: it does not. */
-static int64_t place_of(hid_t set, hid_t type)
+/* Are the numbers in the file as in memory? */
+static int is_of(hid_t set, hid_t type)
 {
     hid_t own = set > 0 ? H5Dget_type(set) : H5I_INVALID_HID;
-    const haddr_t at = set > 0 ? H5Dget_offset(set) : HADDR_UNDEF;
     const int is_same = own > 0 && H5Tequal(own, type) > 0;
     v2v_h5_close(&own);
-    return is_same && at != HADDR_UNDEF ? (int64_t)at : -1;
+    return is_same;
 }
 
-/* Local: what lies in one piece can be written without HDF5, where marks can, too. */
+/* Where the numbers of frames lie in the file, in one piece; -1: they do not. */
+static int64_t place_of_numbers(hid_t set, hid_t type)
+{
+    const haddr_t at = is_of(set, type) ? H5Dget_offset(set) : HADDR_UNDEF;
+    return at != HADDR_UNDEF ? (int64_t)at : -1;
+}
+
+/* Where image (t,z) lies in the file; -1: it is not found. */
+static int64_t place_of_image(hid_t set, int64_t t, int64_t z)
+{
+    const hsize_t first[4] = {(hsize_t)t, (hsize_t)z, 0, 0};
+    haddr_t at = HADDR_UNDEF;
+    hsize_t bytes = 0;
+    unsigned filters = 0;
+    return H5Dget_chunk_info_by_coord(set, first, &filters, &at, &bytes) >= 0 && at != HADDR_UNDEF
+               ? (int64_t)at
+               : -1;
+}
+
+/* Where the images lie, if one behind the other; -1: they do not. Early on their chunks were
+ * allocated in this order, and nothing can have come between them but nodes of the index, which
+ * move all that follow. */
+static int64_t place_of_images(hid_t set, const int64_t shape[4])
+{
+    const int64_t images = shape[0] * shape[1];
+    const int64_t bytes = shape[2] * shape[3] * (int64_t)sizeof(float);
+    const int64_t at = is_of(set, H5T_NATIVE_FLOAT) ? place_of_image(set, 0, 0) : -1;
+    const int64_t last = at >= 0 ? place_of_image(set, shape[0] - 1, shape[1] - 1) : -1;
+    return at >= 0 && last == at + (images - 1) * bytes ? at : -1;
+}
+
+/* Collective: what lies in one piece can be written without HDF5, where marks can, too. */
 static void find_places(struct v2v_h5_writer *writer)
 {
-    writer->done_place = place_of(writer->done, H5T_STD_U8LE);
-    writer->checksum_place = place_of(writer->checksum, H5T_STD_U64LE);
+    writer->done_place = place_of_numbers(writer->done, H5T_STD_U8LE);
+    writer->checksum_place = place_of_numbers(writer->checksum, H5T_STD_U64LE);
     const int has_marks = writer->done_place >= 0 && writer->checksum_place >= 0;
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
-        writer->place[i] = has_marks ? place_of(writer->set[i], H5T_NATIVE_FLOAT) : -1;
+        writer->place[i] = has_marks ? place_of_images(writer->set[i], writer->shape) : -1;
     }
 }
 

@@ -85,10 +85,10 @@ enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_p
         v2v_photons_find(scratch, views, count, problem->height, problem->width, &camera);
     config->deconv.noise = found.is_clear ? V2V_NOISE_MODEL_POISSON : V2V_NOISE_MODEL_GAUSSIAN;
     if (found.is_clear) {
-        v2v_log(V2V_LOG_INFO, "noise poisson, by a frame: %.3g counts an electron%s", found.gain,
+        v2v_log(V2V_LOG_DEBUG, "noise poisson, by a frame: %.3g counts an electron%s", found.gain,
                 camera.gain > 0.0 ? ", as given" : "");
     } else {
-        v2v_log(V2V_LOG_INFO, "noise gaussian, by a frame: it shows no photons");
+        v2v_log(V2V_LOG_DEBUG, "noise gaussian, by a frame: it shows no photons");
     }
 done:
     v2v_mem_free(scratch);

@@ -67,13 +67,13 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterat
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
 # The noise is decided by the first frame; the volume says which.
-grep -q 'noise gaussian, by a frame' stderr || fail "no word on the noise: $(cat stderr)"
+grep -q 'noise gaussian, by the first frame' stderr || fail "no word on the noise: $(cat stderr)"
 works info tv.h5 --json
 says '\\n  noise: gaussian\\n'
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_gaussian.h5 --noise gaussian
 same tv.h5 tv_gaussian.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_camera.h5 --electrons-per-count 100 \
-    --read-noise 2
+    --read-noise 2 --verbose
 grep -q 'noise poisson, by a frame: 0.01 counts an electron, as given' stderr ||
     fail "no word on the camera: $(cat stderr)"
 works info tv_camera.h5 --json
@@ -101,6 +101,7 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto.h5 --lambda auto
 same tv_auto.h5 tv_auto_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_last.h5 --lambda auto --frames 2:1
 if command -v h5dump >/dev/null; then
+    h5dump -pH tv_last.h5 | grep -q 'CHUNKED ( 1, 1, 64, 64 )' || fail 'a chunk is not a slice'
     h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_auto.h5 >/dev/null
     h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
     cmp whole.bin last.bin || fail 'a range has another lambda than the whole recording'

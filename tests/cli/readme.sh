@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Every ```sh block of the pages, in order, in one folder, with v2v3d in the PATH. Blocks that
 # install or build, or hand jobs to Slurm, are left out by what they call. psf.h5 and recording.h5,
-# the reader's own files, are the demo's; fast.yaml is tiny.yaml and unrolled.yaml of few steps, for
+# the reader's own files, are the demo's, as is what recordings.txt names; fast.yaml is tiny.yaml and unrolled.yaml of few steps, for
 # they take minutes.
 # shellcheck source=tests/cli/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -16,6 +16,8 @@ cp configs/tiny.yaml configs/fast.yaml
 sed -i 's/^  steps: .*/  steps: 20/; s/^  crop: .*/  crop: 32/' configs/unrolled.yaml
 works demo -c configs/tiny.yaml -o own
 mv own/psf.h5 own/recording.h5 .
+cp recording.h5 rec_1.h5
+echo rec_1.h5 >recordings.txt
 
 run=0
 for page in README.md configs/README.md jobs/README.md src/README.md src/io/README.md \

@@ -70,7 +70,7 @@ struct v2v_attribute {
     double number;
 };
 
-/** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x] in one piece, `/done` [t],
+/** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x], chunk = one slice, `/done` [t],
  * attrs;
  *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers and holds frames that come before their turn
  *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). Where
