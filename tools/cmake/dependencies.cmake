@@ -82,7 +82,7 @@ set(v2v_png_version ${PNG_VERSION_STRING})
 v2v_library(png TITLE "libpng" DEBIAN libpng-dev TARGET PNG::PNG MODULES libpng)
 
 find_package(ZLIB QUIET)
-set(v2v_zlib_version ${ZLIB_VERSION})
+set(v2v_zlib_version ${ZLIB_VERSION_STRING})
 v2v_library(zlib TITLE "zlib" DEBIAN zlib1g-dev TARGET ZLIB::ZLIB MODULES zlib)
 
 v2v_library(yaml TITLE "libyaml" DEBIAN libyaml-dev MODULES yaml-0.1 HEADER yaml.h LIBRARIES yaml)
