@@ -194,3 +194,20 @@ enum v2v_status v2v_agreement_meet(struct v2v_agreement *self)
     const enum v2v_status rc = v2v_agreement_tell(self, V2V_OK);
     return rc == V2V_OK ? v2v_agreement_end(self) : rc;
 }
+
+enum v2v_status v2v_agreement_alone(const struct v2v_comm *comm,
+                                    enum v2v_status (*work)(void *context), void *context)
+{
+    struct v2v_agreement *agreement = NULL;
+    enum v2v_status rc = v2v_agreement_create(&agreement, comm);
+    V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(v2v_agreement_meet(agreement)); /* all are connected: beats get through */
+    if (v2v_comm_rank(comm) == 0) {
+        rc = work(context);
+    }
+    V2V_TRY(v2v_agreement_tell(agreement, rc));
+    V2V_TRY(v2v_agreement_end(agreement));
+done:
+    v2v_agreement_destroy(&agreement);
+    return rc;
+}

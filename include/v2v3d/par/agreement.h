@@ -39,6 +39,12 @@ enum v2v_status v2v_agreement_end(struct v2v_agreement *agreement) V2V_MUST_CHEC
  *  times. @kind Collective(comm). @return that of the round that was told last */
 enum v2v_status v2v_agreement_meet(struct v2v_agreement *agreement) V2V_MUST_CHECK;
 
+/** Rank 0 does `work`, and beats; the others wait as long as it is alive. No other agreement may
+ *  listen. @kind Collective(comm). @return work's on rank 0, as v2v_par_agree | V2V_E_MEMORY */
+enum v2v_status v2v_agreement_alone(const struct v2v_comm *comm,
+                                    enum v2v_status (*work)(void *context),
+                                    void *context) V2V_MUST_CHECK;
+
 #ifdef __cplusplus
 }
 #endif

@@ -135,13 +135,50 @@ static void a_rank_may_be_one_round_ahead(void **state)
     v2v_agreement_destroy(&agreement);
 }
 
+static enum v2v_status work_alone(void *context)
+{
+    ++*(int *)context;
+    return V2V_FAIL(V2V_E_IO, "what rank 0 found");
+}
+
+static void what_rank_0_does_alone_all_learn(void **state)
+{
+    (void)state;
+    int calls = 0;
+    assert_int_equal(v2v_agreement_alone(test_world(), work_alone, &calls), V2V_E_IO);
+    assert_int_equal(calls, v2v_comm_rank(test_world()) == 0);
+    assert_non_null(strstr(v2v_status_message(), "what rank 0 found"));
+}
+
+/* Rank 0 works for PERIODS of the watchdog, and beats. It leaves the watchdog armed. */
+enum { PERIODS = 2, BEATS = 30 };
+static const double period = 3.0; /* a machine that stands still for so long ends the test */
+
+static enum v2v_status work_long(void *context)
+{
+    (void)context;
+    for (int i = 0; i < BEATS; i++) {
+        v2v_watchdog_beat("a part of long work");
+        sleep_for(PERIODS * period / BEATS);
+    }
+    return V2V_OK;
+}
+
+static void ranks_wait_for_rank_0_that_works_alone(void **state)
+{
+    (void)state;
+    v2v_watchdog_set_period(period);
+    const double began = v2v_clock_now();
+    assert_ok(v2v_agreement_alone(test_world(), work_long, NULL));
+    assert_true(v2v_clock_now() - began >= 0.9 * PERIODS * period); /* nobody left before it */
+    v2v_watchdog_set_period(0.0);
+}
+
 /* The last rank computes for PERIODS of the watchdog, beating; the others wait for it and live. The
  * last test: it leaves the watchdog armed with its period. */
 static void a_rank_waits_for_one_that_is_alive(void **state)
 {
     (void)state;
-    enum { PERIODS = 2, BEATS = 30 };
-    const double period = 3.0; /* a machine that stands still for so long ends the test */
     struct v2v_agreement *agreement = NULL;
     const int is_slow = v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1;
     assert_ok(v2v_agreement_create(&agreement, test_world()));
@@ -165,6 +202,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(of_two_failures_in_a_round_the_worse_is_told),
         cmocka_unit_test(a_rank_may_be_one_round_ahead),
         cmocka_unit_test(a_rank_is_one_round_ahead_at_most),
+        cmocka_unit_test(what_rank_0_does_alone_all_learn),
+        cmocka_unit_test(ranks_wait_for_rank_0_that_works_alone),
         cmocka_unit_test(a_rank_waits_for_one_that_is_alive),
     };
     return test_mpi_main(tests, argc, argv);
