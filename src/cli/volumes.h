@@ -38,9 +38,9 @@ struct v2v_volumes {
     }
 
 #define V2V_OPTION_NEIGHBOURS                                                                      \
-    V2V_OPTION_SET(                                                                                \
-        "neighbours", "recon.neighbours", "N",                                                     \
-        "views averaged with those of N frames on either side where nothing changed (0)")
+    V2V_OPTION_SET("neighbours", "recon.neighbours", "N",                                          \
+                   "views averaged with those of N frames on either side where nothing but "       \
+                   "brightness changed (0)")
 
 /** The tolerance that recon.skip means; 0: nothing is left out. @kind Local */
 double v2v_volumes_skip(const struct v2v_number *skip, double automatic);

@@ -1,5 +1,6 @@
 #include "v2v3d/method/fusion.h"
 
+#include "method/brightness.h"
 #include "method/photons.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
@@ -18,13 +19,22 @@ static const float steepness = 2.0f;
 /* Of the variance in the light, the least of photons. */
 static const double least_variance = 0.01;
 
+/* Of a pixel of frame t, in units of the variance in its light: of photons, by the level about it,
+ * and what is the same everywhere. */
+struct noise {
+    double sigma; /* of the frame; 0: not known */
+    double unit;  /* the variance in the light */
+    double photons, even;
+};
+
 struct v2v_fusion {
     int64_t neighbours;
     int64_t views, height, width, pitch;
     float fine[2 * FINE_TAPS + 1], coarse[2 * COARSE_TAPS + 1];
-    double smoothed;  /* noise that `fine` leaves of a pixel's, as a factor on its sigma */
-    int is_noisy;     /* bool: noise is known */
-    float *inverse;   /* [v,y,x]: 1 / (sigma of a smoothed difference) */
+    double smoothed; /* noise that `fine` leaves of a pixel's, as a factor on its sigma */
+    struct noise noise;
+    struct v2v_ratio *ratios;
+    float *photons;   /* [v,y,x] of frame t: this part of the variance, in the noise's unit */
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
@@ -34,9 +44,10 @@ struct v2v_fusion {
 
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
 {
-    return neighbours == 0
-               ? 0
-               : 4 * v2v_mem_product(views, height, width) + height * (2 * width + 2 * COARSE_TAPS);
+    return neighbours == 0 ? 0
+                           : 4 * v2v_mem_product(views, height, width) +
+                                 height * (2 * width + 2 * COARSE_TAPS) +
+                                 2 * v2v_brightness_pieces(views, height, width);
 }
 
 /* Taps that sum to 1. @return the sum of their squares */
@@ -70,7 +81,9 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     made->smoothed = gaussian(made->fine, FINE_TAPS, FINE); /* root of the square, in y and x */
     (void)gaussian(made->coarse, COARSE_TAPS, COARSE);
     if (neighbours > 0) {
-        V2V_TRY(V2V_ALLOC(made->inverse, "method.fusion", samples));
+        V2V_TRY(
+            V2V_ALLOC(made->ratios, "method.fusion", v2v_brightness_pieces(views, height, width)));
+        V2V_TRY(V2V_ALLOC(made->photons, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->neighbour, "method.fusion", samples));
@@ -94,7 +107,8 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion)
         v2v_mem_free(old->neighbour);
         v2v_mem_free(old->weight);
         v2v_mem_free(old->sum);
-        v2v_mem_free(old->inverse);
+        v2v_mem_free(old->photons);
+        v2v_mem_free(old->ratios);
         v2v_mem_free(old);
     }
 }
@@ -138,43 +152,47 @@ static void smooth_column(float *to, const float *image, const float *taps, int 
     }
 }
 
-V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *restrict a,
-                                           const float *restrict b, const float *restrict factor,
+/* A neighbour beside frame t: what its light is multiplied with, then what it weighs if it did not
+ * change; of the difference of both its noise, as that of frame t. */
+struct beside {
+    float factor, weight;
+    float inverse; /* of the unit's root, smoothed */
+    float photons, even, least;
+};
+
+V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *restrict views,
+                                           const float *restrict neighbour,
+                                           const float *restrict photons, struct beside beside,
                                            int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
-        to[x] = (a[x] - b[x]) * factor[x];
+        const float variance = beside.photons * photons[x] + beside.even;
+        const float root = sqrtf(variance > beside.least ? variance : beside.least);
+        to[x] = (views[x] - beside.factor * neighbour[x]) * beside.inverse / root;
     }
 }
 
 /* Nothing of what is not finite. */
 V2V_SIMD_CLONES static void weigh_row(float *restrict sum, float *restrict weight,
                                       const float *restrict change, const float *restrict row,
-                                      int64_t width)
+                                      struct beside beside, int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
         const float beyond = change[x] > tolerated ? change[x] - tolerated : 0.0f;
-        const float w = change[x] < INFINITY ? 1.0f / (1.0f + steepness * beyond) : 0.0f;
-        sum[x] += w > 0.0f ? w * row[x] : 0.0f;
+        const float w = change[x] < INFINITY ? beside.weight / (1.0f + steepness * beyond) : 0.0f;
+        sum[x] += w > 0.0f ? w * beside.factor * row[x] : 0.0f;
         weight[x] += w;
     }
 }
 
 /* ---- frames ---- */
 
-/* Of the difference of two samples of this variance, smoothed. */
-static float inverse_of(const struct v2v_fusion *fusion, double variance)
-{
-    return (float)(1.0 / (sqrt(2.0 * variance) * fusion->smoothed));
-}
-
-/* Where the noise is that of photons: of every sample by the level about it. */
-static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *views,
-                         const struct v2v_photons *photons)
+/* By the level about every pixel of a view. */
+static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *views, double gain)
 {
     const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
     const int64_t first = v * height * width;
-    const double in_light = photons->gain * photons->bright + photons->variance;
+    const float factor = (float)(gain / fusion->noise.unit);
 #pragma omp parallel
     {
 #pragma omp for schedule(static)
@@ -186,32 +204,31 @@ static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *view
         }
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
-            float *row = fusion->inverse + first + y * width;
+            float *row = fusion->photons + first + y * width;
             smooth_column(row, fusion->image, fusion->fine, FINE_TAPS, y, height, width);
             for (int64_t x = 0; x < width; x++) {
-                const double level = fmax((double)row[x], 0.0);
-                const double variance = photons->gain * level + photons->variance;
-                row[x] = inverse_of(fusion, fmax(variance, least_variance * in_light));
+                row[x] = row[x] > 0.0f ? factor * row[x] : 0.0f;
             }
         }
     }
 }
 
-/* Noise about every sample of frame t. */
+/* Of frame t. */
 static void take_noise(struct v2v_fusion *fusion, const float *views, double sigma)
 {
-    const int64_t samples = fusion->views * fusion->height * fusion->width;
     const struct v2v_photons photons = v2v_photons_find(fusion->neighbour, views, fusion->views,
                                                         fusion->height, fusion->width, NULL);
-    for (int64_t v = 0; photons.is_clear && v < fusion->views; v++) {
-        take_photons(fusion, v, views, &photons);
-    }
-    if (!photons.is_clear) {
-        const float inverse = (float)(1.0 / (sqrt(2.0) * sigma * fusion->smoothed));
-#pragma omp parallel for simd schedule(static)
-        for (int64_t i = 0; i < samples; i++) {
-            fusion->inverse[i] = inverse;
+    if (photons.is_clear) {
+        const double of_photons = photons.gain * photons.bright;
+        const double unit = of_photons + photons.variance;
+        fusion->noise = (struct noise){sigma, unit, of_photons / unit, photons.variance / unit};
+        for (int64_t v = 0; v < fusion->views; v++) {
+            take_photons(fusion, v, views, photons.gain);
         }
+    } else {
+        fusion->noise = (struct noise){sigma, sigma * sigma, 0.0, 1.0};
+        memset(fusion->photons, 0,
+               (size_t)(fusion->views * fusion->height * fusion->width) * sizeof *fusion->photons);
     }
 }
 
@@ -223,8 +240,8 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
         sigma = v2v_noise_of_images(fusion->neighbour, views, fusion->views, fusion->height,
                                     fusion->width);
     }
-    fusion->is_noisy = sigma > 0.0;
-    if (fusion->is_noisy) {
+    fusion->noise = (struct noise){0};
+    if (sigma > 0.0) {
         take_noise(fusion, views, sigma);
     }
     v2v_bulk_copy(fusion->sum, views, samples);
@@ -234,9 +251,23 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
     }
 }
 
+/* The neighbour's noise is that of frame t at its own level, times the factor. */
+static struct beside place(const struct v2v_fusion *fusion, double factor)
+{
+    const struct noise *noise = &fusion->noise;
+    const double square = factor * factor;
+    const double own = factor * noise->photons + square * noise->even;
+    return (struct beside){.factor = (float)factor,
+                           .weight = (float)(1.0 / own),
+                           .inverse = (float)(1.0 / (sqrt(noise->unit) * fusion->smoothed)),
+                           .photons = (float)(1.0 + factor),
+                           .even = (float)((1.0 + square) * noise->even),
+                           .least = (float)(least_variance * (1.0 + own))};
+}
+
 /* Of one view: the smoothed difference of two frames, its square smoothed again, the weights. */
 static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
-                     const float *neighbour)
+                     const float *neighbour, struct beside beside)
 {
     const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
     const int64_t first = v * height * width;
@@ -247,7 +278,7 @@ static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
         for (int64_t y = 0; y < height; y++) {
             const int64_t at = first + y * width;
             difference_row(padded + y * pitch + COARSE_TAPS, views + at, neighbour + at,
-                           fusion->inverse + at, width);
+                           fusion->photons + at, beside, width);
             repeat_ends(padded + y * pitch, width);
             smooth_row(image + y * width, padded + y * pitch, fusion->fine, FINE_TAPS, width);
         }
@@ -269,15 +300,20 @@ static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
             const int64_t at = first + y * width;
             float *change = padded + y * pitch;
             smooth_column(change, image, fusion->coarse, COARSE_TAPS, y, height, width);
-            weigh_row(fusion->sum + at, fusion->weight + at, change, neighbour + at, width);
+            weigh_row(fusion->sum + at, fusion->weight + at, change, neighbour + at, beside, width);
         }
     }
 }
 
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour)
 {
-    for (int64_t v = 0; fusion->is_noisy && v < fusion->views; v++) {
-        add_view(fusion, v, views, neighbour);
+    if (fusion->noise.sigma > 0.0) {
+        const struct beside beside = place(
+            fusion, v2v_brightness_factor(fusion->ratios, views, neighbour, fusion->views,
+                                          fusion->height, fusion->width, fusion->noise.sigma));
+        for (int64_t v = 0; v < fusion->views; v++) {
+            add_view(fusion, v, views, neighbour, beside);
+        }
     }
 }
 

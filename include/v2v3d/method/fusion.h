@@ -27,12 +27,14 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion);
 /** Start with frame t: y_t, of weight 1. @kind Local, no allocation. @param views [v,y,x] of t */
 void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views);
 
-/** Add a neighbour u: y[v,y,x] += w y_u, w = 1 / (1 + 2 max(0, E - 1.5)), where E is the mean
- *  square of the smoothed difference of the two frames about a pixel, in units of what noise makes.
+/** Add a neighbour u: y[v,y,x] += w f y_u, w = f^-2 / (1 + 2 max(0, E - 1.5)), where f makes its
+ *  brightness that of t, and E is the mean square of the smoothed difference of the two frames
+ *  about a pixel, in units of what noise makes. Noise of photons follows the light, and w with
+ *  it.
  *  Nothing is added where E is not finite, nor anywhere where frame t is not, or has no noise.
  *  @kind   Local, no allocation; the same bits with any number of threads
  *  @param  views [v,y,x] of t, as at begin @param neighbour [v,y,x], in the same units
- *  @cost   four passes of 17 or 25 taps over the views
+ *  @cost   four passes of 17 or 25 taps over the views, one without
  *  @source REFERENCE.md 12 */
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour);
 
