@@ -7,6 +7,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/bdv.h"
 #include "v2v3d/io/tiff.h"
+#include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 
 struct arguments {
@@ -34,26 +35,35 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
+/* What rank 0 converts while the others hear its beats. */
+struct bdv {
+    const char *output;
+    struct v2v_volume *volume;
+    struct v2v_volume_storage storage;
+};
+
+static enum v2v_status write_bdv(void *context)
+{
+    const struct bdv *bdv = context;
+    return v2v_bdv_write(bdv->output, bdv->volume, &bdv->storage);
+}
+
 /* A volume for BigDataViewer: rank 0 reads and writes. */
 static enum v2v_status convert_to_bdv(const struct arguments *given,
                                       const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_volume *volume = NULL;
-    struct v2v_volume_storage storage;
+    struct bdv bdv = {.output = given->output};
     struct v2v_storage_options stored = given->storage;
     char data[V2V_PATH_BYTES];
     stored.type = V2V_SAMPLE_UINT16; /* the only one that it reads */
     V2V_TRY(v2v_bdv_data_name(data, given->output));
-    V2V_TRY(v2v_storage_settle(&storage, &stored, data));
+    V2V_TRY(v2v_storage_settle(&bdv.storage, &stored, data));
     V2V_TRY(v2v_step_output(session, data, &given->input, 1));
-    V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
-    if (v2v_step_on_root(session)) {
-        rc = v2v_bdv_write(given->output, volume, &storage);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_volume_open(&bdv.volume, given->input, &session->config.input, session->world));
+    V2V_TRY(v2v_agreement_alone(session->world, write_bdv, &bdv));
 done:
-    v2v_volume_close(&volume);
+    v2v_volume_close(&bdv.volume);
     return rc;
 }
 
@@ -94,13 +104,20 @@ done:
     return rc;
 }
 
-/* Rank 0: the frames of a recording as an ImageJ hyperstack, views as channels. */
-static enum v2v_status recording_to_tiff(const char *output, struct v2v_recording *recording,
-                                         float *views)
+/* Likewise. */
+struct recording_tiff {
+    const char *output;
+    struct v2v_recording *recording;
+    float *views; /* of one frame */
+};
+
+/* The frames of a recording as an ImageJ hyperstack, views as channels. */
+static enum v2v_status recording_to_tiff(void *context)
 {
     enum v2v_status rc = V2V_OK;
+    const struct recording_tiff *given = context;
     struct v2v_tiff_writer *writer = NULL;
-    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const struct v2v_recording_info *info = v2v_recording_info(given->recording);
     int64_t pixels = info->height * info->width;
     struct v2v_tiff_info tiff = {.pages = info->frames * info->views,
                                  .height = info->height,
@@ -110,15 +127,16 @@ static enum v2v_status recording_to_tiff(const char *output, struct v2v_recordin
                                  .frames = info->frames,
                                  .bits = 32,
                                  .is_float = 1,
-                                 .is_ome = v2v_tiff_is_ome_name(output),
+                                 .is_ome = v2v_tiff_is_ome_name(given->output),
                                  .type_max = 1.0,
                                  .pixel_size_um = info->pixel_size_um,
                                  .frame_interval_s = info->frame_interval_s};
-    V2V_TRY(v2v_tiff_create(&writer, output, &tiff));
+    V2V_TRY(v2v_tiff_create(&writer, given->output, &tiff));
     for (int64_t t = 0; t < info->frames; t++) {
-        V2V_TRY(v2v_recording_read(recording, views, t));
+        v2v_watchdog_beat("convert: a frame");
+        V2V_TRY(v2v_recording_read(given->recording, given->views, t));
         for (int64_t v = 0; v < info->views; v++) {
-            V2V_TRY(v2v_tiff_write_page(writer, views + v * pixels));
+            V2V_TRY(v2v_tiff_write_page(writer, given->views + v * pixels));
         }
     }
     V2V_TRY(v2v_tiff_finish(&writer));
@@ -169,10 +187,8 @@ static enum v2v_status convert_recording(const struct arguments *given,
     if (v2v_step_is_hdf5_name(given->output)) {
         V2V_TRY(recording_to_hdf5(given->output, recording, views, session));
     } else {
-        if (v2v_step_on_root(session)) {
-            rc = recording_to_tiff(given->output, recording, views);
-        }
-        V2V_TRY(v2v_par_agree(session->world, rc));
+        struct recording_tiff tiff = {given->output, recording, views};
+        V2V_TRY(v2v_agreement_alone(session->world, recording_to_tiff, &tiff));
     }
 done:
     v2v_mem_free(views);

@@ -6,6 +6,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/preview.h"
 #include "v2v3d/io/apng.h"
+#include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 
@@ -117,12 +118,19 @@ done:
     return rc;
 }
 
-/* Rank 0. */
-static enum v2v_status preview(const struct arguments *given, struct v2v_volume *volume,
-                               struct v2v_part frames)
+/* What rank 0 draws while the others hear its beats. */
+struct film {
+    const struct arguments *given;
+    struct v2v_volume *volume;
+    struct v2v_part frames;
+};
+
+static enum v2v_status preview(void *context)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_volume_info *info = v2v_volume_info(volume);
+    const struct film *film = context;
+    const struct arguments *given = film->given;
+    const struct v2v_volume_info *info = v2v_volume_info(film->volume);
     struct v2v_preview preview = {.kind = (enum v2v_preview_kind)given->kind,
                                   .slices = info->slices,
                                   .height = info->height,
@@ -135,8 +143,8 @@ static enum v2v_status preview(const struct arguments *given, struct v2v_volume 
     float *voxels = NULL;
     V2V_TRY(V2V_ALLOC(voxels, "preview.volume",
                       v2v_mem_product(info->slices, info->height, info->width)));
-    V2V_TRY(settle_range(&preview, volume, frames, voxels));
-    V2V_TRY(draw(&preview, volume, frames, voxels, given->output));
+    V2V_TRY(settle_range(&preview, film->volume, film->frames, voxels));
+    V2V_TRY(draw(&preview, film->volume, film->frames, voxels, given->output));
 done:
     v2v_mem_free(voxels);
     return rc;
@@ -159,10 +167,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                          frames.first, given->volume, there - 1));
     }
     frames.count = v2v_smaller(frames.count, there - frames.first);
-    if (v2v_step_on_root(session)) {
-        rc = preview(given, volume, frames);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
+    struct film film = {given, volume, frames};
+    V2V_TRY(v2v_agreement_alone(session->world, preview, &film));
     v2v_log(V2V_LOG_INFO, "%s: frame %" PRId64 "%s of %s", given->output, frames.first,
             frames.count > 1 ? " and those after it" : "", given->volume);
 done:
