@@ -14,7 +14,7 @@
  * all ranks have the same. */
 struct names {
     char *text;
-    int64_t bytes, count;
+    int64_t count;
 };
 
 static const char *next_name(const char *name)
@@ -24,16 +24,27 @@ static const char *next_name(const char *name)
 
 /* ---- which recordings ---- */
 
+/* A folder that can't be read may hold what is meant; one that isn't there holds nothing. */
+static int is_serious(const char *folder, int reason)
+{
+    (void)folder;
+    return reason != ENOENT;
+}
+
 static enum v2v_status add_globbed(FILE *to, int64_t *count, const char *pattern)
 {
     glob_t found = {0};
-    const int failed = glob(pattern, 0, NULL, &found);
+    const int failed = glob(pattern, 0, is_serious, &found), reason = errno;
     for (size_t i = 0; failed == 0 && i < found.gl_pathc; i++) {
         (void)fwrite(found.gl_pathv[i], 1, strlen(found.gl_pathv[i]) + 1, to);
         ++*count;
     }
     globfree(&found);
-    return failed == 0 ? V2V_OK : V2V_FAIL(V2V_E_INPUT, "%s: there is no such file", pattern);
+    return failed == 0              ? V2V_OK
+           : failed == GLOB_NOSPACE ? V2V_FAIL(V2V_E_MEMORY, "no memory for what %s means", pattern)
+           : failed == GLOB_ABORTED
+               ? V2V_FAIL(V2V_E_INPUT, "%s: a folder on the way: %s", pattern, strerror(reason))
+               : V2V_FAIL(V2V_E_INPUT, "%s: there is no such file", pattern);
 }
 
 /* Lines as they stand there; empty ones are none. */
@@ -161,14 +172,13 @@ static enum v2v_status check_twins(const struct names *names)
 }
 
 /* Rank 0: each recording and its output. To be freed with free(). */
-static enum v2v_status pair_up(struct names *pairs, const struct names *recordings,
+static enum v2v_status pair_up(struct names *pairs, size_t *bytes, const struct names *recordings,
                                const char *pattern)
 {
     enum v2v_status rc = V2V_OK;
-    size_t bytes = 0;
     const char *recording = recordings->text;
     char output[V2V_PATH_BYTES];
-    FILE *to = open_memstream(&pairs->text, &bytes);
+    FILE *to = open_memstream(&pairs->text, bytes);
     if (to == NULL) {
         return V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
     }
@@ -181,18 +191,18 @@ static enum v2v_status pair_up(struct names *pairs, const struct names *recordin
     if (fclose(to) != 0 && rc == V2V_OK) {
         rc = V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
     }
-    pairs->bytes = (int64_t)bytes;
     pairs->count = recordings->count;
     return rc;
 }
 
 /* Rank 0: everything that can be said of the names. */
-static enum v2v_status find_names(struct names *pairs, const struct v2v_volumes *given)
+static enum v2v_status find_names(struct names *pairs, size_t *bytes,
+                                  const struct v2v_volumes *given)
 {
     enum v2v_status rc = V2V_OK;
     struct names recordings = {0};
-    size_t bytes = 0;
-    V2V_TRY(list_names(&recordings.text, &bytes, &recordings.count, &given->inputs));
+    size_t listed = 0;
+    V2V_TRY(list_names(&recordings.text, &listed, &recordings.count, &given->inputs));
     if (recordings.count > 1 && strstr(given->output, "%n") == NULL &&
         !is_folder_name(given->output)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
@@ -200,11 +210,8 @@ static enum v2v_status find_names(struct names *pairs, const struct v2v_volumes 
                          "recording's",
                          given->output, (long long)recordings.count));
     }
-    V2V_TRY(pair_up(pairs, &recordings, given->output));
+    V2V_TRY(pair_up(pairs, bytes, &recordings, given->output));
     V2V_TRY(check_twins(pairs));
-    if (is_folder_name(given->output)) {
-        V2V_TRY(v2v_file_make_folder(given->output));
-    }
 done:
     free(recordings.text);
     return rc;
@@ -216,10 +223,11 @@ static enum v2v_status share_names(struct names *names, const struct v2v_volumes
 {
     enum v2v_status rc = V2V_OK;
     struct names found = {0};
+    size_t bytes = 0;
     int64_t sizes[2] = {0};
     if (v2v_step_on_root(session)) {
-        rc = find_names(&found, given);
-        sizes[0] = found.bytes;
+        rc = find_names(&found, &bytes, given);
+        sizes[0] = (int64_t)bytes;
         sizes[1] = found.count;
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -230,16 +238,15 @@ static enum v2v_status share_names(struct names *names, const struct v2v_volumes
         memcpy(names->text, found.text, (size_t)sizes[0]);
     }
     v2v_par_broadcast(session->world, names->text, sizes[0], 0);
-    names->bytes = sizes[0];
     names->count = sizes[1];
 done:
     free(found.text);
     return rc;
 }
 
-/* Collective: outputs that are there are refused before anything is made. */
-static enum v2v_status check_outputs(const struct names *names, const struct v2v_volumes *given,
-                                     const struct v2v_session *session)
+/* Collective: do the words of the command line fit together, for every recording? */
+static enum v2v_status check_words(const struct names *names, const struct v2v_volumes *given,
+                                   const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volumes one = *given;
@@ -248,13 +255,48 @@ static enum v2v_status check_outputs(const struct names *names, const struct v2v
     for (int64_t i = 0; i < names->count; i++, one.input = next_name(one.output)) {
         one.output = next_name(one.input);
         V2V_TRY(v2v_volumes_check(&frames, &one, session));
-        V2V_TRY(v2v_step_output_or_resume(
-            session, one.output,
-            (const char *const[]){given->psf, given->weights, given->calibration, one.input}, 4,
-            given->resume));
     }
 done:
     return rc;
+}
+
+/* Collective: outputs that are there are refused before anything is made, and so are those that
+ * would overwrite an input, be it another one's recording. */
+static enum v2v_status check_outputs(const struct names *names, const struct v2v_volumes *given,
+                                     const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *const common[] = {given->psf, given->weights, given->calibration};
+    enum { COMMON = sizeof common / sizeof *common };
+    const char **inputs = NULL, *recording = names->text;
+    rc = V2V_ALLOC(inputs, "cli.recordings", COMMON + names->count);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    memcpy(inputs, common, sizeof common);
+    for (int64_t i = 0; i < names->count; i++, recording = next_name(next_name(recording))) {
+        inputs[COMMON + i] = recording;
+    }
+    for (int64_t i = 0; i < names->count; i++) {
+        V2V_TRY(v2v_step_output_or_resume(session, next_name(inputs[COMMON + i]), inputs,
+                                          COMMON + names->count, given->resume));
+    }
+done:
+    v2v_mem_free(inputs);
+    return rc;
+}
+
+/* Collective: is the output a folder that is still to be made? */
+static int is_new_folder(const char *output, const struct v2v_session *session)
+{
+    int is_new = is_folder_name(output) && !v2v_file_is_folder(output);
+    v2v_par_broadcast(session->world, &is_new, (int64_t)sizeof is_new, 0);
+    return is_new;
+}
+
+/* Collective. */
+static enum v2v_status make_folder(const char *output, const struct v2v_session *session)
+{
+    return v2v_par_agree(session->world,
+                         v2v_step_on_root(session) ? v2v_file_make_folder(output) : V2V_OK);
 }
 
 /* ---- one after the other ---- */
@@ -335,8 +377,15 @@ enum v2v_status v2v_recordings_make(const struct v2v_volumes *given,
     struct tally tally = {0};
     struct v2v_volumes_tools tools = {0};
     V2V_TRY(share_names(&names, given, session));
-    V2V_TRY(check_outputs(&names, given, session));
+    V2V_TRY(check_words(&names, given, session));
+    const int is_new = is_new_folder(given->output, session); /* in which nothing is */
+    if (!is_new) {
+        V2V_TRY(check_outputs(&names, given, session));
+    }
     V2V_TRY(v2v_par_agree(session->world, v2v_volumes_begin(&tools, given, ops, session)));
+    if (is_new) {
+        V2V_TRY(make_folder(given->output, session));
+    }
     tally.recordings = names.count;
     const char *recording = names.text;
     for (int64_t i = 0; i < names.count; i++, recording = next_name(next_name(recording))) {

@@ -38,6 +38,28 @@ static enum v2v_status check_left(const char *path)
                     path, left.done, left.frames);
 }
 
+/* Rank-0. */
+static enum v2v_status check_output(const char *path, const char *const *inputs, int64_t count,
+                                    int is_replaced)
+{
+    enum v2v_status rc = V2V_OK;
+    const char **given = NULL;
+    int64_t n = 0;
+    V2V_TRY(V2V_ALLOC(given, "cli.inputs", count));
+    for (int64_t i = 0; i < count; i++) {
+        if (inputs[i] != NULL) {
+            given[n++] = inputs[i];
+        }
+    }
+    V2V_TRY(v2v_file_check_output(path, is_replaced, given, n));
+    if (!is_replaced) {
+        V2V_TRY(check_left(path));
+    }
+done:
+    v2v_mem_free(given);
+    return rc;
+}
+
 enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
                                 const char *const *inputs, int64_t count)
 {
@@ -47,22 +69,10 @@ enum v2v_status v2v_step_output(const struct v2v_session *session, const char *p
 enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, const char *path,
                                           const char *const *inputs, int64_t count, int resume)
 {
-    enum v2v_status rc = V2V_OK;
-    enum { MOST = 64 };
-    const char *given[MOST];
-    int64_t n = 0;
-    for (int64_t i = 0; i < count && n < MOST; i++) {
-        if (inputs[i] != NULL) {
-            given[n++] = inputs[i];
-        }
-    }
-    if (v2v_step_on_root(session)) {
-        rc = v2v_file_check_output(path, session->force || resume, given, n);
-        if (rc == V2V_OK && !session->force && !resume) {
-            rc = check_left(path);
-        }
-    }
-    return v2v_par_agree(session->world, rc);
+    return v2v_par_agree(session->world,
+                         v2v_step_on_root(session)
+                             ? check_output(path, inputs, count, session->force || resume)
+                             : V2V_OK);
 }
 
 enum v2v_status v2v_step_frames(struct v2v_part *frames, const char *text)

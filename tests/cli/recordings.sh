@@ -74,14 +74,25 @@ cp 'in/rec 1.h5' 'rec 1.h5'
 refuses 2 'would both become out/rec 1.h5' "${common[@]}" --input 'in/rec 1.h5' 'rec 1.h5' -o out/
 refuses 2 'need a folder, or %n' "${common[@]}" --input 'in/*.h5' -o out.h5
 refuses 65 'in/no.: there is no such file' "${common[@]}" --input 'in/no*' -o out/
+ln -s loop loop
+refuses 65 'loop/.*h5: a folder on the way: Too many levels' "${common[@]}" --input 'loop/*.h5' -o out/
+refuses 65 'none/.*h5: there is no such file' "${common[@]}" --input 'none/*.h5' -o out/
 refuses 65 'none.txt: No such file' "${common[@]}" --input @none.txt -o out/
 : >empty.txt
 refuses 65 'empty.txt: names no recording' "${common[@]}" --input @empty.txt -o out/
 rm 'all/rec 1.h5'
 refuses 2 'all/.*exists; give --force' "${common[@]}" --input 'in/*.h5' -o all/
 [ ! -e 'all/rec 1.h5' ] || fail 'something was made all the same'
+# One recording's output is another recording, the last of so many that are none.
+cp 'in/@rec.h5' '@rec.b.h5'
+before=$(cksum <@rec.b.h5)
+for words in --force --resume; do
+    refuses 2 '@rec.b.h5: the output would overwrite the input @rec.b.h5' \
+        "${common[@]}" --input in/@rec.h5 none_{1..70}.h5 @rec.b.h5 -o '%n.b.h5' $words
+done
+[ "$before" = "$(cksum <@rec.b.h5)" ] || fail 'a recording was overwritten'
 
-# What is wrong with all of them is said once.
-timed "$limit" "${common[@]}" --psf none.h5 --input 'in/*.h5' -o out/
+# What is wrong with all of them is said once, and leaves no folder.
+refuses 65 'none.h5' "${common[@]}" --psf none.h5 --input 'in/*.h5' -o out/
 [ "$(grep -c 'none.h5' stderr)" -eq 1 ] || fail "not said once: $(cat stderr)"
 finish
