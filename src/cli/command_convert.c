@@ -54,11 +54,9 @@ static enum v2v_status convert_to_bdv(const struct arguments *given,
 {
     enum v2v_status rc = V2V_OK;
     struct bdv bdv = {.output = given->output};
-    struct v2v_storage_options stored = given->storage;
     char data[V2V_PATH_BYTES];
-    stored.type = V2V_SAMPLE_UINT16; /* the only one that it reads */
     V2V_TRY(v2v_bdv_data_name(data, given->output));
-    V2V_TRY(v2v_storage_settle(&bdv.storage, &stored, data));
+    V2V_TRY(v2v_storage_settle(&bdv.storage, &given->storage, given->output));
     V2V_TRY(v2v_step_output(session, data, &given->input, 1));
     V2V_TRY(v2v_volume_open(&bdv.volume, given->input, &session->config.input, session->world));
     V2V_TRY(v2v_agreement_alone(session->world, write_bdv, &bdv));
@@ -241,11 +239,13 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: safetensors hold weights, which %s are not",
                          given->output, given->input));
     }
+    if (content == V2V_CONTENT_TIFF) {
+        content = session->config.input.views > 0 ? V2V_CONTENT_RECORDING : V2V_CONTENT_VOLUME;
+    }
+    if (content != V2V_CONTENT_VOLUME) {
+        V2V_TRY(v2v_storage_refuse(&given->storage, given->input));
+    }
     switch (content) {
-    case V2V_CONTENT_TIFF:
-        V2V_TRY(session->config.input.views > 0 ? convert_recording(given, session)
-                                                : convert_volume(given, session));
-        break;
     case V2V_CONTENT_VOLUME:
         V2V_TRY(convert_volume(given, session));
         break;
@@ -259,6 +259,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     case V2V_CONTENT_AUTO:
         V2V_TRY(v2v_convert_weights(session, given->input, given->output));
         break;
+    case V2V_CONTENT_TIFF:
     case V2V_CONTENT_YAML:
     case V2V_CONTENT_RUN:
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: has no other format", given->input));

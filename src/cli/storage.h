@@ -5,9 +5,11 @@
 #include "cli/options.h"
 #include "v2v3d/io/volume.h"
 
+enum { V2V_STORAGE_AUTO = 0 }; /**< uint16 for BigDataViewer, else float32 */
+
 /** As on the command line. */
 struct v2v_storage_options {
-    int type; /* enum v2v_sample */
+    int type; /* V2V_STORAGE_AUTO, or 1 + enum v2v_sample */
     double peak;
     const char *compression;
 };
@@ -17,9 +19,10 @@ struct v2v_storage_options {
     {.name = "output-type",                                                                        \
      .kind = V2V_OPTION_CHOICE,                                                                    \
      .at = offsetof(type_, member) + offsetof(struct v2v_storage_options, type),                   \
-     .value = "float32|uint16",                                                                    \
-     .help = "of the volume's voxels; uint16: in steps that the file states",                      \
-     .initial = "float32"},                                                                        \
+     .value = "auto|float32|uint16",                                                               \
+     .help = "of the volume's voxels (float32; uint16 for BigDataViewer); uint16: in steps that "  \
+             "the file states",                                                                    \
+     .initial = "auto"},                                                                           \
         {.name = "output-peak",                                                                    \
          .kind = V2V_OPTION_NUMBER,                                                                \
          .at = offsetof(type_, member) + offsetof(struct v2v_storage_options, peak),               \
@@ -39,5 +42,10 @@ struct v2v_storage_options {
 enum v2v_status v2v_storage_settle(struct v2v_volume_storage *storage,
                                    const struct v2v_storage_options *given,
                                    const char *output) V2V_MUST_CHECK;
+
+/** For what is no volume: are the options those that change nothing?
+ *  @kind Local. @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_storage_refuse(const struct v2v_storage_options *given,
+                                   const char *input) V2V_MUST_CHECK;
 
 #endif

@@ -91,6 +91,17 @@ touch there.bdv.h5
 refuses 2 'there.bdv.h5: exists' convert --input v.h5 --kind volume -o there.xml
 refuses 2 'only volumes are written for BigDataViewer' \
     convert --input v.h5 --kind recording -o out.xml
+refuses 2 'output-type float32: BigDataViewer .out.xml. reads uint16' \
+    convert --input v.h5 --kind volume -o out.xml --output-type float32
+for kind in recording psf weights; do
+    stored=(convert --input r.h5 --kind $kind -o out.h5)
+    refuses 2 'output-type uint16: only volumes are stored so, which r.h5 is not' \
+        "${stored[@]}" --output-type uint16
+    refuses 2 'output-peak: only volumes' "${stored[@]}" --output-peak 3
+    refuses 2 'compression: only volumes' "${stored[@]}" --compression gzip:3
+    refuses 2 'compression foo: none, gzip' "${stored[@]}" --compression foo
+    refuses 65 'r.h5: ' "${stored[@]}" --compression none --output-type float32
+done
 refuses 2 '--frames FIRST:COUNT' preview v.h5 -o out.png --frames 3
 refuses 2 "--kind: 'film' is none of" preview v.h5 -o out.png --kind film
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
