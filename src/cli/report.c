@@ -7,14 +7,15 @@
 #include <stdarg.h>
 #include <string.h>
 
-enum { HEADLINE_BYTES = 512 };
+enum { HEADLINE_BYTES = 512, FIRST_ROOM = 64, MOST_LINES = 1000 };
 
 enum v2v_status v2v_report_init(struct v2v_report *report, const char *kind)
 {
     enum v2v_status rc = V2V_OK;
     *report = (struct v2v_report){.kind = kind};
     V2V_TRY(V2V_ALLOC(report->headline, "report", HEADLINE_BYTES));
-    V2V_TRY(V2V_ALLOC(report->row, "report", V2V_REPORT_MOST));
+    V2V_TRY(V2V_ALLOC(report->row, "report", FIRST_ROOM));
+    report->room = FIRST_ROOM;
 done:
     return rc;
 }
@@ -37,14 +38,33 @@ void v2v_report_headline(struct v2v_report *report, const char *format, ...)
     va_end(arguments);
 }
 
-/* The next row; one that is thrown away where there is no room. */
+/* Twice the room. */
+static enum v2v_status grow(struct v2v_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_report_row *row = NULL;
+    V2V_TRY(V2V_ALLOC(row, "report", 2 * report->room));
+    memcpy(row, report->row, (size_t)report->rows * sizeof *row);
+    v2v_mem_free(report->row);
+    report->row = row;
+    report->room *= 2;
+done:
+    return rc;
+}
+
+/* Empty row behind the last one, which counts from now on. Where there is no memory for it, the
+ * report has failed: the last row is written over. */
 static struct v2v_report_row *add(struct v2v_report *report, const char *name, const char *unit,
                                   int count)
 {
-    const int has_room = report->rows < V2V_REPORT_MOST - 1;
-    struct v2v_report_row *row = &report->row[report->rows];
-    report->rows += has_room;
-    report->left_out += !has_room;
+    if (report->rows == report->room && report->rc == V2V_OK) {
+        report->rc = grow(report);
+    }
+    if (report->rows < report->room) {
+        report->rows++;
+    }
+    struct v2v_report_row *row = &report->row[report->rows - 1];
+    v2v_mem_free(row->text);
     *row = (struct v2v_report_row){.unit = unit, .count = count};
     snprintf(row->name, sizeof row->name, "%s", name);
     return row;
@@ -89,8 +109,8 @@ void v2v_report_text(struct v2v_report *report, const char *name, const char *te
 {
     const int64_t bytes = (int64_t)strlen(text) + 1;
     char *copy = NULL;
-    if (report->rows == V2V_REPORT_MOST - 1 || V2V_ALLOC(copy, "report", bytes) != V2V_OK) {
-        report->left_out++;
+    if (V2V_ALLOC(copy, "report", bytes) != V2V_OK) {
+        report->rc = V2V_E_MEMORY;
         return;
     }
     memcpy(copy, text, (size_t)bytes);
@@ -160,17 +180,17 @@ done:
 enum v2v_status v2v_report_print(const struct v2v_report *report, const char *path, FILE *stream,
                                  int as_json)
 {
-    if (as_json) {
-        return print_json(report, path, stream);
+    if (report->rc != V2V_OK || as_json) {
+        return report->rc != V2V_OK ? report->rc : print_json(report, path, stream);
     }
     fprintf(stream, "%s: %s\n", path, report->headline);
-    for (int64_t i = 0; i < report->rows; i++) {
+    for (int64_t i = 0; i < report->rows && i < MOST_LINES; i++) {
         if (report->row[i].unit != NULL) {
             print_row(stream, &report->row[i]);
         }
     }
-    if (report->left_out > 0) {
-        fprintf(stream, "%" PRId64 " more\n", report->left_out);
+    if (report->rows > MOST_LINES) {
+        fprintf(stream, "%" PRId64 " more, which --json shows\n", report->rows - MOST_LINES);
     }
     return V2V_OK;
 }

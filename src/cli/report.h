@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-enum { V2V_REPORT_MOST = 1024, V2V_REPORT_NAME_BYTES = 256, V2V_REPORT_VALUES = 4 };
+enum { V2V_REPORT_NAME_BYTES = 256, V2V_REPORT_VALUES = 4 };
 
 struct v2v_report_row {
     char name[V2V_REPORT_NAME_BYTES]; /**< for people; in JSON, with _ for spaces */
@@ -20,9 +20,9 @@ struct v2v_report_row {
 struct v2v_report {
     const char *kind; /**< of file, a word; borrowed */
     char *headline;
-    struct v2v_report_row *row; /**< [V2V_REPORT_MOST] */
-    int64_t rows;
-    int64_t left_out; /**< rows that there was no room for */
+    struct v2v_report_row *row; /**< [room] */
+    int64_t rows, room;
+    enum v2v_status rc; /**< of what was added; v2v_report_print returns it */
 };
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY */
@@ -44,7 +44,8 @@ void v2v_report_range(struct v2v_report *report, const char *name, double from, 
 void v2v_report_figures(struct v2v_report *report, const char *name,
                         const struct v2v_figures *figures);
 
-/** @kind Local. @param path of the file @return V2V_OK | V2V_E_IO | V2V_E_MEMORY */
+/** For people the first 1000 rows. @kind Local. @param path of the file
+ *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY (also of a row) */
 enum v2v_status v2v_report_print(const struct v2v_report *report, const char *path, FILE *stream,
                                  int as_json) V2V_MUST_CHECK;
 

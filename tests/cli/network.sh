@@ -57,6 +57,23 @@ same w.h5 strange.h5 /
 works info strange.safetensors
 says 'strange.safetensors: 104 arrays of another program, [0-9]* numbers, under names of the network v2v$'
 says '^unet2.conv_final.4.bias: F32 .7., -[0-9.e-]* to [0-9.e-]*, mean '
+# Of however many arrays: each in JSON, for people the first 1000 lines.
+header=$(for i in {0..1499}; do
+    printf ',"a%d":{"dtype":"F32","shape":[1],"data_offsets":[%d,%d]}' "$i" $((4 * i)) $((4 * i + 4))
+done)
+header="{${header:1}}"
+{
+    for shift in 0 8 16 24 32 40 48 56; do
+        # shellcheck disable=SC2059
+        printf "\\x$(printf %02x $((${#header} >> shift & 255)))"
+    done
+    printf %s "$header"
+    head -c 6000 /dev/zero
+} >many.safetensors
+works info many.safetensors --json
+[ "$(grep -o '"a[0-9]*": "F32' stdout | wc -l)" -eq 1500 ] || fail 'arrays are missing in JSON'
+works info many.safetensors
+says '^501 more, which --json shows$'
 sed 's/"method"/"mothed"/' backconv.safetensors >strange.safetensors
 refuses 2 'do not tell its views: give --views' convert --input strange.safetensors -o out.h5
 works convert --input strange.safetensors --views 5 -o strange-backconv.h5
