@@ -20,12 +20,18 @@ enum v2v_status v2v_picture_frame(struct v2v_canvas *canvas, struct v2v_volume *
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
+    const struct v2v_preview preview = {.kind = V2V_PREVIEW_PROJECTIONS,
+                                        .slices = info->slices,
+                                        .height = info->height,
+                                        .width = info->width,
+                                        .z_zoom = z_zoom,
+                                        .low = low,
+                                        .high = high};
     float *voxels = NULL;
     V2V_TRY(V2V_ALLOC(voxels, "picture.volume",
                       v2v_mem_product(info->slices, info->height, info->width)));
     V2V_TRY(v2v_volume_read(volume, voxels, t, 0, info->slices));
-    V2V_TRY(v2v_preview_volume(canvas, voxels, info->slices, info->height, info->width, z_zoom, low,
-                               high));
+    V2V_TRY(v2v_preview_draw(canvas, &preview, voxels));
 done:
     v2v_mem_free(voxels);
     return rc;

@@ -15,12 +15,24 @@ struct mips {
     float *along_x; /* [y,z*zoom] */
 };
 
-static void project(struct mips *mips, const float *volume, int64_t slices, int64_t height,
-                    int64_t width, int zoom)
+/** mip[y,x] = max over z of volume[z,y,x] */
+static void project_along_z(float *mip, const float *volume, int64_t slices, int64_t pixels)
 {
-    for (int64_t i = 0; i < height * width; i++) {
-        mips->along_z[i] = volume[i];
+    for (int64_t i = 0; i < pixels; i++) {
+        mip[i] = volume[i];
     }
+    for (int64_t z = 1; z < slices; z++) {
+        for (int64_t i = 0; i < pixels; i++) {
+            mip[i] = fmaxf(mip[i], volume[z * pixels + i]);
+        }
+    }
+}
+
+static void project(struct mips *mips, const float *volume, const struct v2v_preview *preview)
+{
+    const int64_t slices = preview->slices, height = preview->height, width = preview->width;
+    const int64_t zoom = preview->z_zoom;
+    project_along_z(mips->along_z, volume, slices, height * width);
     for (int64_t z = 0; z < slices; z++) {
         float *row = mips->along_y + z * zoom * width;
         for (int64_t x = 0; x < width; x++) {
@@ -32,7 +44,6 @@ static void project(struct mips *mips, const float *volume, int64_t slices, int6
             for (int64_t x = 0; x < width; x++) {
                 brightest = fmaxf(brightest, in[x]);
                 row[x] = fmaxf(row[x], in[x]);
-                mips->along_z[y * width + x] = fmaxf(mips->along_z[y * width + x], in[x]);
             }
             for (int64_t k = 0; k < zoom; k++) {
                 mips->along_x[(y * slices + z) * zoom + k] = brightest;
@@ -44,51 +55,25 @@ static void project(struct mips *mips, const float *volume, int64_t slices, int6
     }
 }
 
-/** Where a projection's range ends: at its percentile (even a sparse scene fills more than a
- *  thousandth of one along z), else at its maximum; 0 where there is no light. */
-static enum v2v_status find_white(double *high, const float *mip, int64_t count)
-{
-    enum v2v_status rc = v2v_percentile(high, mip, count, white_percentile);
-    for (int64_t i = 0; rc == V2V_OK && *high <= 0 && i < count; i++) {
-        *high = fmax(*high, mip[i]);
-    }
-    *high = fmax(*high, 0);
-    return rc;
-}
-
-/** Grey range: as given, else from 0 to the projection's end, else to 1. */
-static enum v2v_status choose_range(double *low, double *high, const float *mip, int64_t count)
-{
-    if (*low != 0 || *high != 0) {
-        return V2V_OK;
-    }
-    enum v2v_status rc = find_white(high, mip, count);
-    *high = *high > 0 ? *high : 1;
-    return rc;
-}
-
 static void draw_separators(struct v2v_canvas *canvas, int64_t height, int64_t width)
 {
     v2v_canvas_fill(canvas, 0, width, canvas->height, SEPARATOR, separator_colour);
     v2v_canvas_fill(canvas, height, 0, SEPARATOR, canvas->width, separator_colour);
 }
 
-enum v2v_status v2v_preview_volume(struct v2v_canvas *canvas, const float *volume, int64_t slices,
-                                   int64_t height, int64_t width, int z_zoom, double low,
-                                   double high)
+static enum v2v_status draw_projections(struct v2v_canvas *canvas,
+                                        const struct v2v_preview *preview, const float *volume)
 {
-    V2V_ASSERT(slices > 0 && height > 0 && width > 0 && z_zoom > 0);
     enum v2v_status rc = V2V_OK;
     struct mips mips = {0};
-    int64_t depth = slices * z_zoom;
+    const int64_t height = preview->height, width = preview->width;
+    const int64_t depth = preview->slices * preview->z_zoom;
+    const float black = (float)preview->low, white = (float)preview->high;
     V2V_TRY(V2V_ALLOC(mips.along_z, "preview.mips", height * width));
     V2V_TRY(V2V_ALLOC(mips.along_y, "preview.mips", depth * width));
     V2V_TRY(V2V_ALLOC(mips.along_x, "preview.mips", height * depth));
-    project(&mips, volume, slices, height, width, z_zoom);
-    V2V_TRY(choose_range(&low, &high, mips.along_z, height * width));
+    project(&mips, volume, preview);
     V2V_TRY(v2v_canvas_init(canvas, height + SEPARATOR + depth, width + SEPARATOR + depth));
-
-    float black = (float)low, white = (float)high;
     v2v_canvas_image(canvas, 0, 0, mips.along_z, height, width, black, white, 1);
     v2v_canvas_image(canvas, 0, width + SEPARATOR, mips.along_x, height, depth, black, white, 1);
     v2v_canvas_image(canvas, height + SEPARATOR, 0, mips.along_y, depth, width, black, white, 1);
@@ -100,21 +85,22 @@ done:
     return rc;
 }
 
+/** Even a sparse scene fills more than a thousandth of a projection along z; a point does not. */
 enum v2v_status v2v_preview_widen(struct v2v_preview *preview, const float *volume)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t pixels = preview->height * preview->width;
+    const double low = isnan(preview->low) ? 0.0 : preview->low;
     double high = 0.0;
     float *mip = NULL;
     V2V_TRY(V2V_ALLOC(mip, "preview.mips", pixels));
-    for (int64_t i = 0; i < pixels; i++) {
-        mip[i] = volume[i];
-        for (int64_t z = 1; z < preview->slices; z++) {
-            mip[i] = fmaxf(mip[i], volume[z * pixels + i]);
-        }
+    project_along_z(mip, volume, preview->slices, pixels);
+    V2V_TRY(v2v_percentile(&high, mip, pixels, white_percentile));
+    for (int64_t i = 0, is_dark = high <= low; is_dark && i < pixels; i++) {
+        high = fmax(high, mip[i]);
     }
-    V2V_TRY(find_white(&high, mip, pixels));
-    preview->high = fmax(preview->high, high);
+    preview->low = low;
+    preview->high = fmax(preview->high, fmax(high, low)); /* NaN counts as nothing */
 done:
     v2v_mem_free(mip);
     return rc;
@@ -123,6 +109,8 @@ done:
 enum v2v_status v2v_preview_draw(struct v2v_canvas *canvas, const struct v2v_preview *preview,
                                  const float *volume)
 {
+    V2V_ASSERT(preview->slices > 0 && preview->height > 0 && preview->width > 0 &&
+               preview->z_zoom > 0 && !isnan(preview->low) && !isnan(preview->high));
     switch (preview->kind) {
     case V2V_PREVIEW_MONTAGE:
         return v2v_preview_montage(canvas, preview, volume);
@@ -131,6 +119,5 @@ enum v2v_status v2v_preview_draw(struct v2v_canvas *canvas, const struct v2v_pre
     case V2V_PREVIEW_PROJECTIONS:
         break;
     }
-    return v2v_preview_volume(canvas, volume, preview->slices, preview->height, preview->width,
-                              preview->z_zoom, preview->low, preview->high);
+    return draw_projections(canvas, preview, volume);
 }

@@ -219,7 +219,15 @@ for kind in projections montage depth; do
     works preview rld.h5 --kind $kind --frames 2:9 -o $kind.png --force
     grep -aq acTL $kind.png && fail "preview --kind $kind --frames animates one frame"
 done
-refuses 2 'rld.h5 has frames 0 .. 2' preview rld.h5 --frames 3:1 -o out.png
+refuses 2 '--frames from 3: rld.h5 has frames 0 .. 2' preview rld.h5 --frames 3:1 -o out.png
+refuses 2 '--frame 3: rld.h5 has frames 0 .. 2' preview rld.h5 --frame 3 -o out.png
+# A range of which one end is given, and which is 0.
+works preview rld.h5 -o plain.png
+works preview rld.h5 -o low.png --low 0
+cmp plain.png low.png || fail '--low 0 is not what is taken without it'
+works preview rld.h5 -o black.png --low 1e20
+works preview rld.h5 -o low.png --low 1e-9 --force
+cmp -s low.png black.png && fail '--low alone draws black'
 
 # The same numbers from one rank: some hundred float32 additions and transforms of values up to 1
 # (6e-8 each) in another order. Deconvolution divides by the sensitivity and by the predicted view,

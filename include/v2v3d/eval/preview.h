@@ -9,14 +9,6 @@
 extern "C" {
 #endif
 
-/** Maximum projections along z (top left), x (right of it) and y (below) in one picture, depth
- * drawn `z_zoom` pixels a slice, grey from `low` to `high` (both 0: 0 to the 99.9th percentile of
- * the projection along z).
- *  @kind Local. @param volume [z,y,x]. @return V2V_OK | V2V_E_MEMORY */
-enum v2v_status v2v_preview_volume(struct v2v_canvas *canvas, const float *volume, int64_t slices,
-                                   int64_t height, int64_t width, int z_zoom, double low,
-                                   double high) V2V_MUST_CHECK;
-
 enum v2v_preview_kind { V2V_PREVIEW_PROJECTIONS = 0, V2V_PREVIEW_MONTAGE, V2V_PREVIEW_DEPTH };
 
 /** What to draw of a volume. */
@@ -24,16 +16,18 @@ struct v2v_preview {
     enum v2v_preview_kind kind;
     int64_t slices, height, width;
     int z_zoom;
-    double low, high;        /**< grey from .. to; both 0: not settled */
+    double low, high;        /**< grey from .. to; NaN: not settled */
     double slice_spacing_um; /**< 0: not known */
 };
 
-/** Raise preview->high to where the volume's own range, as above, ends: after all volumes of a row
- *  one scale for them. @kind Local. @return V2V_OK | V2V_E_MEMORY */
+/** Settle a range that isn't: low at 0, high at least at the 99.9th percentile of the volume's
+ *  projection along z, or where that isn't above low at its maximum. After all volumes of a row one
+ *  range for them. @kind Local. @param volume [z,y,x]. @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_preview_widen(struct v2v_preview *preview, const float *volume) V2V_MUST_CHECK;
 
-/** A picture in a range that is settled: projections; or slices side by side, 48 at most, evenly
- *  chosen and numbered from 1; or the brightest voxel along z, its depth as a hue of even lightness
+/** A picture in a range that is settled: maximum projections along z (top left), x (right of it) and
+ *  y (below), depth drawn `z_zoom` pixels a slice; or slices side by side, 48 at most, evenly chosen
+ *  and numbered from 1; or the brightest voxel along z, its depth as a hue of even lightness
  *  (OKLCh), with a bar beside it. @kind Local. @param volume [z,y,x]. @return V2V_OK | V2V_E_MEMORY
  *  @source B. Ottosson, A perceptual color space for image processing, 2020: OKLab */
 enum v2v_status v2v_preview_draw(struct v2v_canvas *canvas, const struct v2v_preview *preview,

@@ -11,6 +11,9 @@ static int grey_at(const struct v2v_canvas *canvas, int64_t y, int64_t x)
     return canvas->rgb[3 * (y * canvas->width + x)];
 }
 
+static const struct v2v_preview shape = {
+    .slices = SLICES, .height = HEIGHT, .width = WIDTH, .z_zoom = 1, .high = 8.0};
+
 static void one_voxel_shows_in_all_three_projections(void **state)
 {
     (void)state;
@@ -18,7 +21,10 @@ static void one_voxel_shows_in_all_three_projections(void **state)
     int64_t z = 2, y = 5, x = 1;
     volume[(z * HEIGHT + y) * WIDTH + x] = 7;
     struct v2v_canvas canvas = {0};
-    assert_ok(v2v_preview_volume(&canvas, volume, SLICES, HEIGHT, WIDTH, ZOOM, 0, 7));
+    struct v2v_preview preview = shape;
+    preview.z_zoom = ZOOM;
+    preview.high = 7;
+    assert_ok(v2v_preview_draw(&canvas, &preview, volume));
     assert_int_equal(canvas.height, HEIGHT + GAP + SLICES * ZOOM);
     assert_int_equal(canvas.width, WIDTH + GAP + SLICES * ZOOM);
     int64_t white = 0;
@@ -39,13 +45,43 @@ static void an_automatic_range_shows_even_one_voxel_and_survives_none(void **sta
     (void)state;
     float volume[SLICES * HEIGHT * WIDTH] = {0};
     struct v2v_canvas canvas = {0};
-    assert_ok(v2v_preview_volume(&canvas, volume, SLICES, HEIGHT, WIDTH, 1, 0, 0));
+    struct v2v_preview preview = shape;
+    preview.low = preview.high = NAN;
+    assert_ok(v2v_preview_widen(&preview, volume));
+    assert_ok(v2v_preview_draw(&canvas, &preview, volume));
     assert_int_equal(grey_at(&canvas, 0, 0), 0);
     v2v_canvas_fini(&canvas);
     volume[0] = 1e-20f;
-    assert_ok(v2v_preview_volume(&canvas, volume, SLICES, HEIGHT, WIDTH, 1, 0, 0));
+    preview.low = preview.high = NAN;
+    assert_ok(v2v_preview_widen(&preview, volume));
+    assert_ok(v2v_preview_draw(&canvas, &preview, volume));
     assert_int_equal(grey_at(&canvas, 0, 0), 255);
     v2v_canvas_fini(&canvas);
+}
+
+/* Ten voxels of ten values: the percentile is beyond the last but one. */
+static void a_range_whose_low_end_is_given_ends_where_the_volume_does(void **state)
+{
+    (void)state;
+    enum { VALUES = 10 };
+    const struct {
+        double low, high; /* the end that it gets */
+    } ranges[] = {{4.0, 9.0}, {-3.0, 9.0}, {12.0, 12.0}};
+    float volume[VALUES];
+    for (int i = 0; i < VALUES; i++) {
+        volume[i] = (float)i;
+    }
+    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
+        struct v2v_preview preview = {.slices = 1,
+                                      .height = 1,
+                                      .width = VALUES,
+                                      .z_zoom = 1,
+                                      .low = ranges[i].low,
+                                      .high = NAN};
+        assert_ok(v2v_preview_widen(&preview, volume));
+        assert_true(preview.low == ranges[i].low);
+        assert_true(fabs(preview.high - ranges[i].high) < 0.1);
+    }
 }
 
 static uint32_t colour_at(const struct v2v_canvas *canvas, int64_t y, int64_t x)
@@ -53,9 +89,6 @@ static uint32_t colour_at(const struct v2v_canvas *canvas, int64_t y, int64_t x)
     const uint8_t *rgb = canvas->rgb + 3 * (y * canvas->width + x);
     return (uint32_t)rgb[0] << 16 | (uint32_t)rgb[1] << 8 | rgb[2];
 }
-
-static const struct v2v_preview shape = {
-    .slices = SLICES, .height = HEIGHT, .width = WIDTH, .z_zoom = 1, .high = 8.0};
 
 static void the_brightest_voxel_has_the_hue_of_its_depth(void **state)
 {
@@ -167,6 +200,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_voxel_shows_in_all_three_projections),
         cmocka_unit_test(an_automatic_range_shows_even_one_voxel_and_survives_none),
+        cmocka_unit_test(a_range_whose_low_end_is_given_ends_where_the_volume_does),
         cmocka_unit_test(the_brightest_voxel_has_the_hue_of_its_depth),
         cmocka_unit_test(no_depth_is_lighter_than_another),
         cmocka_unit_test(a_montage_shows_every_slice_once),
