@@ -100,14 +100,17 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTION_SLICES                                                                          \
     V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
                    "TIFF volume, weights: slices, where they do not say")
+#define V2V_OPTION_CHANNEL                                                                         \
+    V2V_OPTION_SET("channel", "input.channel", "K",                                                \
+                   "TIFF with channels: read this one, counted from 1 as in Fiji")
+#define V2V_OPTION_DATASET(text) V2V_OPTION_SET("dataset", "input.dataset", "NAME", text)
+#define V2V_OPTION_PIXEL_SIZE                                                                      \
+    V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM", "of the input, whatever it says")
 /* Of any recording or volume that is read. */
 #define V2V_OPTIONS_INPUT                                                                          \
-    V2V_OPTION_SET("channel", "input.channel", "K",                                                \
-                   "TIFF with channels: read this one, counted from 1 as in Fiji"),                \
-        V2V_OPTION_SET("dataset", "input.dataset", "NAME",                                         \
-                       "HDF5: read this dataset, not /views (of a volume: /volume)"),              \
-        V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM",                                  \
-                       "of the input, whatever it says")
+    V2V_OPTION_CHANNEL,                                                                            \
+        V2V_OPTION_DATASET("HDF5: read this dataset, not /views (of a volume: /volume)"),          \
+        V2V_OPTION_PIXEL_SIZE
 #define V2V_OPTIONS_SIZES                                                                          \
     V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM",                                \
                    "of the volume, whatever input and PSFs say"),                                  \

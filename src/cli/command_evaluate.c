@@ -42,7 +42,9 @@ static const struct v2v_option options[] = {
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
-    V2V_OPTIONS_INPUT,
+    V2V_OPTION_CHANNEL,
+    V2V_OPTION_DATASET("HDF5: of the recording, not /views"),
+    V2V_OPTION_PIXEL_SIZE,
     V2V_OPTIONS_SIZES,
     {.name = "volume-dataset",
      .kind = V2V_OPTION_TEXT,
@@ -77,6 +79,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (given->truth == NULL && given->psf == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--truth FILE, or --psf FILE and --input FILE, is missing"));
+    }
+    if (given->input == NULL && v2v_options_set(&given->common, "input.dataset")) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--dataset is of the recording: --input FILE is missing; of "
+                                      "volumes there are --volume-dataset and --truth-dataset"));
     }
     if (given->uncertainty != NULL && (given->psf == NULL || given->frames == 0)) {
         V2V_TRY(

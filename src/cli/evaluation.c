@@ -77,6 +77,9 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     int64_t voxels = info->slices * info->height * info->width;
     V2V_TRY(settings_of(&settings, session, job->truth_dataset));
+    if (settings.slices == 0) {
+        settings.slices = info->slices; /* of a TIFF that doesn't say */
+    }
     V2V_TRY(v2v_volume_open(&truth, job->truth, &settings, session->world));
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
     rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);

@@ -337,6 +337,20 @@ done:
     return rc;
 }
 
+int v2v_options_set(const struct v2v_common *common, const char *key)
+{
+    const size_t length = strlen(key);
+    for (int64_t i = 0; i < common->assignment_count; i++) {
+        const struct v2v_assignment *assignment = &common->assignments[i];
+        if (assignment->key != NULL
+                ? strcmp(assignment->key, key) == 0
+                : strncmp(assignment->text, key, length) == 0 && assignment->text[length] == '=') {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 static void print_table(FILE *stream, const struct v2v_option *table)
 {
     enum { COLUMN = 30 };

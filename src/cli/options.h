@@ -74,6 +74,10 @@ enum v2v_status v2v_options_parse(void *arguments, const struct v2v_option *tabl
 enum v2v_status v2v_options_apply(const struct v2v_common *common,
                                   struct v2v_config *config) V2V_MUST_CHECK;
 
+/** Does the command line set this key of the configuration, by --set or a SETTING option?
+ *  @kind Local. */
+int v2v_options_set(const struct v2v_common *common, const char *key);
+
 /** Print the table's options, then the common ones. @kind Local. */
 void v2v_options_help(FILE *stream, const struct v2v_option *table);
 

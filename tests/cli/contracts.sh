@@ -173,6 +173,10 @@ works convert --input truth.tif -o again.h5
 same one/truth.h5 again.h5 /volume
 works evaluate --truth truth.tif --volume one/truth.h5
 says '^ mean +inf +1 '
+works convert --input last.h5 -o row.tif # of one frame: a row of pages
+works convert --input row.tif --slices 1 -o pages.h5
+works evaluate --truth row.tif --volume pages.h5
+says '^ mean +inf +1 '
 works evaluate --truth one/truth.h5 --truth-dataset volume --volume one/truth.h5 --volume-dataset volume
 refuses 65 '/branch1: there is no such dataset' evaluate --truth one/truth.h5 --volume one/truth.h5 \
     --volume-dataset branch1

@@ -84,6 +84,11 @@ refuses 2 "--output-type: 'uint8' is none of" \
     deconvolve --psf p --input r -o out.h5 --output-type uint8
 refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
 refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
+for words in --dataset=views '--set input.dataset=views'; do
+    # shellcheck disable=SC2086
+    refuses 2 '--dataset is of the recording: --input FILE is missing' \
+        evaluate --volume v.h5 --truth t.h5 $words
+done
 refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5
 refuses 2 '--uncertainty needs an HDF5' evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.tif
 refuses 2 'end in .h5, .tif, .xml or .safetensors' convert --input a.tif -o out.xyz
