@@ -17,7 +17,8 @@
 /** What a running command knows of its surroundings. */
 struct v2v_session {
     struct v2v_comm *world;
-    struct v2v_config config; /**< resolved: defaults, preset, file, command line */
+    const struct v2v_common *common; /**< what the command line says */
+    struct v2v_config config;        /**< resolved: defaults, preset, file, command line */
     int force, quiet;
     int threads;                        /**< of this rank */
     const char *command_line;           /**< for provenance */

@@ -133,6 +133,7 @@ static enum v2v_status prepare(struct v2v_session *session, const struct v2v_com
                       : common->verbose ? V2V_LOG_DEBUG
                                         : V2V_LOG_INFO,
                       v2v_comm_rank(session->world));
+    session->common = common;
     session->force = common->force;
     session->quiet = common->quiet;
     V2V_TRY(settle_config(session, command, common));

@@ -213,13 +213,39 @@ static enum v2v_status read_weights_info(const struct v2v_session *session,
     return v2v_par_agree(session->world, rc);
 }
 
+/* The session takes over the network of a weight file, and says which of its settings go before one
+ * that was given: on the command line, or in a file where it isn't the default. Local. */
+static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weights_info *info,
+                             const struct v2v_network_ops *ops, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_config before = session->config;
+    struct v2v_config defaults;
+    v2v_config_defaults(&defaults);
+    V2V_TRY(v2v_network_adopt(&session->config, info, path));
+    for (int i = 0; ops->keys[i] != NULL; i++) {
+        const char *key = ops->keys[i];
+        char given[64], usual[64], taken[64];
+        V2V_TRY(v2v_config_get(given, sizeof given, &before, key));
+        V2V_TRY(v2v_config_get(usual, sizeof usual, &defaults, key));
+        V2V_TRY(v2v_config_get(taken, sizeof taken, &session->config, key));
+        const int is_given = strcmp(given, usual) != 0 || v2v_options_set(session->common, key);
+        if (is_given && strcmp(given, taken) != 0 && v2v_step_on_root(session)) {
+            v2v_log(V2V_LOG_WARNING, "%s: its network is made for %s=%s, which is taken, not %s",
+                    path, key, taken, given);
+        }
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
                                  const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
     V2V_TRY(read_weights_info(session, &info, ops, path));
-    V2V_TRY(v2v_network_adopt(&session->config, &info, path));
+    V2V_TRY(adopt(session, &info, *ops, path));
 done:
     return rc;
 }
@@ -237,7 +263,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,
                          path, info->views, info->slices, psf->views, psf->slices));
     }
-    V2V_TRY(v2v_network_adopt(&session->config, info, path));
+    V2V_TRY(adopt(session, info, ops, path));
 done:
     return rc;
 }

@@ -54,13 +54,13 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
 enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
-/** The network that a weight file is of; the session's configuration takes it over.
- *  @kind Collective(world), agreed */
+/** The network that a weight file is of; the session's configuration takes it over, with a warning
+ *  for every setting of it that was given otherwise. @kind Collective(world), agreed */
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
                                  const char *path) V2V_MUST_CHECK;
 
 /** What a weight file says, after it was checked against the PSFs; the session's configuration
- *  takes its network over. @kind Collective(world), agreed */
+ *  takes its network over, likewise. @kind Collective(world), agreed */
 enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_weights_info *info,
                                       const char *path,
                                       const struct v2v_psf_file *psf) V2V_MUST_CHECK;

@@ -90,6 +90,21 @@ for strength in 0 1; do
         -o "strength-$strength.h5" --set recon.neighbours=0 --strength "$strength"
 done
 same strength-0.h5 tv.h5 /volume
+# What the network is made for goes before what is given, and says so where that is something else.
+works weights init --psf psf.h5 --set model.method=unrolled --set recon.neighbours=1 --rule he \
+    -o neighbours.h5
+neighbours=(reconstruct --psf psf.h5 --weights neighbours.h5 --input recording.h5 -o neighbours_1.h5
+    --force --frames 0:1 --strength 0)
+taken='^warning.*neighbours.h5: its network is made for recon.neighbours=1, which is taken, not 0'
+works "${neighbours[@]}" --neighbours 0
+[ "$(grep -c "$taken" stderr)" -eq 1 ] || fail "no word on what is taken: $(cat stderr)"
+works "${neighbours[@]}" --neighbours 1
+grep -q 'made for' stderr && fail "a warning of what is as it was given: $(cat stderr)"
+works "${neighbours[@]}"
+grep -q 'made for' stderr && fail "a warning of what was not given: $(cat stderr)"
+printf 'recon:\n  neighbours: 2\n' >neighbours.yaml
+works "${neighbours[@]}" -c neighbours.yaml
+grep -q "${taken%0}2" stderr || fail "no word on what goes before a file: $(cat stderr)"
 if command -v h5diff >/dev/null && h5diff strength-1.h5 tv.h5 /volume >/dev/null; then
     fail 'a correction of strength 1 corrects nothing'
 fi
