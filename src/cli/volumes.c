@@ -427,7 +427,8 @@ enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct 
                                   const struct v2v_estimator_ops *ops, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    *tools = (struct v2v_volumes_tools){.ops = ops, .began = v2v_clock_now()};
+    const double began = v2v_clock_now();
+    *tools = (struct v2v_volumes_tools){.ops = ops};
     if (given->weights != NULL) {
         V2V_TRY(v2v_par_agree(session->world, v2v_file_remember(&tools->weights, given->weights)));
     }
@@ -438,6 +439,7 @@ enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct 
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &tools->psf, given->psf));
+    tools->seconds = v2v_clock_now() - began;
 done:
     return rc;
 }
@@ -453,6 +455,7 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
 {
     enum v2v_status rc = V2V_OK;
     struct work work = {.given = given, .tools = tools, .ops = tools->ops, .psf = &tools->psf};
+    const double began = v2v_clock_now();
     double ready = 0.0;
     int is_complete = 0;
     V2V_TRY(v2v_volumes_check(&work.frames, given, session));
@@ -475,16 +478,16 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
     V2V_TRY(open_output(&work, session));
     work.result.before = count_done(&work);
     v2v_step_announce(session);
-    struct v2v_par_time began = v2v_par_time_now();
+    struct v2v_par_time running = v2v_par_time_now();
     v2v_stop_heed_ending();
     ready = v2v_clock_now();
     V2V_TRY(v2v_recon_run(work.recon, work.recording, &work.scaling, work.writer, given->branches,
                           monitor));
-    v2v_step_communication(session, &began);
+    v2v_step_communication(session, &running);
     report_skipped(&work);
     V2V_TRY(v2v_volume_finish(&work.writer));
     work.result.now = work.info.frames - work.result.before;
-    work.result.ready_s = ready - tools->began;
+    work.result.ready_s = tools->seconds + ready - began;
     work.result.frames_s = v2v_clock_now() - ready;
     report_made(&work, session);
     report_quality(&work, session);

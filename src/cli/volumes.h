@@ -11,7 +11,7 @@
 
 /** What became of a recording, known to rank 0 also after a failure. */
 struct v2v_volumes_result {
-    double ready_s, frames_s;    /**< until all was ready, and then for the frames */
+    double ready_s, frames_s; /**< until all was ready, tools and recording; then for the frames */
     int64_t frames, before, now; /**< of the output; done when it was opened; made by this run */
 };
 
@@ -55,7 +55,7 @@ struct v2v_volumes_tools {
     const struct v2v_estimator_ops *ops;
     struct v2v_file_state weights; /**< as this rank first saw the file */
     struct v2v_psf_file psf;       /**< calibrated */
-    double began;
+    double seconds;                /**< that it took */
 };
 
 /** PSFs, calibration, and what the weights are for; the session's configuration takes their network

@@ -47,15 +47,20 @@ enum v2v_status v2v_camera_check(const struct v2v_problem *problem)
     return V2V_OK;
 }
 
+double v2v_photons_bright(float *scratch, const float *views, int64_t samples)
+{
+    const double brighter = (double)samples * brighter_part;
+    memcpy(scratch, views, (size_t)samples * sizeof *views);
+    return (double)v2v_select(scratch, samples, samples - 1 - (int64_t)brighter);
+}
+
 struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t count,
                                     int64_t height, int64_t width, const struct v2v_camera *camera)
 {
     const int64_t samples = count * height * width;
     const double brighter = (double)samples * brighter_part;
     const int is_known = camera != NULL && camera->gain > 0.0;
-    struct v2v_photons found = {0};
-    memcpy(scratch, views, (size_t)samples * sizeof *views);
-    found.bright = (double)v2v_select(scratch, samples, samples - 1 - (int64_t)brighter);
+    struct v2v_photons found = {.bright = v2v_photons_bright(scratch, views, samples)};
     if (found.bright > 0.0) {
         const struct v2v_noise_line line =
             v2v_noise_line_of_images(views, count, height, width, found.bright);

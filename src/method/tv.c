@@ -258,8 +258,11 @@ static struct level measure(const struct tv *self, const float *views)
     }
     const double sigma =
         v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
-    const struct v2v_photons photons = v2v_photons_find(self->scratch, views, self->views,
-                                                        self->height, self->width, &self->camera);
+    const int is_plain = self->model == V2V_NOISE_MODEL_GAUSSIAN;
+    const struct v2v_photons photons =
+        is_plain ? (struct v2v_photons){.bright = v2v_photons_bright(self->scratch, views, count)}
+                 : v2v_photons_find(self->scratch, views, self->views, self->height, self->width,
+                                    &self->camera);
     const double brightness = fmax(photons.bright, least_of_brightest * brightest);
     const double noisy = fmax(brightness, least_of_brightest * largest);
     struct level level = {.brightness = brightness, .sigma = fmax(sigma, least_noise * noisy)};
