@@ -82,6 +82,16 @@ extern const struct v2v_command v2v_command_weights_init;
     {                                                                                              \
         .name = (word), .kind = V2V_OPTION_FLAG, .at = offsetof(type, field), .help = (text)       \
     }
+#define V2V_OPTION_FRAME(type, field, text)                                                        \
+    {                                                                                              \
+        .name = "frame", .kind = V2V_OPTION_INTEGER, .at = offsetof(type, field), .value = "T",    \
+        .help = (text), .initial = "0", .least = 0, .most = 1e9                                    \
+    }
+#define V2V_OPTION_FRAMES(type, field, text)                                                       \
+    {                                                                                              \
+        .name = "frames", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field),                    \
+        .value = "FIRST:COUNT", .help = (text)                                                     \
+    }
 #define V2V_OPTION_PSF(type, field, is_required)                                                   \
     V2V_OPTION_FILE(type, field, "psf", is_required,                                               \
                     "point spread functions: folder of psf_1.tif .. or HDF5 /psf")

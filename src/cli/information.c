@@ -18,6 +18,14 @@ static void add_number(void *report, const char *name, double number)
     v2v_report_number(report, name, number, "");
 }
 
+static void add_lengths(struct v2v_report *report, double pixel_size_um, double slice_spacing_um,
+                        double frame_interval_s)
+{
+    v2v_report_length(report, "pixel size", pixel_size_um, "um");
+    v2v_report_length(report, "slice spacing", slice_spacing_um, "um");
+    v2v_report_length(report, "frame interval", frame_interval_s, "s");
+}
+
 /* ---- volumes ---- */
 
 /* Slice by slice: a frame may be larger than the memory. */
@@ -55,9 +63,7 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
     v2v_report_count(report, "slices", info->slices);
     v2v_report_count(report, "height", info->height);
     v2v_report_count(report, "width", info->width);
-    v2v_report_length(report, "pixel size", info->pixel_size_um, "um");
-    v2v_report_length(report, "slice spacing", info->slice_spacing_um, "um");
-    v2v_report_length(report, "frame interval", info->frame_interval_s, "s");
+    add_lengths(report, info->pixel_size_um, info->slice_spacing_um, info->frame_interval_s);
     for (int64_t t = 0; t < info->frames; t++) {
         done += v2v_volume_has(volume, t);
     }
@@ -139,8 +145,7 @@ enum v2v_status v2v_inform_recording(struct v2v_report *report, const char *path
     v2v_report_count(report, "views", info->views);
     v2v_report_count(report, "height", info->height);
     v2v_report_count(report, "width", info->width);
-    v2v_report_length(report, "pixel size", info->pixel_size_um, "um");
-    v2v_report_length(report, "frame interval", info->frame_interval_s, "s");
+    add_lengths(report, info->pixel_size_um, 0.0, info->frame_interval_s);
     if (info->offset != 0.0) {
         v2v_report_number(report, "offset", info->offset, "");
     }
@@ -186,8 +191,7 @@ enum v2v_status v2v_inform_psf(struct v2v_report *report, const char *path, int6
         v2v_report_count(report, "slices", file.slices);
         v2v_report_count(report, "height", file.height);
         v2v_report_count(report, "width", file.width);
-        v2v_report_length(report, "pixel size", file.pixel_size_um, "um");
-        v2v_report_length(report, "slice spacing", file.slice_spacing_um, "um");
+        add_lengths(report, file.pixel_size_um, file.slice_spacing_um, 0.0);
         sums_of_views(report, &file);
     }
 done:
@@ -223,9 +227,7 @@ enum v2v_status v2v_inform_tiff(struct v2v_report *report, const char *path, int
     v2v_report_count(report, "channels", info->channels);
     v2v_report_count(report, "slices", info->slices);
     v2v_report_count(report, "frames", info->frames);
-    v2v_report_length(report, "pixel size", info->pixel_size_um, "um");
-    v2v_report_length(report, "slice spacing", info->slice_spacing_um, "um");
-    v2v_report_length(report, "frame interval", info->frame_interval_s, "s");
+    add_lengths(report, info->pixel_size_um, info->slice_spacing_um, info->frame_interval_s);
     if (info->task[0] != '\0') {
         v2v_report_text(report, "task", info->task);
     }

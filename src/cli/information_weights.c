@@ -48,9 +48,8 @@ static enum v2v_status describe_array(struct v2v_report *report, const struct v2
     V2V_TRY(V2V_ALLOC(values, "info.array", array->count));
     if (v2v_arrays_read(arrays, values, array) == V2V_OK) {
         v2v_figures_add(&figures, values, array->count);
-        snprintf(text + used, sizeof text - (size_t)used,
-                 ", %.4g to %.4g, mean %.4g, standard deviation %.4g", figures.least, figures.most,
-                 v2v_figures_mean(&figures), v2v_figures_deviation(&figures));
+        used += snprintf(text + used, sizeof text - (size_t)used, ", ");
+        v2v_report_figures_text(text + used, sizeof text - (size_t)used, &figures);
     } else {
         snprintf(text + used, sizeof text - (size_t)used, ", not read: no finite numbers");
     }

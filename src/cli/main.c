@@ -1,5 +1,6 @@
 #include "cli/command.h"
 #include "cli/paths.h"
+#include "cli/steps.h"
 #include "cli/threads.h"
 
 #include "v2v3d/base/log.h"
@@ -225,16 +226,11 @@ done:
     return rc;
 }
 
-/* Put the command's name before the message, and the way to its help behind a usage error. What
- * all ranks found is told as rank 0's: its number would say nothing. */
+/* Put the command's name before the message, and the way to its help behind a usage error. */
 static enum v2v_status name_failure(enum v2v_status rc, const char *name)
 {
-    static const char main_rank[] = "rank 0: ";
     char message[V2V_MESSAGE_BYTES], place[256], hint[64] = "";
-    const char *old = v2v_status_message();
-    if (strncmp(old, main_rank, strlen(main_rank)) == 0) {
-        old += strlen(main_rank);
-    }
+    const char *old = v2v_step_message();
     if (rc == V2V_E_USAGE) {
         snprintf(hint, sizeof hint, " (see v2v3d %s --help)", name);
     }

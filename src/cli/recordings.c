@@ -314,14 +314,6 @@ static int is_its_own(enum v2v_status rc)
     return rc == V2V_E_INPUT || rc == V2V_E_BUSY;
 }
 
-/* What all ranks found is not rank 0's alone. */
-static const char *message_of_failure(void)
-{
-    static const char main_rank[] = "rank 0: ";
-    const char *message = v2v_status_message();
-    return message + (strncmp(message, main_rank, strlen(main_rank)) == 0 ? strlen(main_rank) : 0);
-}
-
 static void count(struct tally *tally, enum v2v_status rc, const struct v2v_volumes_result *result)
 {
     tally->done += rc == V2V_OK;
@@ -329,7 +321,7 @@ static void count(struct tally *tally, enum v2v_status rc, const struct v2v_volu
     tally->frames_done += result->before + result->now;
     if (rc != V2V_OK && tally->first == V2V_OK) {
         tally->first = rc;
-        snprintf(tally->message, sizeof tally->message, "%.800s", message_of_failure());
+        snprintf(tally->message, sizeof tally->message, "%.800s", v2v_step_message());
     }
 }
 
@@ -392,7 +384,7 @@ enum v2v_status v2v_recordings_make(const struct v2v_volumes *given,
         rc = make_one(&tally, given, recording, &tools, session);
         if (names.count > 1 && is_its_own(rc)) {
             if (v2v_step_on_root(session)) {
-                v2v_log(V2V_LOG_WARNING, "%s", message_of_failure());
+                v2v_log(V2V_LOG_WARNING, "%s", v2v_step_message());
             }
             rc = V2V_OK;
         }

@@ -38,6 +38,9 @@ void v2v_report_headline(struct v2v_report *report, const char *format, ...)
     va_end(arguments);
 }
 
+/* Least, most, and the others. */
+#define FIGURES "%.4g to %.4g, mean %.4g, standard deviation %.4g"
+
 /* Twice the room. */
 static enum v2v_status grow(struct v2v_report *report)
 {
@@ -95,6 +98,12 @@ void v2v_report_range(struct v2v_report *report, const char *name, double from, 
     row->value[1] = to;
 }
 
+void v2v_report_figures_text(char *text, size_t bytes, const struct v2v_figures *figures)
+{
+    snprintf(text, bytes, FIGURES, figures->least, figures->most, v2v_figures_mean(figures),
+             v2v_figures_deviation(figures));
+}
+
 void v2v_report_figures(struct v2v_report *report, const char *name,
                         const struct v2v_figures *figures)
 {
@@ -147,7 +156,7 @@ static void print_row(FILE *stream, const struct v2v_report_row *row)
     } else if (row->count == 2) {
         fprintf(stream, "%.4g to %.4g", v[0], v[1]);
     } else {
-        fprintf(stream, "%.4g to %.4g, mean %.4g, standard deviation %.4g", v[0], v[1], v[2], v[3]);
+        fprintf(stream, FIGURES, v[0], v[1], v[2], v[3]);
     }
     fprintf(stream, "%s%s\n", row->unit[0] != '\0' ? " " : "", row->unit);
 }

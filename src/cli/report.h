@@ -44,6 +44,9 @@ void v2v_report_range(struct v2v_report *report, const char *name, double from, 
 void v2v_report_figures(struct v2v_report *report, const char *name,
                         const struct v2v_figures *figures);
 
+/** "-1 to 3, mean 0.5, standard deviation 0.1". @kind Local. */
+void v2v_report_figures_text(char *text, size_t bytes, const struct v2v_figures *figures);
+
 /** For people the first 1000 rows. @kind Local. @param path of the file
  *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY (also of a row) */
 enum v2v_status v2v_report_print(const struct v2v_report *report, const char *path, FILE *stream,

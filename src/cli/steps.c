@@ -24,6 +24,13 @@ int v2v_step_on_root(const struct v2v_session *session)
     return v2v_comm_rank(session->world) == 0;
 }
 
+const char *v2v_step_message(void)
+{
+    static const char main_rank[] = "rank 0: ";
+    const char *message = v2v_status_message();
+    return message + (strncmp(message, main_rank, strlen(main_rank)) == 0 ? strlen(main_rank) : 0);
+}
+
 /* Frames that an interrupted run finished are not thrown away unasked. Rank-0. */
 static enum v2v_status check_left(const char *path)
 {

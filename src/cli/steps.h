@@ -16,6 +16,10 @@
 /** Is this the rank that prints? @kind Local */
 int v2v_step_on_root(const struct v2v_session *session);
 
+/** The last failure's message. What all ranks found is told as rank 0's: its number, which would
+ *  say nothing, is left away. @kind Local */
+const char *v2v_step_message(void);
+
 /** Refuse an output that exists or of which an interrupted run finished frames (without --force),
  *  is one of the inputs (NULLs are skipped), or lies where nothing can be written. Rank 0 looks.
  *  @kind Collective(world), agreed */

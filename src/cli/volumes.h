@@ -32,10 +32,8 @@ struct v2v_volumes {
         V2V_OPTION_CALIBRATION(struct v2v_volumes, calibration),                                   \
         V2V_OPTION_SWITCH(struct v2v_volumes, resume, "resume",                                    \
                           "go on with what an interrupted run left; a complete output stays"),     \
-    {                                                                                              \
-        .name = "frames", .kind = V2V_OPTION_TEXT, .at = offsetof(struct v2v_volumes, frames),     \
-        .value = "FIRST:COUNT", .help = "these of the recording, from 0; fewer where it ends"      \
-    }
+        V2V_OPTION_FRAMES(struct v2v_volumes, frames,                                              \
+                          "these of the recording, from 0; fewer where it ends")
 
 #define V2V_OPTION_NEIGHBOURS                                                                      \
     V2V_OPTION_SET("neighbours", "recon.neighbours", "N",                                          \

@@ -26,7 +26,8 @@ struct v2v_camera v2v_camera_of(const struct v2v_config *config);
  *  @kind Local. @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_camera_check(const struct v2v_problem *problem) V2V_MUST_CHECK;
 
-/** Alone what is bright there. @kind Local. @param views [samples], finite @param scratch as large */
+/** What is bright there, alone.
+ *  @kind Local. @param views [samples], finite @param scratch as large */
 double v2v_photons_bright(float *scratch, const float *views, int64_t samples);
 
 /** @kind Local. @param views [v,height,width], finite @param scratch as large

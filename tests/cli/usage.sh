@@ -99,7 +99,7 @@ refuses 2 'only volumes are written for BigDataViewer' \
 refuses 2 'output-type float32: BigDataViewer .out.xml. reads uint16' \
     convert --input v.h5 --kind volume -o out.xml --output-type float32
 for kind in recording psf weights; do
-    stored=(convert --input r.h5 --kind $kind -o out.h5)
+    stored=(convert --input r.h5 --kind "$kind" -o out.h5)
     refuses 2 'output-type uint16: only volumes are stored so, which r.h5 is not' \
         "${stored[@]}" --output-type uint16
     refuses 2 'output-peak: only volumes' "${stored[@]}" --output-peak 3
