@@ -260,27 +260,63 @@ done:
     return rc;
 }
 
+/* All recordings, and their inodes, by which rank 0 sees at once which outputs are to be looked at
+ * more closely: comparing every output with every recording in the file system takes long. */
+struct all {
+    const char **recording;
+    int64_t *inode; /* 0: there is no such file */
+    int64_t count;
+};
+
+static enum v2v_status list_all(struct all *all, const struct names *names)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *recording = names->text;
+    V2V_TRY(V2V_ALLOC(all->recording, "cli.recordings", names->count));
+    V2V_TRY(V2V_ALLOC(all->inode, "cli.recordings", names->count));
+    all->count = names->count;
+    for (int64_t i = 0; i < names->count; i++, recording = next_name(next_name(recording))) {
+        struct v2v_file_state state;
+        all->recording[i] = recording;
+        all->inode[i] = v2v_file_remember(&state, recording) == V2V_OK ? state.inode : 0;
+    }
+done:
+    return rc;
+}
+
+static int may_be_one(const struct all *all, const char *output)
+{
+    struct v2v_file_state state;
+    if (v2v_file_remember(&state, output) == V2V_OK) {
+        for (int64_t i = 0; i < all->count; i++) {
+            if (all->inode[i] == state.inode) {
+                return 1;
+            }
+        }
+    }
+    return 0;
+}
+
 /* Collective: outputs that are there are refused before anything is made, and so are those that
  * would overwrite an input, be it another one's recording. */
 static enum v2v_status check_outputs(const struct names *names, const struct v2v_volumes *given,
                                      const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    const char *const common[] = {given->psf, given->weights, given->calibration};
-    enum { COMMON = sizeof common / sizeof *common };
-    const char **inputs = NULL, *recording = names->text;
-    rc = V2V_ALLOC(inputs, "cli.recordings", COMMON + names->count);
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    memcpy(inputs, common, sizeof common);
-    for (int64_t i = 0; i < names->count; i++, recording = next_name(next_name(recording))) {
-        inputs[COMMON + i] = recording;
-    }
+    struct all all = {0};
+    V2V_TRY(v2v_par_agree(session->world, list_all(&all, names)));
     for (int64_t i = 0; i < names->count; i++) {
-        V2V_TRY(v2v_step_output_or_resume(session, next_name(inputs[COMMON + i]), inputs,
-                                          COMMON + names->count, given->resume));
+        const char *const own[] = {given->psf, given->weights, given->calibration,
+                                   all.recording[i]};
+        const char *output = next_name(all.recording[i]);
+        const int is_near = may_be_one(&all, output);
+        V2V_TRY(v2v_step_output_or_resume(session, output, is_near ? all.recording : own,
+                                          is_near ? all.count : (int64_t)(sizeof own / sizeof *own),
+                                          given->resume));
     }
 done:
-    v2v_mem_free(inputs);
+    v2v_mem_free(all.recording);
+    v2v_mem_free(all.inode);
     return rc;
 }
 
