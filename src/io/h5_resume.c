@@ -8,6 +8,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/par/watchdog.h"
 #include <stdio.h>
 #include <string.h>
 
@@ -124,6 +125,7 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
         if (verdict->marked[t] != 1) {
             continue;
         }
+        v2v_watchdog_beat("checking frames that are done");
         verdict->good[t] =
             v2v_h5_summed_frame(&summed, &sum, t) == V2V_OK && sum == verdict->checksum[t];
     }

@@ -81,6 +81,7 @@ static enum v2v_status check_repeats(struct v2v_tiff *tiff, const json_t *object
     json_t *other = NULL;
     for (int64_t page = pages; page < tiff->info.pages; page += pages) {
         const char *description = NULL;
+        v2v_tiff_beat(page / pages);
         V2V_TRY(v2v_tiff_go_to(tiff, page));
         (void)TIFFGetField(tiff->handle, TIFFTAG_IMAGEDESCRIPTION, &description);
         other = parse(description);

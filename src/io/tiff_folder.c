@@ -1,5 +1,6 @@
 #include "io/tiff_folder.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
 
 /* Far below what a process may have open (1024, usually), and above the views of a frame. */
 enum { MOST_OPEN = 128 };
@@ -64,6 +65,7 @@ enum v2v_status v2v_tiff_folder_open(struct v2v_tiff_folder **folder, const char
     V2V_TRY(V2V_ALLOC(fresh->member, "io.tiff_folder", fresh->list.count));
     for (int64_t i = 0; i < fresh->list.count; i++) {
         struct member *member = &fresh->member[i];
+        v2v_watchdog_beat("looking at the files of a folder");
         V2V_TRY(v2v_folder_path(file, &fresh->list, i));
         V2V_TRY(v2v_file_check_input(file));
         V2V_TRY(v2v_file_remember(&member->state, file));

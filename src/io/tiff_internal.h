@@ -29,6 +29,9 @@ const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log);
 #define V2V_TIFF_TASK "; task "
 #define V2V_TIFF_STEP "; step "
 
+/** A beat of the watchdog once every so many pages that are looked at. @kind Local. */
+void v2v_tiff_beat(int64_t page);
+
 /** A page's checksum as the tag `PageName`. @kind Local. @param pixels float32, as stored */
 enum { V2V_TIFF_PAGE_NAME_BYTES = 24 };
 void v2v_tiff_name_page(char name[V2V_TIFF_PAGE_NAME_BYTES], const float *pixels, int64_t count);

@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/par/watchdog.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -80,6 +81,14 @@ done:
     return rc;
 }
 
+void v2v_tiff_beat(int64_t page)
+{
+    const int64_t every = 4096; /* directories are read in some microseconds each */
+    if (page % every == 0) {
+        v2v_watchdog_beat("looking at the pages of a TIFF");
+    }
+}
+
 static enum v2v_status walk_pages(struct v2v_tiff *tiff)
 {
     enum v2v_status rc = V2V_OK;
@@ -88,6 +97,7 @@ static enum v2v_status walk_pages(struct v2v_tiff *tiff)
     int64_t page = 0;
 
     do {
+        v2v_tiff_beat(page);
         v2v_tiff_log_clear(&tiff->log);
         if (!TIFFReadDirectory(tiff->handle)) {
             V2V_TRY(directory_fail(tiff, page));
@@ -298,8 +308,8 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, 
         const int64_t at = tiff->order != NULL ? tiff->order[first + i] : first + i;
         V2V_TRY(tiff->block_from > 0 ? read_block_page(tiff, page, at)
                                      : read_pieces(tiff, page, at));
+        V2V_TRY(check_sum(tiff, page, at));
         if (tiff->info.is_float) {
-            V2V_TRY(check_sum(tiff, page, at));
             V2V_TRY(check_finite(tiff, page, at));
         }
     }

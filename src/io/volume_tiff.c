@@ -6,6 +6,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/tiff.h"
+#include "v2v3d/par/watchdog.h"
 #include <string.h>
 
 /* Floats of one message: MPI counts are ints. */
@@ -105,6 +106,7 @@ enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_
     }
     V2V_TRY(V2V_ALLOC(page, "io.volume", v2v_mem_product(info->height, info->width, 1)));
     for (int64_t i = 0; i < file->pages; i++) {
+        v2v_watchdog_beat("checking pages");
         V2V_TRY(v2v_tiff_read(tiff, page, i, 1));
     }
 done:

@@ -10,6 +10,7 @@
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/tiff.h"
 #include "v2v3d/io/volume.h"
+#include "v2v3d/par/agreement.h"
 #include <string.h>
 #include <strings.h>
 
@@ -236,6 +237,17 @@ done:
     return rc;
 }
 
+struct tiff_check {
+    const char *path, *task;
+    const struct v2v_volume_info *info;
+};
+
+static enum v2v_status check_tiff(void *context)
+{
+    const struct tiff_check *check = context;
+    return v2v_volume_tiff_check(check->path, check->info, check->task);
+}
+
 enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info *info,
                                  unsigned datasets, const struct v2v_attribute *attributes,
                                  int64_t attribute_count, const struct v2v_comm *comm)
@@ -249,10 +261,8 @@ enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info 
     if (is_hdf5_name(path)) {
         return check_h5(path, &plan, comm);
     }
-    if (v2v_comm_rank(comm) == 0) {
-        rc = v2v_volume_tiff_check(path, info, plan.task);
-    }
-    V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(v2v_agreement_alone(
+        comm, check_tiff, &(struct tiff_check){.path = path, .task = plan.task, .info = info}));
 done:
     return rc;
 }

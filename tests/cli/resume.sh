@@ -65,10 +65,15 @@ refuses 65 'done.h5: frame 1 is missing or damaged' "${common[@]}" --input rec.h
 cp whole.h5 done.h5
 "$V2V_POKE" done.h5 /done 2 0 || exit 1
 refuses 65 'done.h5: frame 2 is missing or damaged' "${common[@]}" --input rec.h5 -o done.h5 --resume
-works "${common[@]}" --input rec.h5 -o page.tif
-printf 'X' | dd of=page.tif bs=1 seek=50000 conv=notrunc 2>/dev/null
-refuses 65 'page.tif: page .*checksum' "${common[@]}" --input rec.h5 -o page.tif --resume
-refuses 65 'page.tif: page .*checksum' preview page.tif -o out.png
+for type in float32 uint16; do
+    common=("${plain[@]}" --output-type "$type")
+    works "${common[@]}" --input rec.h5 -o page.tif
+    printf 'X' | dd of=page.tif bs=1 seek=20000 conv=notrunc 2>/dev/null
+    refuses 65 'page.tif: page .*checksum' "${common[@]}" --input rec.h5 -o page.tif --resume
+    refuses 65 'page.tif: page .*checksum' preview page.tif -o out.png
+    rm page.tif
+done
+common=("${plain[@]}")
 
 # A frame that cannot be computed costs none of the others; they stay until --force discards them.
 cp rec.h5 broken.h5
