@@ -69,17 +69,19 @@ enum v2v_status v2v_file_crc32c_of(uint32_t *crc, const char *path)
     return read_pieces(go_on, crc, path, 0, 1);
 }
 
-/* Of a folder every rank takes part in every file; their order counts. */
+/* Of a folder every rank takes part in every file, whose first pieces go round: files of one piece
+ * are shared, too. Their order counts. */
 static enum v2v_status add_folder(uint64_t *sum, const char *path, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_folder folder = {0};
     char file[V2V_PATH_BYTES];
+    const int64_t rank = v2v_comm_rank(comm), size = v2v_comm_size(comm);
     V2V_TRY(v2v_folder_list(&folder, path));
     for (int64_t i = 0; i < folder.count; i++) {
         uint64_t part = 0;
         V2V_TRY(v2v_folder_path(file, &folder, i));
-        V2V_TRY(read_pieces(add_hash, &part, file, v2v_comm_rank(comm), v2v_comm_size(comm)));
+        V2V_TRY(read_pieces(add_hash, &part, file, (rank + i) % size, size));
         *sum += (2 * (uint64_t)i + 1) * part;
     }
 done:
