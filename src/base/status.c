@@ -7,14 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PLACE_BYTES 128
-
-struct record {
-    char message[V2V_MESSAGE_BYTES];
-    char place[PLACE_BYTES];
-};
-
-static _Thread_local struct record last;
+static _Thread_local struct v2v_status_record last;
 /* Set once by par when MPI starts, before there are threads. */
 static void (*abort_job_hook)(void);
 
@@ -60,7 +53,7 @@ enum v2v_status v2v_status_fail(enum v2v_status status, const char *file, int li
                                 const char *format, ...)
 {
     /* Written aside first: the arguments may point into the record that is replaced. */
-    struct record fresh;
+    struct v2v_status_record fresh;
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(fresh.message, sizeof fresh.message, format, arguments);
@@ -82,10 +75,20 @@ const char *v2v_status_place(void)
 
 void v2v_status_set_message(const char *message, const char *place)
 {
-    struct record fresh;
+    struct v2v_status_record fresh;
     snprintf(fresh.message, sizeof fresh.message, "%s", message);
     snprintf(fresh.place, sizeof fresh.place, "%s", place);
     last = fresh;
+}
+
+void v2v_status_keep(struct v2v_status_record *record)
+{
+    *record = last;
+}
+
+void v2v_status_restore(const struct v2v_status_record *record)
+{
+    last = *record;
 }
 
 void v2v_status_bug(const char *file, int line, const char *condition)

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 enum v2v_status v2v_text_to_i64(int64_t *value, const char *text, int64_t least, int64_t most,
                                 const char *what, enum v2v_status code)
@@ -110,6 +111,12 @@ const char *v2v_text_nearest(const char *word, const char *const *candidates, in
         }
     }
     return nearest;
+}
+
+int v2v_text_ends_in(const char *text, const char *ending)
+{
+    const size_t length = strlen(text), tail = strlen(ending);
+    return length >= tail && strcasecmp(text + length - tail, ending) == 0;
 }
 
 enum v2v_status v2v_text_format(char *text, size_t bytes, const char *format, ...)

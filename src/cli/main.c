@@ -229,15 +229,14 @@ done:
 /* Put the command's name before the message, and the way to its help behind a usage error. */
 static enum v2v_status name_failure(enum v2v_status rc, const char *name)
 {
-    char message[V2V_MESSAGE_BYTES], place[256], hint[64] = "";
+    char message[V2V_MESSAGE_BYTES], hint[64] = "";
     const char *old = v2v_step_message();
     if (rc == V2V_E_USAGE) {
         snprintf(hint, sizeof hint, " (see v2v3d %s --help)", name);
     }
-    snprintf(place, sizeof place, "%s", v2v_status_place());
     snprintf(message, sizeof message, "v2v3d %s: %.800s%s", name,
              old[0] != '\0' ? old : v2v_status_name(rc), hint);
-    v2v_status_set_message(message, place);
+    v2v_status_set_message(message, v2v_status_place());
     return rc;
 }
 

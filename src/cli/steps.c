@@ -17,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 int v2v_step_on_root(const struct v2v_session *session)
 {
@@ -99,30 +98,24 @@ done:
     return rc;
 }
 
-static int ends_in(const char *path, const char *ending)
-{
-    size_t length = strlen(path), tail = strlen(ending);
-    return length >= tail && strcasecmp(path + length - tail, ending) == 0;
-}
-
 int v2v_step_is_hdf5_name(const char *path)
 {
-    return ends_in(path, ".h5") || ends_in(path, ".hdf5");
+    return v2v_text_ends_in(path, ".h5") || v2v_text_ends_in(path, ".hdf5");
 }
 
 int v2v_step_is_safetensors_name(const char *path)
 {
-    return ends_in(path, ".safetensors");
+    return v2v_text_ends_in(path, ".safetensors");
 }
 
 int v2v_step_is_yaml_name(const char *path)
 {
-    return ends_in(path, ".yaml") || ends_in(path, ".yml");
+    return v2v_text_ends_in(path, ".yaml") || v2v_text_ends_in(path, ".yml");
 }
 
 int v2v_step_is_tiff_name(const char *path)
 {
-    return ends_in(path, ".tif") || ends_in(path, ".tiff");
+    return v2v_text_ends_in(path, ".tif") || v2v_text_ends_in(path, ".tiff");
 }
 
 enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path)

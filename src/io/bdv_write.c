@@ -9,15 +9,13 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 
 /* The coarsest level is no wider, and blocks are read one by one: 128 kB. */
 enum { COARSEST = 128, BLOCK_XY = 64, BLOCK_Z = 16 };
 
 int v2v_bdv_is_name(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    return dot != NULL && strcasecmp(dot, ".xml") == 0;
+    return v2v_text_ends_in(path, ".xml");
 }
 
 enum v2v_status v2v_bdv_data_name(char data[V2V_PATH_BYTES], const char *path)

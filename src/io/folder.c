@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 static const char digits[] = "0123456789";
 
@@ -45,9 +44,7 @@ static int compare_names(const void *a, const void *b)
 
 static int is_tiff(const char *name)
 {
-    const char *dot = strrchr(name, '.');
-    return name[0] != '.' && dot != NULL &&
-           (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0);
+    return name[0] != '.' && (v2v_text_ends_in(name, ".tif") || v2v_text_ends_in(name, ".tiff"));
 }
 
 static enum v2v_status add_name(struct v2v_folder *folder, int64_t *room, const char *name)

@@ -1,8 +1,8 @@
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
+#include "v2v3d/base/text.h"
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 
 int v2v_file_is_hdf5(const char *path)
 {
@@ -20,9 +20,8 @@ int v2v_file_is_hdf5(const char *path)
             return 0;
         }
     }
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; dot != NULL && i < sizeof names / sizeof names[0]; i++) {
-        if (strcasecmp(dot, names[i]) == 0) {
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (v2v_text_ends_in(path, names[i])) {
             return 1;
         }
     }

@@ -9,7 +9,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
-#include <stdio.h>
 #include <string.h>
 
 /* Is a dataset stored as a complete file's shall be? */
@@ -226,12 +225,11 @@ done:
 
 void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task)
 {
-    char message[V2V_MESSAGE_BYTES], place[256];
-    snprintf(message, sizeof message, "%s", v2v_status_message());
-    snprintf(place, sizeof place, "%s", v2v_status_place());
+    struct v2v_status_record earlier;
+    v2v_status_keep(&earlier);
     *left = (struct v2v_volume_left){0};
     if (v2v_file_check_input(temporary) == V2V_OK && count_left(left, temporary, task) != V2V_OK) {
         *left = (struct v2v_volume_left){0};
     }
-    v2v_status_set_message(message, place);
+    v2v_status_restore(&earlier);
 }

@@ -4,7 +4,6 @@
 
 #include <inttypes.h>
 #include <string.h>
-#include <strings.h>
 
 /* Lengths, each with its unit; what is not known is left out. */
 static enum v2v_status format_lengths(char *text, size_t bytes, const struct v2v_tiff_info *info)
@@ -45,9 +44,7 @@ done:
 
 int v2v_tiff_is_ome_name(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    return dot != NULL && dot - path >= 4 && strncasecmp(dot - 4, ".ome", 4) == 0 &&
-           (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0);
+    return v2v_text_ends_in(path, ".ome.tif") || v2v_text_ends_in(path, ".ome.tiff");
 }
 
 int64_t v2v_ome_bytes(const struct v2v_tiff_info *info)

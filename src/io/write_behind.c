@@ -8,7 +8,6 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -27,7 +26,7 @@ struct v2v_write_behind {
     int first, count; /* of those; the first one is in work until it is taken off */
     int is_ending;
     enum v2v_status rc; /* of the first failure, with its words */
-    char message[V2V_MESSAGE_BYTES], place[V2V_MESSAGE_BYTES];
+    struct v2v_status_record words;
 };
 
 /* ---- the thread ---- */
@@ -75,8 +74,7 @@ done:
 static void keep_failure(struct v2v_write_behind *behind, enum v2v_status rc)
 {
     behind->rc = rc;
-    snprintf(behind->message, sizeof behind->message, "%s", v2v_status_message());
-    snprintf(behind->place, sizeof behind->place, "%s", v2v_status_place());
+    v2v_status_keep(&behind->words);
     behind->count = 0;
 }
 
@@ -152,7 +150,7 @@ done:
 static enum v2v_status tell(const struct v2v_write_behind *behind)
 {
     if (behind->rc != V2V_OK) {
-        v2v_status_set_message(behind->message, behind->place);
+        v2v_status_restore(&behind->words);
     }
     return behind->rc;
 }

@@ -173,15 +173,9 @@ void v2v_comm_destroy(struct v2v_comm **comm)
     *comm = NULL;
 }
 
-/** The failing rank's record, for all. */
-struct verdict {
-    char message[V2V_MESSAGE_BYTES];
-    char place[V2V_MESSAGE_BYTES];
-};
-
-/** Fill in this rank's record. The rank's name is put in front once, however many communicators
+/** This rank's record, for all. The rank's name is put in front once, however many communicators
  * agree on the failure one after the other. */
-static void verdict_fill(struct verdict *verdict, int world_rank)
+static void verdict_fill(struct v2v_status_record *verdict, int world_rank)
 {
     const char *message = v2v_status_message();
     int rank = 0, used = 0;
@@ -208,12 +202,12 @@ enum v2v_status v2v_par_agree(const struct v2v_comm *comm, enum v2v_status rc)
     /* Of equal codes MPI_MAXLOC takes the lowest rank. */
     MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_2INT, MPI_MAXLOC, comm->mpi);
     if (worst.code != (int)V2V_OK) {
-        struct verdict verdict = {{0}, {0}};
+        struct v2v_status_record verdict = {{0}, {0}};
         if (comm->rank == worst.rank) {
             verdict_fill(&verdict, comm->world_rank);
         }
         MPI_Bcast(&verdict, (int)sizeof verdict, MPI_BYTE, worst.rank, comm->mpi);
-        v2v_status_set_message(verdict.message, verdict.place);
+        v2v_status_restore(&verdict);
     }
     v2v_par_spent(V2V_PAR_AGREE, began);
     return (enum v2v_status)worst.code;

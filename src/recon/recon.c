@@ -525,15 +525,14 @@ done:
 /** Collective(world): whatever ended the run, frames that were made come to the disk. */
 static enum v2v_status end_writing(const struct v2v_recon *recon, enum v2v_status rc)
 {
-    char message[V2V_MESSAGE_BYTES], place[V2V_MESSAGE_BYTES];
-    snprintf(message, sizeof message, "%s", v2v_status_message());
-    snprintf(place, sizeof place, "%s", v2v_status_place());
+    struct v2v_status_record earlier;
+    v2v_status_keep(&earlier);
     v2v_watchdog_beat("writing the last frames");
     const enum v2v_status written = v2v_volume_wait(recon->writer);
     if (written > rc) {
         rc = written;
     } else {
-        v2v_status_set_message(message, place);
+        v2v_status_restore(&earlier);
     }
     return v2v_par_agree(recon->grid.world, rc);
 }

@@ -48,6 +48,9 @@ enum v2v_status {
 /** Longest failure message in bytes, with the closing zero. */
 #define V2V_MESSAGE_BYTES 1024
 
+/** Longest place of a failure, likewise. */
+#define V2V_PLACE_BYTES 128
+
 /** @kind Local. The process exit code of a status (src/io/README.md lists them). */
 int v2v_status_exit_code(enum v2v_status status);
 
@@ -68,6 +71,16 @@ const char *v2v_status_place(void);
 /** @kind Local. Replace the record, as agreement over ranks does with the failing rank's message.
  */
 void v2v_status_set_message(const char *message, const char *place);
+
+/** The record of a failure: kept over what fails after it, or until another thread tells it. */
+struct v2v_status_record {
+    char message[V2V_MESSAGE_BYTES];
+    char place[V2V_PLACE_BYTES];
+};
+
+/** @kind Local. The calling thread's record, and that one as the calling thread's. */
+void v2v_status_keep(struct v2v_status_record *record);
+void v2v_status_restore(const struct v2v_status_record *record);
 
 /** Print rank and place of a bug and abort the whole job. @kind Local, does not return. */
 __attribute__((noreturn)) void v2v_status_bug(const char *file, int line, const char *condition);

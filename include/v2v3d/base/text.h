@@ -20,6 +20,9 @@ enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, d
  * of the word's length). @kind Local. */
 const char *v2v_text_nearest(const char *word, const char *const *candidates, int64_t count);
 
+/** Does it end so, in upper or lower case? @kind Local. */
+int v2v_text_ends_in(const char *text, const char *ending);
+
 /** printf into a caller's buffer, failing instead of cutting. @kind Local.
  *  @return V2V_OK | V2V_E_INPUT when it does not fit (a path that is too long) */
 enum v2v_status v2v_text_format(char *text, size_t bytes, const char *format, ...)
