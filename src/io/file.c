@@ -6,9 +6,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdio.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -88,10 +86,9 @@ static enum v2v_status check_folder(const char *path, const char *input)
 {
     enum v2v_status rc = V2V_OK;
     char folder[V2V_PATH_BYTES];
-    const char *dot = strrchr(path, '.');
     V2V_TRY(parent_folder(folder, path));
-    if (v2v_file_is_folder(input) && same_file(folder, input) && dot != NULL &&
-        (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0)) {
+    if (v2v_file_is_folder(input) && same_file(folder, input) &&
+        (v2v_text_ends_in(path, ".tif") || v2v_text_ends_in(path, ".tiff"))) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would lie among the files of the input %s",
                          path, input));
     }
@@ -103,16 +100,18 @@ enum v2v_status v2v_file_check_output(const char *path, int force, const char *c
                                       int64_t count)
 {
     enum v2v_status rc = V2V_OK;
-    char temporary[V2V_PATH_BYTES];
+    char temporary[V2V_PATH_BYTES], packed[V2V_PATH_BYTES];
     struct stat status;
 
     if (path[0] == '\0') {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "the name of the output is empty"));
     }
     V2V_TRY(v2v_file_temporary(temporary, path));
+    V2V_TRY(v2v_file_packed(packed, path));
     for (int64_t i = 0; i < count; i++) {
-        /* The temporary name would be truncated before anything is read from it. */
-        if (same_file(path, inputs[i]) || same_file(temporary, inputs[i])) {
+        /* What has a temporary name would be removed before anything is read from it. */
+        if (same_file(path, inputs[i]) || same_file(temporary, inputs[i]) ||
+            same_file(packed, inputs[i])) {
             V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would overwrite the input %s", path,
                              inputs[i]));
         }
@@ -137,9 +136,15 @@ enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *p
     return v2v_text_format(temporary, V2V_PATH_BYTES, "%s.v2v3d-part", path);
 }
 
+enum v2v_status v2v_file_packed(char packed[V2V_PATH_BYTES], const char *path)
+{
+    return v2v_text_format(packed, V2V_PATH_BYTES, "%s.v2v3d-packed", path);
+}
+
 enum v2v_status v2v_file_clear(const char *temporary)
 {
-    return unlink(temporary) == 0 || errno == ENOENT
+    /* nothing can have a name that is too long */
+    return unlink(temporary) == 0 || errno == ENOENT || errno == ENAMETOOLONG
                ? V2V_OK
                : V2V_FAIL(V2V_E_IO, "%s: cannot be removed: %s", temporary, strerror(errno));
 }
@@ -175,7 +180,7 @@ static enum v2v_status sync_path(const char *path, int flags)
                   : V2V_OK;
 }
 
-enum v2v_status v2v_file_commit(const char *temporary, const char *path)
+enum v2v_status v2v_file_move(const char *temporary, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     char folder[V2V_PATH_BYTES];
@@ -189,6 +194,12 @@ enum v2v_status v2v_file_commit(const char *temporary, const char *path)
     }
     V2V_TRY(sync_path(folder, O_DIRECTORY));
 done:
+    return rc;
+}
+
+enum v2v_status v2v_file_commit(const char *temporary, const char *path)
+{
+    const enum v2v_status rc = v2v_file_move(temporary, path);
     if (rc != V2V_OK) {
         (void)unlink(temporary);
     }
@@ -248,10 +259,16 @@ enum v2v_status v2v_file_lock(int *descriptor, const char *path)
 enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES], const char *path)
 {
     enum v2v_status rc = V2V_OK;
+    char packed[V2V_PATH_BYTES];
     *descriptor = -1;
     V2V_TRY(v2v_text_format(name, V2V_PATH_BYTES, "%s.v2v3d-lock", path));
+    V2V_TRY(v2v_file_packed(packed, path));
     V2V_TRY(v2v_file_lock(descriptor, name));
+    V2V_TRY(v2v_file_clear(packed));
 done:
+    if (rc != V2V_OK) {
+        v2v_file_unlock_output(descriptor, name);
+    }
     return rc;
 }
 

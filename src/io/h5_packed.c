@@ -19,10 +19,12 @@ struct v2v_h5_packed {
     const struct v2v_comm *comm;
     hid_t file; /* rank 0 */
     hid_t set[V2V_H5_WRITER_SETS];
-    int64_t image_bytes, room;           /* of an image, and the most that is stored of one */
-    uint8_t *images, *shuffled, *stored; /* [z] each of a frame; those not needed NULL */
-    uint8_t *received;                   /* rank 0: one image */
-    int64_t *bytes;                      /* [z] of what is stored of a frame */
+    int64_t image_bytes, room;  /* of an image, and the most that is stored of one */
+    uint16_t *integers;         /* [z,y,x] of a frame; NULL: it is stored as floats */
+    uint8_t *shuffled, *stored; /* [z] each of a frame; NULL where nothing is compressed */
+    int64_t *bytes;             /* [z] of what is stored of a frame */
+    uint8_t *received;          /* rank 0: one image of another rank */
+    int64_t *received_bytes;    /* [z] likewise of its frame */
 };
 
 static hid_t stored_type(const struct v2v_h5_packed *packed)
@@ -137,23 +139,36 @@ done:
     return rc;
 }
 
+/* Bytes of a slice as they are stored, but for compression; -1: more than there are numbers. */
+static int64_t bytes_of_image(const struct v2v_volume_info *info)
+{
+    return v2v_mem_product(info->height, info->width,
+                           info->storage.sample == V2V_SAMPLE_UINT16 ? 2 : 4);
+}
+
+enum v2v_status v2v_h5_packed_check(const char *path, const struct v2v_volume_info *info)
+{
+    const int64_t bytes = bytes_of_image(info);
+    return bytes >= 0 && bytes <= INT_MAX / 2
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_INPUT,
+                          "%s: slices of %lld x %lld pixels are too large to be packed", path,
+                          (long long)info->height, (long long)info->width);
+}
+
 /* Local: memory for a frame as it is stored. */
 static enum v2v_status allocate(struct v2v_h5_packed *packed)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volume_info *info = &packed->pack->info;
     const int deflates = info->storage.deflate > 0;
-    const int64_t image = v2v_mem_product(info->height, info->width, 1);
-    packed->image_bytes =
-        v2v_mem_product(image, info->storage.sample == V2V_SAMPLE_UINT16 ? 2 : 4, 1);
-    if (packed->image_bytes < 0 || packed->image_bytes > INT_MAX / 2) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: slices of %lld x %lld pixels are too large to be packed",
-                         packed->pack->path, (long long)info->height, (long long)info->width));
-    }
+    packed->image_bytes = bytes_of_image(info);
     packed->room = deflates ? v2v_deflate_bound(packed->image_bytes) : packed->image_bytes;
     V2V_TRY(V2V_ALLOC(packed->bytes, "io.pack", info->slices));
-    V2V_TRY(V2V_ALLOC(packed->images, "io.pack",
-                      v2v_mem_product(info->slices, packed->image_bytes, 1)));
+    if (info->storage.sample == V2V_SAMPLE_UINT16) {
+        V2V_TRY(V2V_ALLOC(packed->integers, "io.pack",
+                          v2v_mem_product(info->slices, info->height, info->width)));
+    }
     if (deflates) {
         V2V_TRY(V2V_ALLOC(packed->shuffled, "io.pack",
                           v2v_mem_product(info->slices, packed->image_bytes, 1)));
@@ -162,6 +177,7 @@ static enum v2v_status allocate(struct v2v_h5_packed *packed)
     }
     if (v2v_comm_rank(packed->comm) == 0) {
         V2V_TRY(V2V_ALLOC(packed->received, "io.pack", packed->room));
+        V2V_TRY(V2V_ALLOC(packed->received_bytes, "io.pack", info->slices));
     }
 done:
     return rc;
@@ -198,15 +214,15 @@ static enum v2v_status encode(struct v2v_h5_packed *packed, const float *voxels,
     enum v2v_status rc = V2V_OK;
     const struct v2v_volume_info *info = &packed->pack->info;
     const int64_t pixels = info->height * info->width, bytes = packed->image_bytes;
-    uint8_t *image = packed->images + z * bytes;
+    const void *image = voxels + z * pixels;
     packed->bytes[z] = packed->room;
-    if (info->storage.sample == V2V_SAMPLE_UINT16) {
-        uint16_t *numbers = (uint16_t *)(void *)image;
+    V2V_TRY(V2V_FAULT_POINT("volume.encode"));
+    if (packed->integers != NULL) {
+        uint16_t *integers = packed->integers + z * pixels;
         for (int64_t i = 0; i < pixels; i++) {
-            numbers[i] = (uint16_t)voxels[z * pixels + i];
+            integers[i] = (uint16_t)voxels[z * pixels + i];
         }
-    } else {
-        memcpy(image, voxels + z * pixels, (size_t)bytes);
+        image = integers;
     }
     if (info->storage.deflate > 0) {
         uint8_t *shuffled = packed->shuffled + z * bytes;
@@ -218,26 +234,35 @@ done:
     return rc;
 }
 
-/* Local, its slices on all threads. */
-static enum v2v_status encode_frame(struct v2v_h5_packed *packed, const float *voxels)
+enum v2v_status v2v_h5_packed_encode(struct v2v_h5_packed *packed, const float *voxels)
 {
-    int worst = V2V_OK;
-#pragma omp parallel for schedule(dynamic) reduction(max : worst)
+    enum v2v_status rc = V2V_OK;
+    struct v2v_status_record record = {{0}, {0}};
+#pragma omp parallel for schedule(dynamic)
     for (int64_t z = 0; z < packed->pack->info.slices; z++) {
-        const int one = (int)encode(packed, voxels, z);
-        worst = one > worst ? one : worst;
+        const enum v2v_status one = encode(packed, voxels, z);
+        if (one != V2V_OK) {
+#pragma omp critical(v2v_h5_packed_failure)
+            {
+                rc = one;
+                v2v_status_keep(&record); /* it is that thread's */
+            }
+        }
     }
-    return (enum v2v_status)worst;
+    if (rc != V2V_OK) {
+        v2v_status_restore(&record);
+    }
+    return rc;
 }
 
 /* Rank 0. */
 static enum v2v_status write_chunk(struct v2v_h5_packed *packed, int set, int64_t t, int64_t z,
-                                   const uint8_t *data)
+                                   const uint8_t *data, int64_t bytes)
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t at[4] = {(hsize_t)t, (hsize_t)z, 0, 0};
     V2V_TRY(V2V_FAULT_POINT("h5.write"));
-    if (H5Dwrite_chunk(packed->set[set], H5P_DEFAULT, 0, at, (size_t)packed->bytes[z], data) < 0) {
+    if (H5Dwrite_chunk(packed->set[set], H5P_DEFAULT, 0, at, (size_t)bytes, data) < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_IO, packed->path, v2v_h5_volume_sets[set], "writing failed"));
     }
 done:
@@ -249,7 +274,8 @@ static enum v2v_status hand_over(struct v2v_h5_packed *packed, int set, int64_t 
 {
     enum v2v_status rc = V2V_OK;
     const int64_t slices = packed->pack->info.slices;
-    const uint8_t *data = packed->stored != NULL ? packed->stored : packed->images;
+    const uint8_t *data =
+        packed->stored != NULL ? packed->stored : (const uint8_t *)packed->integers;
     const int is_root = v2v_comm_rank(packed->comm) == 0;
     MPI_Comm comm = v2v_comm_mpi(packed->comm);
     if (!is_root) {
@@ -260,46 +286,40 @@ static enum v2v_status hand_over(struct v2v_h5_packed *packed, int set, int64_t 
             MPI_Send(data + z * packed->room, (int)packed->bytes[z], MPI_BYTE, 0, MESSAGE_TAG,
                      comm);
         } else if (rc == V2V_OK) {
-            rc = write_chunk(packed, set, t, z, data + z * packed->room);
+            rc = write_chunk(packed, set, t, z, data + z * packed->room, packed->bytes[z]);
         }
     }
     return rc;
 }
 
 /* Rank 0: those of another rank; after a failure they are taken in and dropped. */
-static enum v2v_status take_over(struct v2v_h5_packed *packed, int set, int64_t t, int rank,
-                                 enum v2v_status rc)
+static enum v2v_status take_over(struct v2v_h5_packed *packed, int set, int64_t t, int rank)
 {
+    enum v2v_status rc = V2V_OK;
     const int64_t slices = packed->pack->info.slices;
     MPI_Comm comm = v2v_comm_mpi(packed->comm);
-    MPI_Recv(packed->bytes, (int)slices, MPI_INT64_T, rank, MESSAGE_TAG, comm, MPI_STATUS_IGNORE);
+    MPI_Recv(packed->received_bytes, (int)slices, MPI_INT64_T, rank, MESSAGE_TAG, comm,
+             MPI_STATUS_IGNORE);
     for (int64_t z = 0; z < slices; z++) {
-        MPI_Recv(packed->received, (int)packed->bytes[z], MPI_BYTE, rank, MESSAGE_TAG, comm,
-                 MPI_STATUS_IGNORE);
+        MPI_Recv(packed->received, (int)packed->received_bytes[z], MPI_BYTE, rank, MESSAGE_TAG,
+                 comm, MPI_STATUS_IGNORE);
         if (rc == V2V_OK) {
-            rc = write_chunk(packed, set, t, z, packed->received);
+            rc = write_chunk(packed, set, t, z, packed->received, packed->received_bytes[z]);
         }
     }
     return rc;
 }
 
-enum v2v_status v2v_h5_packed_put(struct v2v_h5_packed *packed, int set, const float *voxels,
-                                  int64_t first)
+enum v2v_status v2v_h5_packed_put(struct v2v_h5_packed *packed, int set, int64_t t, int rank)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t frames = packed->pack->info.frames;
-    const int rank = v2v_comm_rank(packed->comm), size = v2v_comm_size(packed->comm);
-    const int is_mine = first + rank < frames;
-    V2V_TRY(v2v_par_agree(packed->comm, is_mine ? encode_frame(packed, voxels) : V2V_OK));
-    if (is_mine) {
-        rc = hand_over(packed, set, first + rank);
+    const int own = v2v_comm_rank(packed->comm);
+    if (own == rank) {
+        rc = hand_over(packed, set, t);
+    } else if (own == 0) {
+        rc = take_over(packed, set, t, rank);
     }
-    for (int r = 1; rank == 0 && r < size && first + r < frames; r++) {
-        rc = take_over(packed, set, first + r, r, rc);
-    }
-    V2V_TRY(v2v_par_agree(packed->comm, rc));
-done:
-    return rc;
+    return v2v_par_agree(packed->comm, rc);
 }
 
 /* One number for every frame. */
@@ -379,9 +399,10 @@ void v2v_h5_packed_abandon(struct v2v_h5_packed **packed)
         unlink(own->path);
     }
     v2v_mem_free(own->bytes);
+    v2v_mem_free(own->received_bytes);
     v2v_mem_free(own->received);
     v2v_mem_free(own->stored);
     v2v_mem_free(own->shuffled);
-    v2v_mem_free(own->images);
+    v2v_mem_free(own->integers);
     v2v_mem_free(own);
 }

@@ -6,6 +6,11 @@
 
 struct v2v_h5_packed;
 
+/** Are these slices ones that can be packed, each a message of MPI? @kind Local.
+ *  @return V2V_OK | V2V_E_INPUT (too large) */
+enum v2v_status v2v_h5_packed_check(const char *path,
+                                    const struct v2v_volume_info *info) V2V_MUST_CHECK;
+
 /** A file with all that `part` has beside its volumes, and datasets for these.
  *  @kind Collective(comm). @param pack outlives it @param step [sets] of integers
  *  @return V2V_OK | V2V_E_IO | V2V_E_INPUT (`part` can't be read) | V2V_E_MEMORY; agreed */
@@ -14,11 +19,15 @@ enum v2v_status v2v_h5_packed_create(struct v2v_h5_packed **packed, const char *
                                      const double *step,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** A frame of each rank: rank r has frame first + r, where there is one.
- *  @kind Collective(comm). @param voxels [z,y,x] the numbers to store
- *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
-enum v2v_status v2v_h5_packed_put(struct v2v_h5_packed *packed, int set, const float *voxels,
-                                  int64_t first) V2V_MUST_CHECK;
+/** A frame of this rank as it is stored, by all threads. @kind Local. @param voxels [z,y,x] the
+ *  numbers to store; lent until the frame is written @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_h5_packed_encode(struct v2v_h5_packed *packed,
+                                     const float *voxels) V2V_MUST_CHECK;
+
+/** The frame that `rank` has encoded is written as frame t. @kind Collective(comm).
+ *  @return V2V_OK | V2V_E_IO; agreed */
+enum v2v_status v2v_h5_packed_put(struct v2v_h5_packed *packed, int set, int64_t t,
+                                  int rank) V2V_MUST_CHECK;
 
 /** *packed is NULL afterwards. @kind Collective(comm). @param checksum [t]; NULL: none @param
  *  clipped [t] @return V2V_OK | V2V_E_IO; agreed */

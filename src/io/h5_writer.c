@@ -10,7 +10,6 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
-#include <stdio.h>
 #include <string.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -557,12 +556,12 @@ static enum v2v_status give_name(struct v2v_h5_writer *writer)
     char packed[V2V_PATH_BYTES];
     const int on_root = v2v_comm_rank(writer->comm) == 0;
     if (writer->pack != NULL) {
-        rc = v2v_text_format(packed, sizeof packed, "%s.v2v3d-packed", writer->path);
-        V2V_TRY(v2v_par_agree(writer->comm, rc));
+        V2V_TRY(v2v_par_agree(writer->comm, v2v_file_packed(packed, writer->path)));
         V2V_TRY(v2v_volume_pack_run(writer->pack, packed, writer->temporary, writer->comm));
     }
-    if (on_root) {
-        rc = v2v_file_commit(writer->pack != NULL ? packed : writer->temporary, writer->path);
+    if (on_root) { /* a failure costs no frame: what they were written to stays */
+        rc = writer->pack != NULL ? v2v_file_commit(packed, writer->path)
+                                  : v2v_file_move(writer->temporary, writer->path);
     }
     V2V_TRY(v2v_par_agree(writer->comm, rc));
     if (on_root && writer->pack != NULL) {
@@ -597,7 +596,7 @@ done:
 void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
 {
     struct v2v_h5_writer *own = *writer;
-    char message[V2V_MESSAGE_BYTES], place[V2V_MESSAGE_BYTES];
+    struct v2v_status_record earlier;
     *writer = NULL;
     if (own == NULL) {
         return;
@@ -610,10 +609,9 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
         v2v_watchdog_arm(BROKEN_CLOSE_SECONDS, "closing a file whose writing failed");
     }
     /* What the close says is of no interest: the file is gone, closed, or was not written well. */
-    snprintf(message, sizeof message, "%s", v2v_status_message());
-    snprintf(place, sizeof place, "%s", v2v_status_place());
+    v2v_status_keep(&earlier);
     (void)!close_file(own);
-    v2v_status_set_message(message, place);
+    v2v_status_restore(&earlier);
     v2v_file_unlock_output(&own->lock, own->lock_name);
     v2v_mem_free(own->was_done);
     v2v_mem_free(own->sums);

@@ -79,7 +79,9 @@ static enum v2v_status open_temporary(struct v2v_tiff_writer *writer)
     enum v2v_status rc = V2V_OK;
     int descriptor = -1;
 
-    V2V_TRY(v2v_file_lock_output(&writer->lock, writer->lock_name, writer->path));
+    if (!writer->info.is_packed) {
+        V2V_TRY(v2v_file_lock_output(&writer->lock, writer->lock_name, writer->path));
+    }
     V2V_TRY(v2v_file_create(&descriptor, writer->temporary));
     writer->handle = v2v_tiff_wrap(descriptor, writer->temporary, big ? "w8" : "w", &writer->log);
     if (writer->handle == NULL) {
@@ -113,7 +115,9 @@ enum v2v_status v2v_tiff_create(struct v2v_tiff_writer **writer_out, const char 
     V2V_TRY(V2V_ALLOC(writer, "io.tiff_writer", 1));
     writer->lock = -1;
     V2V_TRY(v2v_text_format(writer->path, sizeof writer->path, "%s", path));
-    V2V_TRY(v2v_file_temporary(writer->temporary, path));
+    V2V_TRY(info->is_packed
+                ? v2v_text_format(writer->temporary, sizeof writer->temporary, "%s", path)
+                : v2v_file_temporary(writer->temporary, path));
     V2V_TRY(settle_shape(writer, info));
     V2V_TRY(describe(writer));
     if (writer->info.bits == 16) {
@@ -250,7 +254,10 @@ enum v2v_status v2v_tiff_finish(struct v2v_tiff_writer **writer_in)
     if (writer->log.error[0] != '\0') {
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", writer->temporary, writer->log.error));
     }
-    V2V_TRY(v2v_file_commit(writer->temporary, writer->path));
+    if (!writer->info.is_packed) {
+        V2V_TRY(v2v_file_commit(writer->temporary, writer->path));
+    }
+    give_back(writer_in);
 done:
     v2v_tiff_abandon(writer_in);
     return rc;

@@ -108,12 +108,33 @@ static enum v2v_status prepare_frame(struct work *work, uint64_t *sum, int set, 
     const struct v2v_volume_info *info = &work->pack->info;
     V2V_TRY(V2V_FAULT_POINT("volume.pack"));
     V2V_TRY(read_frame(work, set, t));
-    *sum += checksum_of(work, set, t);
+    uint64_t part = work->checksum != NULL ? checksum_of(work, set, t) : 0;
+    *sum += part;
     if (info->storage.sample == V2V_SAMPLE_UINT16) {
         work->clipped[t] += v2v_rounding_apply(
             work->frame, info->slices * info->height * info->width, work->step[set]);
+        part = work->checksum != NULL && work->h5 != NULL ? checksum_of(work, set, t) : 0;
     }
-    work->sums[t] = (int64_t)((uint64_t)work->sums[t] + checksum_of(work, set, t));
+    work->sums[t] = (int64_t)((uint64_t)work->sums[t] + part);
+    if (work->h5 != NULL) {
+        V2V_TRY(v2v_h5_packed_encode(work->h5, work->frame));
+    }
+done:
+    return rc;
+}
+
+/* Collective(comm): a frame of each rank in turn, from `first` on. */
+static enum v2v_status write_round(struct work *work, int set, int64_t first)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = &work->pack->info;
+    const int rank = v2v_comm_rank(work->comm), size = v2v_comm_size(work->comm);
+    for (int r = 0; r < size && first + r < info->frames; r++) {
+        v2v_watchdog_beat("writing a packed frame");
+        V2V_TRY(work->h5 != NULL ? v2v_h5_packed_put(work->h5, set, first + r, r)
+                                 : v2v_volume_tiff_write(work->tiff, work->frame, first + r, 0,
+                                                         rank == r ? info->slices : 0));
+    }
 done:
     return rc;
 }
@@ -131,9 +152,7 @@ static enum v2v_status pack_round(struct work *work, int64_t first)
             continue;
         }
         V2V_TRY(v2v_par_agree(work->comm, is_mine ? prepare_frame(work, &sum, set, t) : V2V_OK));
-        V2V_TRY(work->h5 != NULL ? v2v_h5_packed_put(work->h5, set, work->frame, first)
-                                 : v2v_volume_tiff_write(work->tiff, work->frame, is_mine ? t : 0,
-                                                         0, is_mine ? info->slices : 0));
+        V2V_TRY(write_round(work, set, first));
     }
     if (is_mine && work->checksum != NULL && sum != work->checksum[t]) {
         rc = V2V_FAIL(V2V_E_INPUT, "%s: frame %lld is damaged: its checksum doesn't hold",
@@ -147,8 +166,10 @@ done:
 static enum v2v_status create(struct work *work, const char *packed)
 {
     const struct v2v_volume_pack *pack = work->pack;
-    const struct v2v_volume_tiff_plan tiff = {pack->is_ome, work->step[V2V_VOLUME_MEAN],
-                                              pack->task};
+    const struct v2v_volume_tiff_plan tiff = {.is_ome = pack->is_ome,
+                                              .is_packed = 1,
+                                              .step = work->step[V2V_VOLUME_MEAN],
+                                              .task = pack->task};
     return pack->is_tiff
                ? v2v_volume_tiff_create(&work->tiff, packed, &pack->info, &tiff, work->comm)
                : v2v_h5_packed_create(&work->h5, packed, pack, work->part, work->step, work->comm);

@@ -30,8 +30,9 @@ int v2v_volume_pack_is_needed(const struct v2v_volume_storage *storage);
 
 /** @kind Collective(comm). @param packed the file to make, removed when it fails @param part the
  *  plain one, closed. @return V2V_OK | V2V_E_INPUT (`part` is not as it was written) | V2V_E_IO |
- *  V2V_E_MEMORY; agreed. @cost each rank holds a frame, and once more what is stored of it; the
- *  same bits at any rank count */
+ *  V2V_E_MEMORY; agreed. @cost each rank holds a frame; of integers for HDF5 as these too, half a
+ *  frame; and where it is compressed the bytes to compress, shuffled, and room for what comes of
+ *  them: up to two more frames, of integers one. The same bits at any rank count */
 enum v2v_status v2v_volume_pack_run(const struct v2v_volume_pack *pack, const char *packed,
                                     const char *part, const struct v2v_comm *comm) V2V_MUST_CHECK;
 

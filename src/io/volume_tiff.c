@@ -54,6 +54,7 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
         .bits = plan->step > 0.0 ? 16 : 32,
         .is_float = plan->step == 0.0,
         .is_ome = plan->is_ome,
+        .is_packed = plan->is_packed,
         .step = plan->step,
         .pixel_size_um = info->pixel_size_um,
         .slice_spacing_um = info->slice_spacing_um,

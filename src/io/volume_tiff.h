@@ -9,9 +9,9 @@ struct v2v_volume_tiff;
 
 /** What else a file is. */
 struct v2v_volume_tiff_plan {
-    int is_ome;
-    double step;      /**< of integers, which come as whole numbers 0 .. 65535; 0: floats */
-    const char *task; /**< of V2V_VOLUME_TASK; or NULL */
+    int is_ome, is_packed; /**< as of struct v2v_tiff_info */
+    double step;           /**< of integers, which come as whole numbers 0 .. 65535; 0: floats */
+    const char *task;      /**< of V2V_VOLUME_TASK; or NULL */
 };
 
 /** @kind Collective(comm).

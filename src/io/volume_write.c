@@ -1,5 +1,6 @@
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
+#include "io/h5_packed.h"
 #include "io/h5_resume.h"
 #include "io/h5_writer.h"
 #include "io/stack.h"
@@ -12,7 +13,6 @@
 #include "v2v3d/io/volume.h"
 #include "v2v3d/par/agreement.h"
 #include <string.h>
-#include <strings.h>
 
 /* An attribute ends at 64 KiB; longer text becomes a dataset of the same name. */
 #define MOST_ATTRIBUTE_BYTES 60000
@@ -85,9 +85,8 @@ static int is_hdf5_name(const char *path)
         const char *ending;
         int hdf5;
     } endings[] = {{".h5", 1}, {".hdf5", 1}, {".tif", 0}, {".tiff", 0}};
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; dot != NULL && i < sizeof endings / sizeof endings[0]; i++) {
-        if (strcasecmp(dot, endings[i].ending) == 0) {
+    for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++) {
+        if (v2v_text_ends_in(path, endings[i].ending)) {
             return endings[i].hdf5;
         }
     }
@@ -110,7 +109,8 @@ static enum v2v_status check_request(const char *path, const struct v2v_volume_i
                         "%s: a TIFF holds the mean volume only; branches and uncertainty need .h5",
                         path);
     }
-    return V2V_OK;
+    return hdf5 && v2v_volume_pack_is_needed(&info->storage) ? v2v_h5_packed_check(path, info)
+                                                             : V2V_OK;
 }
 
 /* Is it written as plain HDF5, at least at first? */

@@ -179,6 +179,14 @@ static void show_report(FILE *report, int rank)
     }
 }
 
+void test_plan_faults(const char *const plans[4])
+{
+    const char *rank = getenv("OMPI_COMM_WORLD_RANK");
+    if (rank != NULL && rank[0] >= '0' && rank[0] <= '3' && rank[1] == '\0') {
+        setenv("V2V_FAULT", plans[rank[0] - '0'], 1);
+    }
+}
+
 int test_mpi_run(const char *name, const struct CMUnitTest *tests, size_t count, int argc,
                  char **argv)
 {

@@ -53,4 +53,9 @@ int test_mpi_run(const char *name, const struct CMUnitTest *tests, size_t count,
                  char **argv);
 struct v2v_comm *test_world(void);
 
+/** Before test_mpi_main: rank r's plan of faults (V2V_FAULT) is plans[r], of four. It is read at
+ *  the first passage of any fault point, before MPI says which rank this is: the launcher's word
+ *  must do. */
+void test_plan_faults(const char *const plans[4]);
+
 #endif

@@ -63,10 +63,12 @@ enum v2v_status v2v_file_unchanged(enum v2v_status rc, const struct v2v_file_sta
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
                                       int64_t count) V2V_MUST_CHECK;
 
-/** The name under which an output is written until it is complete: path + ".v2v3d-part". Names that
- *  end so, or in ".v2v3d-lock", are this program's alone.
+/** The name under which an output is written until it is complete: path + ".v2v3d-part"; and what
+ *  is made of that file in a pass over it: path + ".v2v3d-packed". Names that end so, or in
+ *  ".v2v3d-lock", are this program's alone.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
+enum v2v_status v2v_file_packed(char packed[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
 
 /** Make the temporary file, open to read and write. What lies under its name, a killed run's or a
  *  link or pipe that somebody laid there, is removed and neither opened nor followed.
@@ -76,8 +78,10 @@ enum v2v_status v2v_file_create(int *descriptor, const char *temporary) V2V_MUST
 /** Remove what lies under a temporary name; nothing may. @kind Local. @return V2V_OK | V2V_E_IO */
 enum v2v_status v2v_file_clear(const char *temporary) V2V_MUST_CHECK;
 
-/** fsync the temporary file, rename it to `path`, fsync the folder. @kind Local (call on one rank).
- *  @return V2V_OK | V2V_E_IO; the temporary file is removed on failure */
+/** fsync the temporary file, rename it to `path`, fsync the folder. When that fails, _move leaves
+ *  the temporary file, and _commit removes it. @kind Local (call on one rank).
+ *  @return V2V_OK | V2V_E_IO */
+enum v2v_status v2v_file_move(const char *temporary, const char *path) V2V_MUST_CHECK;
 enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUST_CHECK;
 
 /** Wait until what was written to a file has reached the disk. @kind Local. @return V2V_OK |
@@ -92,7 +96,8 @@ enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 enum v2v_status v2v_file_lock(int *descriptor, const char *path) V2V_MUST_CHECK;
 
 /** The lock of an output that takes long to write, path + ".v2v3d-lock": hold it, and remove it.
- *  `name` keeps what v2v_file_unlock_output needs, which does nothing for a descriptor of -1.
+ *  Under it what a run left that was killed in its pass is cleared. `name` keeps what
+ *  v2v_file_unlock_output needs, which does nothing for a descriptor of -1.
  *  @kind Local. @return as v2v_file_lock | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES],
                                      const char *path) V2V_MUST_CHECK;

@@ -19,6 +19,8 @@ struct v2v_tiff_info {
     double type_max; /**< 255, 65535, 4294967295; 1 for float */
     double pixel_size_um, slice_spacing_um, frame_interval_s;
     int is_ome;    /**< of a file to write: described by OME-XML, not as ImageJ does */
+    int is_packed; /**< likewise: written under the very name given, whose output the caller holds
+                        the lock of, and left there: v2v_file_packed */
     double step;   /**< between integers that this program made of voxels; else 0 */
     char task[32]; /**< V2V_VOLUME_TASK of a volume that this program computed; else "" */
 };

@@ -76,14 +76,9 @@ static void every_fault_ends_all_ranks_and_leaves_nothing(void **state)
 
 int main(int argc, char **argv)
 {
-    /* The plan is read at the first passage of any fault point, before MPI says which rank this is:
-     * the launcher's word must do. */
     static const char *const plans[] = {"h5.write:0:3", "h5.create:1:2", "h5.flush:2:5",
                                         "h5.write:3:1"};
-    const char *rank = getenv("OMPI_COMM_WORLD_RANK");
-    if (rank != NULL && rank[0] >= '0' && rank[0] <= '3' && rank[1] == '\0') {
-        setenv("V2V_FAULT", plans[rank[0] - '0'], 1);
-    }
+    test_plan_faults(plans);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_fault_ends_all_ranks_and_leaves_nothing),
     };

@@ -90,6 +90,10 @@ static void walk(int ranks)
             if (check_fault(&scene, site->phase, ranks, fault) == 0) {
                 fail_msg("%s went unnoticed", fault);
             }
+            if (site->phase == NETWORK && strcmp(site->name, "file.commit") == 0) {
+                /* all frames are done, and stay */
+                assert_true(v2v_file_exists(program_file(&scene, "volume.h5.v2v3d-part")));
+            }
         }
     }
     scene_fini(&scene);
