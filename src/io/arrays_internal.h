@@ -6,9 +6,30 @@
 #include "v2v3d/io/file.h"
 #include <hdf5.h>
 #include <jansson.h>
+#include <stddef.h>
 #include <stdio.h>
 
-/** Attributes, or keys of the metadata, of struct v2v_level_range; two numbers each. */
+/** The newest form of what a weight file says; an attribute of HDF5, or a key of the metadata, as
+ *  all below. */
+#define V2V_WEIGHTS_FORMAT "format_version"
+enum { V2V_WEIGHTS_VERSION = 1, V2V_WEIGHTS_WORDS = 3, V2V_WEIGHTS_COUNTS = 3 };
+
+/** Texts and whole numbers of struct v2v_weights_info: their names and where they lie in it. */
+struct v2v_weights_word {
+    const char *name;
+    size_t at, bytes;
+};
+struct v2v_weights_count {
+    const char *name;
+    size_t at;
+    int64_t least;
+    int may_lack; /**< in HDF5: 0 then */
+};
+extern const struct v2v_weights_word v2v_weights_words[V2V_WEIGHTS_WORDS];
+extern const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS];
+
+/** Those of struct v2v_level_range; its figures are two numbers each. */
+#define V2V_WEIGHTS_FRAMES "trained_frames"
 extern const char *const v2v_weights_level_names[V2V_LEVEL_FIGURES];
 
 struct v2v_arrays {

@@ -41,9 +41,7 @@ enum v2v_status v2v_attributes_read(const char *path, const struct v2v_attribute
     struct reading reading = {.reader = reader, .path = path};
     struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
-    V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_file_remember(&state, path));
-    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(V2V_ALLOC(reading.text, "io.attributes", TEXT_BYTES));
     if (H5Aiterate(file, H5_INDEX_NAME, H5_ITER_INC, NULL, read_one, &reading) < 0) {

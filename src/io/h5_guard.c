@@ -286,3 +286,13 @@ enum v2v_status v2v_h5_guard(const char *path)
     }
     return got == (ssize_t)sizeof how ? judge(path, how) : v2v_h5_guard_with(path, look_at_file);
 }
+
+enum v2v_status v2v_h5_guard_input(struct v2v_file_state *state, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_file_check_input(path));
+    V2V_TRY(v2v_file_remember(state, path));
+    V2V_TRY(v2v_h5_guard(path));
+done:
+    return rc;
+}

@@ -3,6 +3,7 @@
 #define V2V_IO_H5_GUARD_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/io/file.h"
 
 /** Refuse a file on which HDF5 crashes or runs for ever: of 1200 recordings damaged at random as in
  *  tests/property/io, HDF5 1.10.8 ran for more than 10 s on four; of 400 files of other kinds seven
@@ -14,7 +15,11 @@
  *  warning, and the look is skipped */
 enum v2v_status v2v_h5_guard(const char *path) V2V_MUST_CHECK;
 
-/** The same with this look, in a child of this process. */
+/** Before a file is opened to read: is it one, what is it now (v2v_file_unchanged after reading),
+ *  and the look. @kind Local. @return likewise (also: no readable regular file) */
+enum v2v_status v2v_h5_guard_input(struct v2v_file_state *state, const char *path) V2V_MUST_CHECK;
+
+/** v2v_h5_guard with this look, in a child of this process. */
 enum v2v_status v2v_h5_guard_with(const char *path, void (*look)(const char *path)) V2V_MUST_CHECK;
 
 #endif

@@ -112,9 +112,7 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_array array = {0};
     struct v2v_file_state state;
-    V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_file_remember(&state, path));
-    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_array_open(&array, path, &v2v_h5_psf));
     file->views = array.shape[0];
     file->slices = array.shape[1];

@@ -11,8 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FORMAT_VERSION 1
-
 /* "/adam_m/" and a field's name. */
 #define PLACE_BYTES (V2V_FIELD_NAME_BYTES + 32)
 
@@ -20,13 +18,13 @@
 
 static enum v2v_status check_version(hid_t file, const char *path)
 {
-    int64_t version = FORMAT_VERSION;
+    int64_t version = V2V_WEIGHTS_VERSION;
     int found = 0;
-    const enum v2v_status rc = v2v_h5_get_integer(&version, &found, file, path, "format_version");
-    if (rc == V2V_OK && version > FORMAT_VERSION) {
+    const enum v2v_status rc = v2v_h5_get_integer(&version, &found, file, path, V2V_WEIGHTS_FORMAT);
+    if (rc == V2V_OK && version > V2V_WEIGHTS_VERSION) {
         return V2V_FAIL(V2V_E_INPUT,
                         "%s: format %lld was written by a newer program (this reads %d)", path,
-                        (long long)version, FORMAT_VERSION);
+                        (long long)version, V2V_WEIGHTS_VERSION);
     }
     return rc;
 }
@@ -54,6 +52,16 @@ done:
     return rc;
 }
 
+const struct v2v_weights_word v2v_weights_words[V2V_WEIGHTS_WORDS] = {
+    {"method", offsetof(struct v2v_weights_info, method), V2V_WEIGHTS_WORD_BYTES},
+    {"settings", offsetof(struct v2v_weights_info, settings), V2V_WEIGHTS_SETTINGS_BYTES},
+    {"split", offsetof(struct v2v_weights_info, split), V2V_WEIGHTS_WORD_BYTES}};
+
+const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS] = {
+    {"views", offsetof(struct v2v_weights_info, views), 1, 0},
+    {"slices", offsetof(struct v2v_weights_info, slices), 1, 0},
+    {"step", offsetof(struct v2v_weights_info, step), 0, 1}};
+
 const char *const v2v_weights_level_names[V2V_LEVEL_FIGURES] = {
     "trained_mean", "trained_peak", "trained_noise", "trained_noise_over_mean"};
 
@@ -63,7 +71,7 @@ static enum v2v_status read_levels(struct v2v_level_range *levels, hid_t file, c
     enum v2v_status rc = V2V_OK;
     int64_t frames = 0;
     int found = 0, all = 0;
-    V2V_TRY(v2v_h5_get_integer(&frames, &all, file, path, "trained_frames"));
+    V2V_TRY(v2v_h5_get_integer(&frames, &all, file, path, V2V_WEIGHTS_FRAMES));
     for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
         double ends[2];
         V2V_TRY(v2v_h5_get_numbers(ends, &found, file, path, v2v_weights_level_names[f], 2));
@@ -85,7 +93,7 @@ static enum v2v_status write_levels(const struct v2v_level_range *levels, hid_t 
     if (levels->frames == 0) {
         return V2V_OK;
     }
-    V2V_TRY(v2v_h5_set_integer(file, path, "trained_frames", levels->frames));
+    V2V_TRY(v2v_h5_set_integer(file, path, V2V_WEIGHTS_FRAMES, levels->frames));
     for (int f = 0; f < V2V_LEVEL_FIGURES; f++) {
         const double ends[] = {levels->least[f], levels->most[f]};
         V2V_TRY(v2v_h5_set_numbers(file, path, v2v_weights_level_names[f], ends, 2));
@@ -97,33 +105,22 @@ done:
 static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
-    const struct {
-        const char *name;
-        int64_t *value;
-        int64_t least;
-        int required;
-    } whole[] = {{"views", &info->views, 1, 1},
-                 {"slices", &info->slices, 1, 1},
-                 {"step", &info->step, 0, 0}};
-    const struct {
-        const char *name;
-        char *text;
-        size_t bytes;
-    } texts[] = {{"split", info->split, sizeof info->split},
-                 {"settings", info->settings, sizeof info->settings},
-                 {"method", info->method, sizeof info->method}};
     int found = 0;
     *info = (struct v2v_weights_info){0};
     V2V_TRY(check_version(file, path));
-    for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
-        V2V_TRY(v2v_h5_get_integer(whole[i].value, &found, file, path, whole[i].name));
-        if (found ? *whole[i].value < whole[i].least : whole[i].required) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is %s", path, whole[i].name,
+    for (int i = 0; i < V2V_WEIGHTS_COUNTS; i++) {
+        const struct v2v_weights_count *count = &v2v_weights_counts[i];
+        int64_t *value = (int64_t *)((char *)info + count->at);
+        V2V_TRY(v2v_h5_get_integer(value, &found, file, path, count->name));
+        if (found ? *value < count->least : !count->may_lack) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is %s", path, count->name,
                              found ? "too small" : "missing: not a weight file"));
         }
     }
-    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
-        V2V_TRY(v2v_h5_get_text(texts[i].text, texts[i].bytes, &found, file, path, texts[i].name));
+    for (int i = 0; i < V2V_WEIGHTS_WORDS; i++) {
+        const struct v2v_weights_word *word = &v2v_weights_words[i];
+        V2V_TRY(
+            v2v_h5_get_text((char *)info + word->at, word->bytes, &found, file, path, word->name));
     }
     if (info->split[0] == '\0') {
         V2V_TRY(v2v_text_format(info->split, sizeof info->split, "even-odd"));
@@ -210,9 +207,7 @@ enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info, const char 
     enum v2v_status rc = V2V_OK;
     struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
-    V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_file_remember(&state, path));
-    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(v2v_file_unchanged(read_info(info, file, path), &state, path));
 done:
@@ -235,9 +230,7 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
     enum v2v_status rc = V2V_OK;
     struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
-    V2V_TRY(v2v_file_check_input(path));
-    V2V_TRY(v2v_file_remember(&state, path));
-    V2V_TRY(v2v_h5_guard(path));
+    V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(check_version(file, path));
     V2V_TRY(v2v_file_unchanged(read_fields(arena, file, path, group, fields), &state, path));
@@ -274,21 +267,14 @@ done:
 static enum v2v_status write_info(const struct v2v_weights_info *info, hid_t file, const char *path)
 {
     enum v2v_status rc = V2V_OK;
-    const struct {
-        const char *name;
-        int64_t value;
-    } whole[] = {{"format_version", FORMAT_VERSION},
-                 {"views", info->views},
-                 {"slices", info->slices},
-                 {"step", info->step}};
-    const struct {
-        const char *name, *text;
-    } texts[] = {{"method", info->method}, {"settings", info->settings}, {"split", info->split}};
-    for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
-        V2V_TRY(v2v_h5_set_integer(file, path, whole[i].name, whole[i].value));
+    V2V_TRY(v2v_h5_set_integer(file, path, V2V_WEIGHTS_FORMAT, V2V_WEIGHTS_VERSION));
+    for (int i = 0; i < V2V_WEIGHTS_COUNTS; i++) {
+        const int64_t *value = (const int64_t *)((const char *)info + v2v_weights_counts[i].at);
+        V2V_TRY(v2v_h5_set_integer(file, path, v2v_weights_counts[i].name, *value));
     }
-    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
-        V2V_TRY(v2v_h5_set_text(file, path, texts[i].name, texts[i].text));
+    for (int i = 0; i < V2V_WEIGHTS_WORDS; i++) {
+        V2V_TRY(v2v_h5_set_text(file, path, v2v_weights_words[i].name,
+                                (const char *)info + v2v_weights_words[i].at));
     }
     for (const char *line = info->settings; *line != '\0';) {
         size_t bytes = strcspn(line, "\n");

@@ -4,29 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What HDF5 holds as attributes, as texts under the same names. */
-static const struct {
-    const char *name;
-    size_t at, bytes;
-} words[] = {{"method", offsetof(struct v2v_weights_info, method), V2V_WEIGHTS_WORD_BYTES},
-             {"settings", offsetof(struct v2v_weights_info, settings), V2V_WEIGHTS_SETTINGS_BYTES},
-             {"split", offsetof(struct v2v_weights_info, split), V2V_WEIGHTS_WORD_BYTES}};
-
-static const struct {
-    const char *name;
-    size_t at;
-    int64_t least;
-} whole[] = {{"views", offsetof(struct v2v_weights_info, views), 1},
-             {"slices", offsetof(struct v2v_weights_info, slices), 1},
-             {"step", offsetof(struct v2v_weights_info, step), 0},
-             {"trained_frames", offsetof(struct v2v_weights_info, levels.frames), 0}};
-
-enum {
-    WORDS = sizeof words / sizeof *words,
-    WHOLE = sizeof whole / sizeof *whole,
-    FORMAT_VERSION = 1
-};
-
 static enum v2v_status get_whole(int64_t *value, const struct v2v_arrays *self, const char *name,
                                  int64_t least, int64_t most)
 {
@@ -66,19 +43,22 @@ enum v2v_status v2v_weights_from_metadata(struct v2v_weights_info *info,
     if (v2v_arrays_text(self, "method") == NULL || v2v_arrays_text(self, "settings") == NULL) {
         return V2V_OK;
     }
-    V2V_TRY(get_whole(&version, self, "format_version", 1, FORMAT_VERSION));
-    for (int i = 0; i < WORDS; i++) {
-        const char *text = v2v_arrays_text(self, words[i].name);
-        char *word = (char *)info + words[i].at;
-        if (text == NULL || v2v_text_format(word, words[i].bytes, "%s", text) != V2V_OK) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: metadata %s: is %s", self->path, words[i].name,
+    V2V_TRY(get_whole(&version, self, V2V_WEIGHTS_FORMAT, 1, V2V_WEIGHTS_VERSION));
+    for (int i = 0; i < V2V_WEIGHTS_WORDS; i++) {
+        const struct v2v_weights_word *word = &v2v_weights_words[i];
+        const char *text = v2v_arrays_text(self, word->name);
+        if (text == NULL ||
+            v2v_text_format((char *)info + word->at, word->bytes, "%s", text) != V2V_OK) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: metadata %s: is %s", self->path, word->name,
                              text == NULL ? "missing" : "too long"));
         }
     }
-    for (int i = 0; i < WHOLE; i++) {
-        V2V_TRY(get_whole((int64_t *)((char *)info + whole[i].at), self, whole[i].name,
-                          whole[i].least, INT64_MAX));
+    for (int i = 0; i < V2V_WEIGHTS_COUNTS; i++) {
+        const struct v2v_weights_count *count = &v2v_weights_counts[i];
+        V2V_TRY(get_whole((int64_t *)((char *)info + count->at), self, count->name, count->least,
+                          INT64_MAX));
     }
+    V2V_TRY(get_whole(&info->levels.frames, self, V2V_WEIGHTS_FRAMES, 0, INT64_MAX));
     for (int f = 0; f < V2V_LEVEL_FIGURES && info->levels.frames > 0; f++) {
         V2V_TRY(get_level(&info->levels.least[f], &info->levels.most[f], self,
                           v2v_weights_level_names[f]));
@@ -92,21 +72,30 @@ static int set(json_t *metadata, const char *name, const char *text)
     return json_object_set_new(metadata, name, json_string(text)) == 0;
 }
 
+static int set_whole(json_t *metadata, const char *name, int64_t value)
+{
+    char text[32];
+    snprintf(text, sizeof text, "%lld", (long long)value);
+    return set(metadata, name, text);
+}
+
 enum v2v_status v2v_weights_to_metadata(json_t *metadata, const struct v2v_weights_info *info)
 {
-    char text[64];
-    snprintf(text, sizeof text, "%d", FORMAT_VERSION);
-    int fine = set(metadata, "format", "pt") && set(metadata, "format_version", text);
-    for (int i = 0; i < WORDS; i++) {
-        fine = fine && set(metadata, words[i].name, (const char *)info + words[i].at);
+    int fine = set(metadata, "format", "pt") &&
+               set_whole(metadata, V2V_WEIGHTS_FORMAT, V2V_WEIGHTS_VERSION);
+    for (int i = 0; i < V2V_WEIGHTS_WORDS; i++) {
+        const struct v2v_weights_word *word = &v2v_weights_words[i];
+        fine = fine && set(metadata, word->name, (const char *)info + word->at);
     }
-    for (int i = 0; i < WHOLE; i++) {
-        const int64_t *value = (const int64_t *)((const char *)info + whole[i].at);
-        snprintf(text, sizeof text, "%lld", (long long)*value);
-        fine = fine && set(metadata, whole[i].name, text);
+    for (int i = 0; i < V2V_WEIGHTS_COUNTS; i++) {
+        const struct v2v_weights_count *count = &v2v_weights_counts[i];
+        fine = fine &&
+               set_whole(metadata, count->name, *(const int64_t *)((const char *)info + count->at));
     }
+    fine = fine && set_whole(metadata, V2V_WEIGHTS_FRAMES, info->levels.frames);
     /* 17 digits give every double back. */
     for (int f = 0; f < V2V_LEVEL_FIGURES && info->levels.frames > 0; f++) {
+        char text[64];
         snprintf(text, sizeof text, "%.17g %.17g", info->levels.least[f], info->levels.most[f]);
         fine = fine && set(metadata, v2v_weights_level_names[f], text);
     }
