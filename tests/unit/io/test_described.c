@@ -39,6 +39,22 @@ static void assert_order(int64_t channels, int64_t slices, int64_t frames, const
     assert_string_equal(found, order);
 }
 
+/* How a description of six pages is read. */
+struct reading {
+    const char *text;
+    int64_t channels, slices, frames;
+    const char *order;
+};
+
+static void assert_readings(const struct reading *cases, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        make(6, cases[i].text);
+        assert_order(cases[i].channels, cases[i].slices, cases[i].frames, cases[i].order);
+    }
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 static void assert_refused(const char *reason)
 {
     struct v2v_tiff *tiff = NULL;
@@ -65,11 +81,7 @@ static void assert_refused(const char *reason)
 static void ome_planes_come_in_the_order_c_z_t(void **state)
 {
     (void)state;
-    static const struct {
-        const char *text;
-        int64_t channels, slices, frames;
-        const char *order;
-    } cases[] = {
+    static const struct reading cases[] = {
         {OME(ORDER("XYCZT", "2", "3", "1"), "<TiffData/>"), 2, 3, 1, "0 1 2 3 4 5"},
         {OME(ORDER("XYCZT", "1", "3", "2"), ""), 1, 3, 2, "0 1 2 3 4 5"},
         {OME(ORDER("XYZCT", "2", "3", "1"), "<TiffData/>"), 2, 3, 1, "0 3 1 4 2 5"},
@@ -85,11 +97,7 @@ static void ome_planes_come_in_the_order_c_z_t(void **state)
              "<TiffData IFD=\"2\" FirstZ=\"1\" PlaneCount=\"4\"/>"),
          1, 3, 2, "1 2 3 4 5 0"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        make(6, cases[i].text);
-        assert_order(cases[i].channels, cases[i].slices, cases[i].frames, cases[i].order);
-    }
-    assert_int_equal(v2v_mem_held(), 0);
+    assert_readings(cases, sizeof cases / sizeof cases[0]);
 }
 
 static void ome_lengths_are_micrometres_and_seconds(void **state)
@@ -174,11 +182,7 @@ static void ome_that_is_not_read_rightly_is_refused(void **state)
 static void tifffiles_shape_tells_frames_and_views(void **state)
 {
     (void)state;
-    static const struct {
-        const char *text;
-        int64_t channels, slices, frames;
-        const char *order;
-    } cases[] = {
+    static const struct reading cases[] = {
         {"{\"shape\": [6, 1, 2]}", 1, 6, 1, "0 1 2 3 4 5"},
         {"{\"shape\": [2, 3, 1, 2]}", 1, 3, 2, "0 1 2 3 4 5"},
         {"{\"shape\": [2, 1, 3, 1, 1, 2]}", 1, 3, 2, "0 1 2 3 4 5"},
@@ -195,11 +199,7 @@ static void tifffiles_shape_tells_frames_and_views(void **state)
         {"{\"shape\": \"round\"}", 1, 6, 1, "0 1 2 3 4 5"},
         {"{no JSON}", 1, 6, 1, "0 1 2 3 4 5"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        make(6, cases[i].text);
-        assert_order(cases[i].channels, cases[i].slices, cases[i].frames, cases[i].order);
-    }
-    assert_int_equal(v2v_mem_held(), 0);
+    assert_readings(cases, sizeof cases / sizeof cases[0]);
 }
 
 static void a_shape_that_contradicts_the_pages_is_refused(void **state)

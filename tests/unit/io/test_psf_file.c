@@ -1,5 +1,6 @@
 #include "support.h"
 
+#include "counted_stack.h"
 #include "h5_files.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
@@ -46,18 +47,9 @@ static void put_stack(const char *name, int number, int64_t channels, int64_t sl
                                        .type_max = 1.0,
                                        .pixel_size_um = 0.5,
                                        .slice_spacing_um = 2.0};
-    struct v2v_tiff_writer *writer = NULL;
     char file[600];
-    float page[6];
     snprintf(file, sizeof file, "%s/%s", path, name);
-    assert_ok(v2v_tiff_create(&writer, file, &info));
-    for (int64_t z = 0; z < info.pages; z++) {
-        for (int i = 0; i < 6; i++) {
-            page[i] = (float)number + 0.125f * (float)(z * 6 + i);
-        }
-        assert_ok(v2v_tiff_write_page(writer, page));
-    }
-    assert_ok(v2v_tiff_finish(&writer));
+    counting_stack(file, &info, (float)number, 0.125f);
 }
 
 static void put_view(const char *name, int number, int64_t slices)
