@@ -43,33 +43,10 @@ printf '\125' | dd of=weights_flipped.h5 bs=1 seek="$place" conv=notrunc 2>/dev/
 cmp -s weights.h5 weights_flipped.h5 && printf '\252' |
     dd of=weights_flipped.h5 bs=1 seek="$place" conv=notrunc 2>/dev/null
 
-# Rows first, first + workers, .. of the table and of the cut files, in a folder of its own: starting
-# MPI is mostly waiting, so several go side by side.
-workers=4
-one_worker() {
-    local first=$1 row=0 line words pattern
-    cp -a "$folder/files" "$folder/worker$first"
-    cd "$folder/worker$first" || exit 1
-    while IFS= read -r line; do
-        row=$((row + 1))
-        [ $((row % workers)) -eq "$first" ] || continue
-        read -r -a words <<<"${line##* | }"
-        pattern=${line#* | }
-        refuses "${line%% | *}" "${pattern% | *}" "${words[@]}"
-    done <"$folder/rows"
-    exit $((failures > 0))
-}
-grep -vE '^(#|$)' "$here/bad_input.tsv" >"$folder/rows"
-for i in $(seq -w 1 15); do # a TIFF file cut at every sixteenth
-    echo "65 | cut_$i.tif: | preview cut_$i.tif -o out.png" >>"$folder/rows"
+# The table, and a TIFF file cut at every sixteenth.
+cp "$here/bad_input.tsv" "$folder/table"
+for i in $(seq -w 1 15); do
+    echo "65 | cut_$i.tif: | preview cut_$i.tif -o out.png" >>"$folder/table"
 done
-[ "$(wc -l <"$folder/rows")" -ge 120 ] || fail "only $(wc -l <"$folder/rows") rows"
-jobs=()
-for ((i = 0; i < workers; i++)); do
-    (trap - EXIT && one_worker "$i") &
-    jobs+=($!)
-done
-for job in "${jobs[@]}"; do
-    wait "$job" || failures=$((failures + 1))
-done
+rows_by_workers "$folder/table" 120 refuses
 finish

@@ -85,6 +85,36 @@ same() {
     [ -z "$different" ] || fail "$1 and $2 differ in $3: $different"
 }
 
+# rows_by_workers TABLE LEAST FUNCTION: FUNCTION OUTCOME EXPECTED words... for every row of the table,
+# of which there are LEAST or more. Rows first, first + workers, .. in a copy of this folder: starting
+# MPI is mostly waiting, so several go side by side.
+workers=4
+one_worker() { # FIRST FUNCTION
+    local first=$1 each=$2 row=0 line words expected
+    cp -a . "$folder/worker$first"
+    cd "$folder/worker$first" || exit 1
+    while IFS= read -r line; do
+        row=$((row + 1))
+        [ $((row % workers)) -eq "$first" ] || continue
+        read -r -a words <<<"${line##* | }"
+        expected=${line#* | }
+        "$each" "${line%% | *}" "${expected% | *}" "${words[@]}"
+    done <"$folder/rows"
+    exit $((failures > 0))
+}
+rows_by_workers() {
+    local count i job jobs=()
+    count=$(grep -vE '^(#|$)' "$1" | tee "$folder/rows" | wc -l)
+    [ "$count" -ge "$2" ] || fail "only $count rows"
+    for ((i = 0; i < workers; i++)); do
+        (trap - EXIT && one_worker "$i" "$3") &
+        jobs+=($!)
+    done
+    for job in "${jobs[@]}"; do
+        wait "$job" || failures=$((failures + 1))
+    done
+}
+
 finish() {
     [ "$failures" -eq 0 ] && exit 0
     echo "$failures checks failed"
