@@ -65,6 +65,11 @@ works info v.h5
 says '^pixel size: 0.5 um$'
 says '^slice spacing: 3 um$'
 says '^frame interval: 2 s$'
+# 1 % of another size is none: 0.504 beside 0.5 is 0.8 %, 0.506 is 1.2 %
+works convert --kind recording --input ij_zt.tif --pixel-size 0.504 -o near.h5
+works "${rl[@]}" --input near.h5 -o near_volume.h5
+works convert --kind recording --input ij_zt.tif --pixel-size 0.506 -o far.h5
+refuses 65 'says pixels of 0.506 um, but the PSFs are for 0.5 um' "${rl[@]}" --input far.h5 -o out.h5
 mkdir psf_channels
 cp ij_czt.tif psf_channels/psf_1.tif
 refuses 65 'psf_1.tif: has 2 channels, 3 slices and 4 frames; a PSF has slices' psf info psf_channels
