@@ -36,6 +36,9 @@ void test_release(void *memory);
 /** A fresh folder for the test's files (the same on all ranks of comm); removed at exit. */
 const char *test_folder(const struct v2v_comm *comm);
 
+/** Fail where two files are not the same, byte by byte. */
+void assert_same_bytes(const char *one, const char *other);
+
 /** Fail with the recorded message when rc is not V2V_OK. */
 #define assert_ok(call)                                                                            \
     do {                                                                                           \

@@ -50,20 +50,6 @@ done:
     return rc;
 }
 
-static void assert_same_bytes(const char *one, const char *other)
-{
-    FILE *files[] = {fopen(one, "rb"), fopen(other, "rb")};
-    assert_true(files[0] != NULL && files[1] != NULL);
-    int bytes[2];
-    do {
-        bytes[0] = fgetc(files[0]);
-        bytes[1] = fgetc(files[1]);
-        assert_int_equal(bytes[0], bytes[1]);
-    } while (bytes[0] != EOF);
-    assert_int_equal(fclose(files[0]), 0);
-    assert_int_equal(fclose(files[1]), 0);
-}
-
 static const struct {
     const char *ending;
     struct v2v_volume_storage storage;

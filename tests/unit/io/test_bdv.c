@@ -75,6 +75,7 @@ static void levels_hold_the_means_of_their_voxels(void **state)
     for (int s = 0; s < 2; s++) {
         int64_t count = 0;
         write_and_export(&storages[s], 0.5);
+        assert_true(test_h5_attribute(data, "/s00", "scale_factor") == 2.0);
         assert_numbers("/s00/resolutions", (double[]){1, 1, 1, 2, 2, 2}, 6);
         assert_numbers("/s00/subdivisions", (double[]){7, 64, 5, 3, 64, 2}, 6);
         double *cells = test_h5_read(data, "/t00001/s00/0/cells", &count);

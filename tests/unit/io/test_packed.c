@@ -10,6 +10,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -36,6 +37,7 @@ static struct v2v_volume_info stored(const struct v2v_volume_storage *storage)
                                     .width = WIDTH,
                                     .pixel_size_um = 0.5,
                                     .slice_spacing_um = 2.0,
+                                    .frame_interval_s = 0.25,
                                     .storage = *storage};
 }
 
@@ -78,7 +80,9 @@ static void assert_voxels(double bound)
     float frame[VOXELS];
     assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
     const struct v2v_volume_info *info = v2v_volume_info(volume);
-    assert_true(info->frames == FRAMES && info->slices == SLICES && info->slice_spacing_um == 2.0);
+    assert_true(info->frames == FRAMES && info->slices == SLICES);
+    assert_true(info->pixel_size_um == 0.5 && info->slice_spacing_um == 2.0 &&
+                info->frame_interval_s == 0.25);
     for (int64_t t = 0; t < FRAMES; t++) {
         assert_ok(v2v_volume_read(volume, frame, t, 0, SLICES));
         for (int64_t i = 0; i < VOXELS; i++) {
@@ -127,19 +131,57 @@ static void integers_are_within_half_a_step_of_the_brightest_voxel(void **state)
     }
 }
 
+/* The file of `path`; its bytes are followed by a 0. */
+static const char *content(size_t *bytes)
+{
+    static char text[16384];
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    *bytes = fread(text, 1, sizeof text - 1, file);
+    assert_int_equal(fclose(file), 0);
+    text[*bytes] = '\0';
+    return text;
+}
+
+/* To other programs in a description, of nine digits; to this one to the bit. */
+static void tiff_says_the_step_of_its_integers(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name, *before, *after;
+    } cases[] = {
+        {"step.tif", "\ncf=0\nc0=0\nc1=", "\nvunit=counts\n"},
+        {"step.ome.tif", "<Description>value = ", " * stored number</Description>"},
+    };
+    const double step = 40.0 / 65535.0;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct v2v_tiff *tiff = NULL;
+        size_t bytes = 0;
+        char *end = NULL;
+        use(cases[i].name);
+        assert_ok(write_volume(&integers, 1u << V2V_VOLUME_MEAN));
+        const char *text = content(&bytes);
+        const char *said = memmem(text, bytes, cases[i].before, strlen(cases[i].before));
+        assert_non_null(said);
+        const double found = strtod(said + strlen(cases[i].before), &end);
+        assert_true(fabs(found / step - 1.0) <= 0.5e-8);
+        assert_memory_equal(end, cases[i].after, strlen(cases[i].after));
+        assert_ok(v2v_tiff_open(&tiff, path));
+        assert_true(v2v_tiff_info(tiff)->step == step);
+        v2v_tiff_close(&tiff);
+    }
+}
+
 static void ome_tiff_says_what_it_holds(void **state)
 {
     (void)state;
     struct v2v_tiff *tiff = NULL;
-    char text[16384];
+    size_t bytes = 0;
     use("floats.ome.tiff");
     assert_ok(write_volume(&plain, 1u << V2V_VOLUME_MEAN));
     assert_voxels(0.0);
     assert_nothing_beside();
-    FILE *file = fopen(path, "rb");
-    assert_non_null(file);
-    const size_t bytes = fread(text, 1, sizeof text - 1, file);
-    assert_int_equal(fclose(file), 0);
+    const char *text = content(&bytes);
     assert_true(memmem(text, bytes, "ImageJ", 6) == NULL &&
                 memmem(text, bytes, "OME/2016-06", 11) != NULL);
     /* views are channels, and the planes go by channel first */
@@ -365,6 +407,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(integers_are_within_half_a_step_of_the_brightest_voxel),
+        cmocka_unit_test(tiff_says_the_step_of_its_integers),
         cmocka_unit_test(ome_tiff_says_what_it_holds),
         cmocka_unit_test(compressed_floats_are_read_back_to_the_bit),
         cmocka_unit_test(every_dataset_has_its_own_step_and_attributes_stay),
