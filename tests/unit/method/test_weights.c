@@ -248,12 +248,11 @@ static void no_flipped_bit_changes_a_number(void **state)
         assert_int_equal(fseek(file, (long)(bit / 8), SEEK_SET), 0);
         assert_true(fwrite(&flipped, 1, 1, file) == 1 && fflush(file) == 0);
         const enum v2v_status rc = v2v_weights_read(&found, path, &hints);
-        if (rc == V2V_OK && found.schema.fields.total == made.schema.fields.total) {
+        if (rc == V2V_OK) {
             assert_same_numbers(&found, &made);
             read++;
         } else {
-            assert_true(rc == V2V_OK || rc == V2V_E_INPUT || rc == V2V_E_USAGE ||
-                        rc == V2V_E_CONFIG);
+            assert_true(rc == V2V_E_INPUT || rc == V2V_E_USAGE);
             refused++;
         }
         v2v_weights_fini(&found);
