@@ -21,8 +21,9 @@ enum { HEIGHT = 24, WIDTH = 20, FRAMES = 5 };
 enum { PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
 enum { FRAME_BYTES = VOXELS * (int)sizeof(float), WRITES_A_FRAME = 3 };
 
-/* A write waits so long at most for what shall happen meanwhile, s. */
+/* A write waits so long at most for what shall happen meanwhile, and so long for what must not, s. */
 #define PATIENCE 20.0
+#define TEMPTATION 0.05
 
 static const struct v2v_scaling scaling = {.offset = 0, .gain = 1};
 static float frames[FRAMES][SAMPLES], reference[FRAMES * VOXELS];
@@ -38,22 +39,32 @@ static struct {
     int failing;        /* this write fails, from 1; 0: none */
     atomic_int begun;   /* frames whose computing began on this rank */
     int own;            /* frames that this rank has to make */
-    int writes, data;   /* by the thread so far, and how many of them were a frame's data */
+    int writes;         /* by the thread so far .. */
+    atomic_int data;    /* .. and how many of them were a frame's data */
+    int ahead;          /* frames begun while the one before the last was not on the disk */
     int marks;          /* frames marked */
     int late, unsynced; /* waited in vain; not on the disk when it returns */
     int early;          /* marks before the data were written */
 } seen;
 
-/* A frame is in work when the one before it is on its way. */
-static void await_next_frame(void)
+static void await_begun(int count, double patience)
 {
     const struct timespec pause = {.tv_nsec = 1000 * 1000};
     const double began = v2v_clock_now();
-    const int wanted = seen.data + 1 < seen.own ? seen.data + 2 : seen.own;
-    while (seen.begun < wanted && v2v_clock_now() - began < PATIENCE) {
+    while (seen.begun < count && v2v_clock_now() - began < patience) {
         nanosleep(&pause, NULL);
     }
+}
+
+/* A frame is in work when the one before it is on its way, and no other: run_observed counts. */
+static void await_next_frame(void)
+{
+    const int wanted = seen.data + 1 < seen.own ? seen.data + 2 : seen.own;
+    await_begun(wanted, PATIENCE);
     seen.late += seen.begun < wanted;
+    if (wanted < seen.own) {
+        await_begun(wanted + 1, TEMPTATION);
+    }
 }
 
 static ssize_t observe(int file, const void *data, size_t bytes, off_t at)
@@ -84,7 +95,7 @@ ssize_t pwrite(int file, const void *data, size_t bytes, off_t at)
 static enum v2v_status run_observed(struct v2v_estimator *estimator, float *const *volume,
                                     const float *views, const struct v2v_monitor *monitor)
 {
-    seen.begun++;
+    seen.ahead += ++seen.begun > seen.data + 2;
     return whole->run(estimator, volume, views, monitor);
 }
 
@@ -161,6 +172,7 @@ static void frames_are_written_while_the_next_ones_are_computed(void **state)
     assert_int_equal(seen.data, seen.own);
     assert_int_equal(seen.marks, seen.own);
     assert_int_equal(seen.late, 0);
+    assert_int_equal(seen.ahead, 0);
     assert_int_equal(seen.early, 0);
     assert_int_equal(seen.unsynced, 0);
     read_into(reference, path);
