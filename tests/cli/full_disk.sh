@@ -19,6 +19,15 @@ for from in $(seq 15); do
     ! grep -q ': writing failed: No space left' stderr || by_thread=1
 done
 [ -n "${by_thread:-}" ] || fail "no frame's data met the full disk"
+
+# It is that of all recordings of a run.
+export FULL_FROM=1
+cp recording.h5 second.h5
+timed "$limit" "${deconvolve[@]}" second.h5 -o %n_out.h5
+code=$?
+[ $code -eq 74 ] || fail "two recordings: exit code $code: $(cat stderr)"
+grep -q '^v2v3d deconvolve: .*No space left' stderr || fail "two recordings: $(cat stderr)"
+grep -q '^0 of 2 recordings' stderr || fail "two recordings: $(cat stderr)"
 unset LD_PRELOAD FULL_FROM
 works "${deconvolve[@]}" -o volume_out.h5
 finish

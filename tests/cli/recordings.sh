@@ -54,8 +54,21 @@ for words in '' --resume; do
     tells '4 of 6 recordings, 12 of 12 frames'
     tells '^v2v3d deconvolve: 2 of 6 recordings failed, the first one: in/bad.h5'
 done
-[ "$ranks" -eq 1 ] || finish
 rm in/bad.h5
+
+# One that another run is at work on.
+mkdir busy
+exec 9>'busy/rec 1.h5.v2v3d-lock'
+flock 9
+timed "$((limit * 10))" "${common[@]}" --input 'in/*.h5' -o busy/
+code=$?
+exec 9>&-
+rm 'busy/rec 1.h5.v2v3d-lock'
+[ $code -eq 75 ] || fail "exit code $code, not 75: $(cat stderr)"
+made busy 3
+tells '3 of 4 recordings, 9 of 12 frames'
+tells '^v2v3d deconvolve: 1 of 4 recordings failed, the first one: busy.rec 1.h5.v2v3d-lock: another run holds'
+[ "$ranks" -eq 1 ] || finish
 
 mkdir words
 works "${common[@]}" --input in/rec?1.h5 'in/rec*.h5' -o words # a folder that is there; a file's own name
