@@ -3,6 +3,7 @@
 #include "small_optics.h"
 
 #include "v2v3d/base/random.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -30,16 +31,21 @@ static int drop(void **state)
     return 0;
 }
 
-/* Light 0 .. 4 of `photons` counts each (0: none), and `read` beside it. */
-static void make_views(double photon, double read)
+/* Light `least` .. 4 of photons of so many counts each (0: none), and `read` beside it. */
+static void make_light(double least, double photon, double read)
 {
     for (int64_t i = 0; i < SAMPLES; i++) {
         const uint64_t at = (uint64_t)i;
-        const double light = 4.0 * (double)(i % SIDE) / SIDE;
+        const double light = least + (4.0 - least) * (double)(i % SIDE) / SIDE;
         const double made =
             photon > 0.0 ? photon * (double)v2v_random_poisson(61, 0, at, light / photon) : light;
         views[i] = (float)(made + read * v2v_random_normal(61, 1, at));
     }
+}
+
+static void make_views(double photon, double read)
+{
+    make_light(0.0, photon, read);
 }
 
 static struct v2v_problem problem_of(void)
@@ -101,6 +107,50 @@ static void what_was_settled_is_what_a_frame_is_weighed_by(void **state)
     assert_memory_not_equal(volume[1], volume[2], sizeof volume[0]);
 }
 
+static struct v2v_noise_line line_of_views(void)
+{
+    return v2v_noise_line_of_images(views, VIEWS, SIDE, SIDE, find().bright);
+}
+
+/* The narrower the range of the light, the less is known of how the noise grows with it. */
+static void five_standard_errors_are_photons(void **state)
+{
+    (void)state;
+    static const struct {
+        double least, errors[2];
+        int is_clear;
+    } cases[] = {{0.0, {20.0, 30.0}, 1}, {2.5, {5.0, 7.0}, 1}, {3.0, {3.5, 5.0}, 0}};
+    for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++) {
+        make_light(cases[c].least, 0.1, 0.0);
+        const struct v2v_noise_line line = line_of_views();
+        const double errors = line.gain / line.gain_error;
+        assert_true(errors > cases[c].errors[0] && errors < cases[c].errors[1]);
+        assert_true(line.variance < 0.0 && line.colour < 1.1); /* by which all are clear */
+        assert_int_equal(find().is_clear, cases[c].is_clear);
+    }
+}
+
+/* Means of two samples, one below the other, and beside each other too. As a sum of squares, of
+ * (1,-1) they leave 1/4, of (1,-2,1) 1/6: in each direction the colour is 3/2 of white noise's. */
+static void coloured_noise_is_not_of_photons(void **state)
+{
+    (void)state;
+    static const double colours[] = {1.0, 1.5, 2.25};
+    for (int directions = 0; directions <= 2; directions++) {
+        make_views(0.1, 0.0);
+        for (int64_t i = 0; directions > 0 && i < SAMPLES; i++) {
+            const int64_t below = i / SIDE % SIDE < SIDE - 1 ? SIDE : 0;
+            const int64_t beside = directions == 2 && i % SIDE < SIDE - 1 ? 1 : 0;
+            views[i] = 0.25f * (views[i] + views[i + beside] + views[i + below] +
+                                views[i + below + beside]);
+        }
+        const struct v2v_noise_line line = line_of_views();
+        assert_true(fabs(line.colour / colours[directions] - 1.0) < 0.05);
+        assert_true(line.variance < 0.0 && line.gain > 20.0 * line.gain_error);
+        assert_int_equal(find().is_clear, directions < 2);
+    }
+}
+
 /* 10 electrons a count, 6 electrons of read noise: variance 0.1 level + 0.36, which by itself shows
  * too few photons. */
 static void the_camera_replaces_the_estimate(void **state)
@@ -145,6 +195,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_frame_settles_the_noise_of_those_after_it, setup, drop),
         cmocka_unit_test_setup_teardown(what_was_settled_is_what_a_frame_is_weighed_by, setup,
                                         drop),
+        cmocka_unit_test_setup_teardown(five_standard_errors_are_photons, setup, drop),
+        cmocka_unit_test_setup_teardown(coloured_noise_is_not_of_photons, setup, drop),
         cmocka_unit_test_setup_teardown(the_camera_replaces_the_estimate, setup, drop),
         cmocka_unit_test_setup_teardown(a_camera_that_cannot_be_meant_is_refused, setup, drop),
     };
