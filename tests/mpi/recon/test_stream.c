@@ -21,7 +21,7 @@ enum { HEIGHT = 24, WIDTH = 20, FRAMES = 5 };
 enum { PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
 enum { FRAME_BYTES = VOXELS * (int)sizeof(float), WRITES_A_FRAME = 3 };
 
-/* A write waits so long at most for what shall happen meanwhile, and so long for what must not, s. */
+/* A write waits so long at most for what shall happen meanwhile, and for what must not, s. */
 #define PATIENCE 20.0
 #define TEMPTATION 0.05
 
