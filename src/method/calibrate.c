@@ -1,6 +1,7 @@
 #include "v2v3d/method/calibrate.h"
 
 #include "method/anderson.h"
+#include "method/photons.h"
 #include "method/registration.h"
 #include "method/square.h"
 #include "method/tv.h"
@@ -453,8 +454,11 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
     if (psf->views < 2) {
         return V2V_FAIL(V2V_E_INPUT, "one view alone: there is no other to predict it");
     }
+    V2V_TRY(v2v_camera_check(problem));
     self.config.deconv.stop = V2V_STOP_FIXED;
     self.config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* a volume's errors are no photons' */
+    self.config.deconv.electrons_per_count.mode = V2V_NUMBER_AUTO;
+    self.config.deconv.read_noise.mode = V2V_NUMBER_AUTO;
     self.rows = v2v_registration_judged(problem->height);
     self.columns = v2v_registration_judged(problem->width);
     V2V_TRY(v2v_par_agree(comm, take_memory(&self)));

@@ -39,6 +39,11 @@ enum v2v_status v2v_camera_check(const struct v2v_problem *problem)
                    : V2V_FAIL(V2V_E_CONFIG, "deconv.read_noise is in electrons: it wants "
                                             "deconv.electrons_per_count");
     }
+    if (deconv->noise == V2V_NOISE_MODEL_GAUSSIAN) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "deconv.electrons_per_count is of the noise of photons, which "
+                        "deconv.noise gaussian leaves out");
+    }
     if (problem->config->recon.neighbours > 0 || problem->skip > 0.0) {
         return V2V_FAIL(V2V_E_CONFIG,
                         "deconv.electrons_per_count is of single frames, which %s averages",
@@ -88,10 +93,12 @@ enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_p
                       v2v_mem_product(count, problem->height, problem->width)));
     const struct v2v_photons found =
         v2v_photons_find(scratch, views, count, problem->height, problem->width, &camera);
-    config->deconv.noise = found.is_clear ? V2V_NOISE_MODEL_POISSON : V2V_NOISE_MODEL_GAUSSIAN;
-    if (found.is_clear) {
-        v2v_log(V2V_LOG_DEBUG, "noise poisson, by a frame: %.3g counts an electron%s", found.gain,
-                camera.gain > 0.0 ? ", as given" : "");
+    const int is_known = camera.gain > 0.0; /* whether or not the frame has light */
+    const int is_of_photons = is_known || found.is_clear;
+    config->deconv.noise = is_of_photons ? V2V_NOISE_MODEL_POISSON : V2V_NOISE_MODEL_GAUSSIAN;
+    if (is_of_photons) {
+        v2v_log(V2V_LOG_DEBUG, "noise poisson, by a frame: %.3g counts an electron%s",
+                is_known ? camera.gain : found.gain, is_known ? ", as given" : "");
     } else {
         v2v_log(V2V_LOG_DEBUG, "noise gaussian, by a frame: it shows no photons");
     }

@@ -22,7 +22,8 @@ struct v2v_camera {
 /** @kind Local. */
 struct v2v_camera v2v_camera_of(const struct v2v_config *config);
 
-/** Read noise without a gain, or a camera where frames are averaged, cannot be meant.
+/** Read noise without a gain, or a camera where frames are averaged or noise is no photons', cannot
+ *  be meant.
  *  @kind Local. @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_camera_check(const struct v2v_problem *problem) V2V_MUST_CHECK;
 

@@ -80,6 +80,8 @@ works info tv_camera.h5 --json
 says '\\n  noise: poisson\\n  electrons_per_count: 100\\n  read_noise: 2\\n'
 refuses 78 'deconv.read_noise is in electrons' deconvolve --psf one/psf.h5 --input rec.h5 -o out.h5 \
     --read-noise 2
+refuses 78 'electrons_per_count is of the noise of photons, which deconv.noise gaussian leaves out' \
+    deconvolve --psf one/psf.h5 --input rec.h5 -o out.h5 --electrons-per-count 100 --noise gaussian
 refuses 78 'single frames, which recon.skip averages' deconvolve --psf one/psf.h5 --input rec.h5 \
     -o out.h5 --electrons-per-count 100 --skip auto
 "$program" deconvolve --psf one/psf.h5 --input rec.h5 -o tv_alone.h5 2>stderr || fail "$(cat stderr)"

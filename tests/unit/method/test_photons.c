@@ -169,6 +169,8 @@ static void the_camera_replaces_the_estimate(void **state)
     assert_settles(V2V_NOISE_MODEL_POISSON);
     config.deconv.read_noise.value = 0.0;
     assert_true(find().variance == 0.0);
+    memset(views, 0, sizeof views); /* the frames after it may have light */
+    assert_settles(V2V_NOISE_MODEL_POISSON);
 }
 
 static void a_camera_that_cannot_be_meant_is_refused(void **state)
@@ -184,6 +186,12 @@ static void a_camera_that_cannot_be_meant_is_refused(void **state)
     assert_int_equal(v2v_camera_check(&problem), V2V_E_CONFIG);
     assert_non_null(strstr(v2v_status_message(), "recon.neighbours averages"));
     config.recon.neighbours = 0;
+    config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN;
+    assert_int_equal(v2v_camera_check(&problem), V2V_E_CONFIG);
+    assert_non_null(strstr(v2v_status_message(), "which deconv.noise gaussian leaves out"));
+    config.deconv.noise = V2V_NOISE_MODEL_POISSON;
+    assert_ok(v2v_camera_check(&problem));
+    config.deconv.noise = V2V_NOISE_MODEL_AUTO;
     problem.skip = 0.02;
     assert_int_equal(tv->settle(&config, &problem, views), V2V_E_CONFIG);
     assert_non_null(strstr(v2v_status_message(), "recon.skip averages"));
