@@ -3,6 +3,7 @@
 #include "small_recording.h"
 
 #include "method/brightness.h"
+#include "method/photons.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/method/fusion.h"
@@ -85,40 +86,81 @@ static double smoothed(const double *image, int y, int x, double sigma)
     return sum / taps;
 }
 
+/* The noise of frame t: its variance is gain * level + variance, where it is that of photons. */
+static struct v2v_photons noise_about(const float *t)
+{
+    static float scratch[SAMPLES];
+    struct v2v_photons found = v2v_photons_find(scratch, t, VIEWS, HEIGHT, WIDTH, NULL);
+    if (!found.is_clear) {
+        found.gain = 0.0;
+        found.variance = pow(sigma_of(t), 2.0);
+    }
+    return found;
+}
+
+static double factor_of(const float *t, const float *u)
+{
+    static struct v2v_ratio ratios[SAMPLES / 64];
+    return v2v_brightness_factor(ratios, t, u, VIEWS, HEIGHT, WIDTH, sigma_of(t));
+}
+
+/* Of the smoothed difference of a view and a neighbour's, whose light counts f times. */
+static void deviations_of(double *deviation, const float *view, const struct v2v_photons *found,
+                          double f)
+{
+    static double light[PIXELS];
+    const double of_photons = (1.0 + f) * found->gain, even = (1.0 + f * f) * found->variance;
+    const double least = 0.01 * (of_photons * found->bright + even);
+    for (int i = 0; i < PIXELS; i++) {
+        light[i] = (double)view[i];
+    }
+    for (int i = 0; i < PIXELS; i++) {
+        const double level = fmax(smoothed(light, i / WIDTH, i % WIDTH, 2.0), 0.0);
+        deviation[i] = sqrt(fmax(of_photons * level + even, least) * of_fine());
+    }
+}
+
 /* Weights of frame u beside frame t, as REFERENCE.md 12 has them. @return the factor f_u */
 static double weights_of(double *weight, const float *t, const float *u)
 {
-    static struct v2v_ratio ratios[SAMPLES / 64];
-    static double change[PIXELS], square[PIXELS];
-    const double sigma = sigma_of(t);
-    const double f = v2v_brightness_factor(ratios, t, u, VIEWS, HEIGHT, WIDTH, sigma);
+    static double deviation[PIXELS], change[PIXELS], square[PIXELS];
+    const struct v2v_photons found = noise_about(t);
+    const double f = factor_of(t, u), in_light = found.gain * found.bright;
+    const double still = (in_light + found.variance) / (f * in_light + f * f * found.variance);
     for (int v = 0; v < VIEWS; v++) {
+        deviations_of(deviation, t + v * PIXELS, &found, f);
         for (int i = 0; i < PIXELS; i++) {
-            change[i] = (double)t[v * PIXELS + i] - f * (double)u[v * PIXELS + i];
+            const int at = v * PIXELS + i;
+            change[i] = ((double)t[at] - f * (double)u[at]) / deviation[i];
         }
         for (int i = 0; i < PIXELS; i++) {
-            const double d = smoothed(change, i / WIDTH, i % WIDTH, 2.0);
-            square[i] = d * d / ((1.0 + f * f) * sigma * sigma * of_fine());
+            square[i] = pow(smoothed(change, i / WIDTH, i % WIDTH, 2.0), 2.0);
         }
         for (int i = 0; i < PIXELS; i++) {
             const double e = smoothed(square, i / WIDTH, i % WIDTH, 3.0);
-            weight[v * PIXELS + i] = 1.0 / (f * f * (1.0 + 2.0 * fmax(0.0, e - 1.5)));
+            weight[v * PIXELS + i] = still / (1.0 + 2.0 * fmax(0.0, e - 1.5));
         }
     }
     return f;
 }
 
-/* What rounding moves a fused sample by, of frames that differ by `most` at most. A weight changes
- * with E by 2 w^2 and E with the root of it, s, by 2 s: by 4 w^2 s <= 5 together (1.5 < E; w = 1 at
- * 1.5 and falls as 1 / E). s is a sum of 2 x 17 taps of differences, of samples of 100 times a
- * factor, over sigma * sqrt(of_fine) at least; E, of 2 x 25 more, which are positive: w^2 E <= 1.5,
- * twice. */
+/* What rounding moves a fused sample by, of frames up to `light` that differ by `most` at most. A
+ * weight changes with E by 2 w^2 and E with the root of it, s, by 2 s: by 4 w^2 s <= 5 together
+ * (1.5 < E; w = 1 at 1.5 and falls as 1 / E). s is moved by `of_root`; E is a sum of 2 x 25 more
+ * taps, which are positive: w^2 E <= 1.5, twice. A weight's first factor multiplies what it is
+ * divided by in the end, too. */
+static double rounding_of(double of_root, double most, double light, int count)
+{
+    const double of_weight = 5.0 * of_root + 3.0 * test_rounding(50);
+    return count * of_weight * most + count * 0x1p-23 * (light + most);
+}
+
+/* Here s is a sum of 2 x 17 taps of differences, of samples of 100 times a factor, over sigma *
+ * sqrt(of_fine) at least. */
 static double rounding(double most, int count)
 {
     const double differences = test_rounding(34) * most + 0x1p-23 * (100.0 + most);
-    const double of_root = differences / (sigma_of(frames[0]) * sqrt(of_fine()));
-    const double of_weight = 5.0 * of_root + 3.0 * test_rounding(50);
-    return count * of_weight * most + count * 0x1p-23 * (100.0 + most);
+    return rounding_of(differences / (sigma_of(frames[0]) * sqrt(of_fine())), most, 100.0, count);
 }
 
 /* Of frame 0 and a neighbour, whose light counts `factor` times. */
@@ -138,6 +180,20 @@ static double greatest_difference(void)
     return most;
 }
 
+/* Frame 0 and two others, by these weights and factors. */
+static void assert_fused(double (*weight)[SAMPLES], const double *factor, double bound)
+{
+    fuse(fused, frames, 2);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        double sum = (double)frames[0][i], of = 1.0;
+        for (int u = 0; u < 2; u++) {
+            sum += weight[u][i] * factor[u] * (double)frames[u + 1][i];
+            of += weight[u][i];
+        }
+        assert_true(fabs((double)fused[i] - sum / of) <= bound);
+    }
+}
+
 static void fused_views_match_plain_loops(void **state)
 {
     (void)state;
@@ -154,17 +210,57 @@ static void fused_views_match_plain_loops(void **state)
             most = fmax(most, difference(i, u + 1, factor[u]));
         }
     }
-    fuse(fused, frames, COUNT);
     const double bound = rounding(most, COUNT);
     assert_true(bound < 0.02 * noise); /* another tap or constant would be seen */
-    for (int64_t i = 0; i < SAMPLES; i++) {
-        double sum = (double)frames[0][i], of = 1.0;
-        for (int u = 0; u < COUNT; u++) {
-            sum += weight[u][i] * factor[u] * (double)frames[u + 1][i];
-            of += weight[u][i];
+    assert_fused(weight, factor, bound);
+}
+
+/* Photons in no, some and much light, where a spot moves, beside read noise of 1: where it is dark
+ * the least variance counts. The second neighbour is half as bright again. */
+static void make_photons(void)
+{
+    static const double levels[] = {0.0, 20.0, 400.0};
+    for (int t = 0; t < FRAMES; t++) {
+        const double factor = t == 2 ? 1.5 : 1.0;
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const uint64_t at = (uint64_t)i, stream = 2 * (uint64_t)t;
+            const double level =
+                levels[i % WIDTH * 3 / WIDTH] + spot(100.0, i, 30, t == 0 ? 20 : 60);
+            frames[t][i] = (float)((double)v2v_random_poisson(7, stream, at, factor * level) +
+                                   v2v_random_normal(7, stream + 1, at));
         }
-        assert_true(fabs((double)fused[i] - sum / of) <= bound);
     }
+}
+
+/* A smoothed change s is a sum of 2 x 17 taps, of differences of two samples, over the root of a
+ * variance, with the rounding of a level of 2 x 17 positive taps. */
+static void photons_match_plain_loops(void **state)
+{
+    (void)state;
+    enum { COUNT = 2 };
+    static double weight[COUNT][SAMPLES], deviation[PIXELS];
+    double factor[COUNT], most = 0.0, of_root = 0.0;
+    make_photons();
+    const struct v2v_photons found = noise_about(frames[0]);
+    const double least = 0.01 * (found.gain * found.bright + found.variance);
+    assert_true(found.is_clear && found.variance > 0.0 && found.variance < least);
+    for (int u = 0; u < COUNT; u++) {
+        factor[u] = weights_of(weight[u], frames[0], frames[u + 1]);
+        for (int i = 0; i < SAMPLES; i++) {
+            if (i % PIXELS == 0) {
+                deviations_of(deviation, frames[0] + i, &found, factor[u]);
+            }
+            const double change = difference(i, u + 1, factor[u]);
+            const double sample = 2.0 * fabs((double)frames[0][i]) + change;
+            most = fmax(most, change);
+            of_root = fmax(of_root, (2.0 * test_rounding(34) * change + 0x1p-23 * sample) /
+                                        deviation[i % PIXELS]);
+        }
+    }
+    assert_true(fabs(factor[0] - 1.0) < 0.1 && fabs(factor[1] * 1.5 - 1.0) < 0.1);
+    const double bound = rounding_of(of_root, most, found.bright, COUNT);
+    assert_true(bound < 0.1 * sqrt(least)); /* another tap or constant would be seen */
+    assert_fused(weight, factor, bound);
 }
 
 /* ---- statistics ---- */
@@ -453,6 +549,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(fused_views_match_plain_loops),
+        cmocka_unit_test(photons_match_plain_loops),
         cmocka_unit_test(noise_of_a_still_scene_falls_as_the_weights_say),
         cmocka_unit_test(photons_are_averaged_where_it_is_bright_and_where_it_is_dark),
         cmocka_unit_test(a_uniform_change_weighs_as_the_formula_says),
