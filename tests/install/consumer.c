@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/fft/fft2.h"
+#include "v2v3d/io/apng.h"
 #include "v2v3d/io/volume.h"
 #include "v2v3d/op/conv.h"
 #include "v2v3d/par/comm.h"
@@ -68,12 +69,14 @@ int main(int argc, char **argv)
     double there_and_back = 0.0;
     struct v2v_comm *world = NULL;
     struct v2v_volume *volume = NULL;
+    struct v2v_apng *film = NULL;
     struct v2v_config config;
     int failures = v2v_par_init(&world, &argc, &argv) != V2V_OK;
     v2v_config_defaults(&config);
     failures += argc < 2 || v2v_config_load(&config, argv[1]) != V2V_OK;
     failures += v2v_volume_open(&volume, "no_such_file.h5", NULL, world) != V2V_E_INPUT;
     failures += v2v_volume_open(&volume, "no_such_file.tif", NULL, world) != V2V_E_INPUT;
+    failures += v2v_apng_create(&film, "no/such/film.png", 2, 5) != V2V_E_IO;
     enum v2v_status rc = transform(&there_and_back);
     failures += wrong("transform there and back", rc, there_and_back, 2.0 * SIDE * SIDE);
     bias[CHANNELS - 1] = 1.5f;

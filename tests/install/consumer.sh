@@ -43,7 +43,7 @@ links()
 }
 
 no_modules=()
-for package in MPI HDF5 TIFF PNG; do
+for package in MPI HDF5 TIFF PNG ZLIB; do
     no_modules+=("-DCMAKE_DISABLE_FIND_PACKAGE_$package=ON")
 done
 PKG_CONFIG_LIBDIR=/nonexistent configure by_modules || fail "$(cat log)"
