@@ -82,6 +82,39 @@ works reconstruct --psf psf.h5 --weights strange.h5 --input recording.h5 -o stra
     --offset none --gain none --normalize none --precision f32 --skip off
 same volumes.h5 strange-volumes.h5 /volume
 
+# The example for PyTorch's files, in configs/README.md, with a stub of what it calls that loads our
+# own weights under a prefix.
+if command -v python3 >/dev/null; then
+    awk '/^```python$/ {inside = 1; next} /^```/ {inside = 0} inside' "$root/configs/README.md" >example.py
+    mkdir stub
+    cat >stub/torch.py <<'EOF'
+import json, struct
+
+class Array:
+    def __init__(self, shape, raw):
+        self.shape, self.raw = shape, raw
+
+    float = contiguous = numpy = lambda self: self
+    tobytes = lambda self: self.raw
+
+def load(path, map_location):
+    content = open(path, "rb").read()
+    end = 8 + struct.unpack("<Q", content[:8])[0]
+    header, state = json.loads(content[8:end]), {}
+    header.pop("__metadata__", None)
+    for name, of in header.items():
+        first, last = of["data_offsets"]
+        state["module." + name] = Array(tuple(of["shape"]), content[end + first:end + last])
+    return {"state_dict": state}
+EOF
+    PYTHONPATH=stub python3 example.py w.safetensors example.safetensors 2>stderr ||
+        fail "the example of configs/README.md: $(cat stderr)"
+    works convert --input example.safetensors -o example.h5
+    same w.h5 example.h5 /
+else
+    echo "left out: there is no python3 to run the example of configs/README.md"
+fi
+
 # A correction of no strength is total variation; of all strength it is not, with any weights.
 works weights init --psf psf.h5 --set model.method=unrolled --rule he --seed 3 -o unrolled.h5
 works deconvolve --psf psf.h5 --input recording.h5 -o tv.h5
