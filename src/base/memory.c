@@ -17,7 +17,7 @@
 #define UNGUARD(address, bytes) ((void)(address), (void)(bytes))
 #endif
 
-enum { ALIGNMENT = 64, MOST_LABELS = 256 };
+enum { MOST_LABELS = 256 };
 
 /* "v2v3dmem": tells our memory from anything else that is handed to v2v_mem_free. */
 static const uint64_t magic_taken = 0x763276336d656d21;
@@ -99,11 +99,18 @@ static void ask_for_large_pages(char *raw, size_t bytes)
     }
 }
 
+/** A cache line; of what may be written to a disk as it is, a page. */
+static size_t alignment_of(size_t bytes)
+{
+    return bytes < (size_t)1 << 20 ? 64 : V2V_PAGE_BYTES;
+}
+
 /** calloc, aligned by hand: fresh pages come zeroed from the kernel and are touched only by whoever
  * uses them first, which memset would spoil. */
 static void *take(size_t bytes, int64_t label)
 {
-    const size_t extra = sizeof(struct header) + ALIGNMENT - 1;
+    const size_t alignment = alignment_of(bytes);
+    const size_t extra = sizeof(struct header) + alignment - 1;
     if (bytes > (size_t)PTRDIFF_MAX - extra) {
         return NULL;
     }
@@ -113,7 +120,7 @@ static void *take(size_t bytes, int64_t label)
     }
     ask_for_large_pages(raw, bytes);
     uintptr_t first = (uintptr_t)raw + sizeof(struct header);
-    char *memory = raw + sizeof(struct header) + (ALIGNMENT - first % ALIGNMENT) % ALIGNMENT;
+    char *memory = raw + sizeof(struct header) + (alignment - first % alignment) % alignment;
     struct header *header = (struct header *)(void *)memory - 1;
     *header = (struct header){.raw = raw, .bytes = bytes, .magic = magic_taken, .label = label};
     GUARD(header, sizeof *header);

@@ -1,6 +1,7 @@
 #include "io/h5_common.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
+#include "v2v3d/base/memory.h"
 #include <ctype.h>
 #include <math.h>
 #include <stdio.h>
@@ -76,9 +77,11 @@ enum v2v_status v2v_h5_close_written(enum v2v_status rc, hid_t *set, const char 
 /* Half of the entries of a node of a chunk index: as HDF5 has it, and what it takes at most. */
 enum { USUAL_HALF = 32, MOST_HALF = 32767 };
 
-enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums, int64_t chunks)
+enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums, int64_t chunks,
+                              int64_t bytes)
 {
     enum v2v_status rc = V2V_OK;
+    const int is_paged = bytes > 0 && bytes % V2V_PAGE_BYTES == 0;
     v2v_h5_quiet();
     hid_t access = H5Pcreate(H5P_FILE_ACCESS), creation = H5Pcreate(H5P_FILE_CREATE);
     *file = H5I_INVALID_HID;
@@ -88,6 +91,7 @@ enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums, int6
         H5Pset_obj_track_times(creation, 0) < 0 ||
         H5Pset_istore_k(creation, (unsigned)v2v_within(chunks / 2 + 1, USUAL_HALF, MOST_HALF)) <
             0 ||
+        (is_paged && H5Pset_alignment(access, (hsize_t)bytes, V2V_PAGE_BYTES) < 0) ||
         (checksums && H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST) < 0)) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_MEMORY, path, "/", "no access properties"));
     }
@@ -107,7 +111,7 @@ enum v2v_status v2v_h5_begin(hid_t *file, char temporary[V2V_PATH_BYTES], const 
     *file = H5I_INVALID_HID;
     V2V_TRY(v2v_file_temporary(temporary, path));
     V2V_TRY(V2V_FAULT_POINT("h5.create"));
-    V2V_TRY(v2v_h5_create(file, temporary, 1, 0));
+    V2V_TRY(v2v_h5_create(file, temporary, 1, 0, 0));
 done:
     return rc;
 }

@@ -39,9 +39,10 @@ enum v2v_status v2v_h5_open(hid_t *file, const char *path) V2V_MUST_CHECK;
  *  carry checksums (HDF5 1.8 and later read it). @kind Local.
  *  @param chunks so many of a dataset shall lie one behind the other: up to 65534 do that, their
  *  index being one node made before them; 0: they need not
+ *  @param bytes of such a chunk: those of whole pages begin at one
  *  @return V2V_OK | V2V_E_IO */
-enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums,
-                              int64_t chunks) V2V_MUST_CHECK;
+enum v2v_status v2v_h5_create(hid_t *file, const char *path, int checksums, int64_t chunks,
+                              int64_t bytes) V2V_MUST_CHECK;
 
 /** Open a dataset whose data lie in this very file and can be decoded here: links to other files,
  *  external and virtual storage and unknown filters are refused.

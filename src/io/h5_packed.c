@@ -127,7 +127,7 @@ static enum v2v_status create_file(struct v2v_h5_packed *packed, const char *par
     hid_t part = H5I_INVALID_HID;
     V2V_TRY(V2V_FAULT_POINT("h5.create"));
     V2V_TRY(v2v_h5_open(&part, part_path));
-    V2V_TRY(v2v_h5_create(&packed->file, packed->path, 1, 0));
+    V2V_TRY(v2v_h5_create(&packed->file, packed->path, 1, 0, 0));
     for (int set = 0; set < V2V_H5_WRITER_SETS; set++) {
         if (packed->pack->datasets & 1u << set) {
             V2V_TRY(create_images(packed, set, part, step[set]));

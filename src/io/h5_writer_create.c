@@ -93,7 +93,8 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(check_space(writer, plan));
     V2V_TRY(v2v_h5_create(&file, writer->temporary, 0,
-                          v2v_mem_product(plan->shape[0], plan->shape[1], 1)));
+                          v2v_mem_product(plan->shape[0], plan->shape[1], 1),
+                          v2v_mem_product(plan->shape[2], plan->shape[3], sizeof(float))));
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {
             V2V_TRY(create_images(file, writer->path, plan->dataset[i], plan->shape));

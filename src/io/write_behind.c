@@ -17,6 +17,7 @@ enum { MOST_WAITING = 16 };
 struct v2v_write_behind {
     char name[V2V_PATH_BYTES];
     int descriptor;
+    int direct; /* past the system's memory, in whole pages; -1: the file system has no such way */
     pthread_t thread;
     int is_running;
     pthread_mutex_t lock;
@@ -31,12 +32,27 @@ struct v2v_write_behind {
 
 /* ---- the thread ---- */
 
-static enum v2v_status write_all(const struct v2v_write_behind *behind, const unsigned char *data,
+/* Whole pages go to the disk as they are, which costs a fifth of copying them first. */
+static int descriptor_for(const struct v2v_write_behind *behind, const unsigned char *data,
+                          int64_t bytes, int64_t at)
+{
+    const int is_paged = (uintptr_t)data % V2V_PAGE_BYTES == 0 && bytes % V2V_PAGE_BYTES == 0 &&
+                         at % V2V_PAGE_BYTES == 0;
+    return is_paged && behind->direct >= 0 ? behind->direct : behind->descriptor;
+}
+
+static enum v2v_status write_all(struct v2v_write_behind *behind, const unsigned char *data,
                                  int64_t bytes, int64_t at)
 {
     while (bytes > 0) {
-        const ssize_t written = pwrite(behind->descriptor, data, (size_t)bytes, (off_t)at);
+        const int to = descriptor_for(behind, data, bytes, at);
+        const ssize_t written = pwrite(to, data, (size_t)bytes, (off_t)at);
         if (written < 0 && errno == EINTR) {
+            continue;
+        }
+        if (written < 0 && errno == EINVAL && to == behind->direct) {
+            close(behind->direct); /* its pages are larger */
+            behind->direct = -1;
             continue;
         }
         if (written <= 0) {
@@ -50,8 +66,7 @@ static enum v2v_status write_all(const struct v2v_write_behind *behind, const un
     return V2V_OK;
 }
 
-static enum v2v_status write_piece(const struct v2v_write_behind *behind,
-                                   const struct v2v_piece *piece)
+static enum v2v_status write_piece(struct v2v_write_behind *behind, const struct v2v_piece *piece)
 {
     enum v2v_status rc = V2V_OK;
     unsigned char number[sizeof piece->number];
@@ -130,7 +145,7 @@ enum v2v_status v2v_write_behind_create(struct v2v_write_behind **behind, const 
     V2V_TRY(V2V_ALLOC(fresh, "io.write_behind", 1));
     pthread_mutex_init(&fresh->lock, NULL);
     pthread_cond_init(&fresh->changed, NULL);
-    fresh->descriptor = -1;
+    fresh->descriptor = fresh->direct = -1;
     V2V_TRY(v2v_text_format(fresh->name, sizeof fresh->name, "%s", name));
     /* A write ends when its data are on the disk. To write only, and in this way, makes NFS send
      * the bytes given and no more: other hosts' are in the same pages. */
@@ -138,6 +153,7 @@ enum v2v_status v2v_write_behind_create(struct v2v_write_behind **behind, const 
     if (fresh->descriptor < 0) {
         V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
     }
+    fresh->direct = open(path, O_WRONLY | O_DSYNC | O_DIRECT | O_NOFOLLOW | O_CLOEXEC);
     V2V_TRY(start_thread(fresh));
     *behind = fresh;
     fresh = NULL;
@@ -198,6 +214,9 @@ void v2v_write_behind_destroy(struct v2v_write_behind **behind)
     }
     if (old->descriptor >= 0) {
         (void)close(old->descriptor); /* every write of it is on the disk */
+    }
+    if (old->direct >= 0) {
+        (void)close(old->direct);
     }
     pthread_cond_destroy(&old->changed);
     pthread_mutex_destroy(&old->lock);

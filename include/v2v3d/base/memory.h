@@ -8,7 +8,10 @@
 extern "C" {
 #endif
 
-/** Zeroed memory, 64-byte aligned, counted under its label.
+/** What disks and file systems take as it is, from a place in memory of the same multiple. */
+#define V2V_PAGE_BYTES 4096
+
+/** Zeroed memory, 64-byte aligned, from 1 MB on by V2V_PAGE_BYTES, counted under its label.
  *  @kind   Local
  *  @param  label string literal such as "unet.weights"; kept by pointer
  *  @param  count elements, >= 0 (0 gives a valid pointer); size bytes of one; the product is

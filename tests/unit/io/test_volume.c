@@ -250,6 +250,40 @@ static void killed_attempt(void)
     _exit(1);
 }
 
+/* What is written to the disk as it is has to begin at a page: every slice of 32 x 32 does. */
+static void slices_of_whole_pages_begin_at_one(void **state)
+{
+    (void)state;
+    enum { FRAMES = 2, SLICES = 3, PIXELS = 32 * 32, MOST = 64 * 1024 };
+    static float frame[SLICES * PIXELS];
+    static char bytes[MOST];
+    const struct v2v_volume_info info = {
+        .frames = FRAMES, .slices = SLICES, .height = 32, .width = 32};
+    struct v2v_volume_writer *writer = NULL;
+    use("pages.h5");
+    assert_ok(v2v_volume_create(&writer, path, &info, MEAN_ONLY, NULL, 0, NULL));
+    for (int64_t t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+            frame[i] = (float)(1 + i + t * SLICES * PIXELS);
+        }
+        assert_ok(v2v_volume_put_later(writer, V2V_VOLUME_MEAN, frame, t, 0, SLICES));
+        assert_ok(v2v_volume_mark_later(writer, t, NULL));
+        assert_ok(v2v_volume_wait(writer));
+    }
+    assert_ok(v2v_volume_finish(&writer));
+    FILE *file = fopen(path, "re");
+    assert_non_null(file);
+    const size_t size = fread(bytes, 1, MOST, file);
+    assert_int_equal(fclose(file), 0);
+    assert_true(size > sizeof frame * FRAMES && size < MOST);
+    for (int64_t z = 0; z < FRAMES * SLICES; z++) {
+        const float first[] = {(float)(1 + z * PIXELS), (float)(2 + z * PIXELS)};
+        const char *at = memmem(bytes, size, first, sizeof first);
+        assert_non_null(at);
+        assert_int_equal((at - bytes) % V2V_PAGE_BYTES, 0);
+    }
+}
+
 static void a_killed_writer_leaves_the_marked_frames_to_go_on_with(void **state)
 {
     (void)state;
@@ -433,6 +467,7 @@ int main(void)
         cmocka_unit_test(an_unfinished_frame_is_refused),
         cmocka_unit_test(written_hdf5_is_read_back_to_the_bit_with_its_provenance),
         cmocka_unit_test(only_marked_frames_are_done_once_one_is_marked),
+        cmocka_unit_test(slices_of_whole_pages_begin_at_one),
         cmocka_unit_test(a_killed_writer_leaves_the_marked_frames_to_go_on_with),
         cmocka_unit_test(tiff_pages_are_in_order_whatever_the_order_of_writing),
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
