@@ -169,6 +169,10 @@ static enum v2v_status parse(struct film *film, const struct arguments *given)
     }
     V2V_TRY(parse_grey(&film->preview.low, given->low, "--low"));
     V2V_TRY(parse_grey(&film->preview.high, given->high, "--high"));
+    if ((given->low != NULL ? film->preview.low : 0.0) >= film->preview.high) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--high %s is not above --low %s: there is nothing between",
+                         given->high, given->low != NULL ? given->low : "0"));
+    }
 done:
     return rc;
 }

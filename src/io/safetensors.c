@@ -224,12 +224,12 @@ static enum v2v_status check_sum(const struct v2v_arrays *self, const float *val
                                  const char *name, const struct v2v_array *array)
 {
     enum v2v_status rc = V2V_OK;
-    char key[2 * V2V_ARRAY_NAME_BYTES + 16];
+    char what[V2V_PATH_BYTES + 2 * V2V_ARRAY_NAME_BYTES + 16];
     int64_t stored = 0;
-    V2V_TRY(v2v_text_format(key, sizeof key, "crc32c.%s", name));
-    const char *text = v2v_arrays_text(self, key);
+    V2V_TRY(v2v_text_format(what, sizeof what, "%s: crc32c.%s", self->path, name));
+    const char *text = v2v_arrays_text(self, what + strlen(self->path) + 2);
     if (text != NULL) {
-        V2V_TRY(v2v_text_to_i64(&stored, text, 0, UINT32_MAX, key, V2V_E_INPUT));
+        V2V_TRY(v2v_text_to_i64(&stored, text, 0, UINT32_MAX, what, V2V_E_INPUT));
         V2V_TRY(v2v_array_check_sum(values, array->count, stored, self->path, name));
     }
 done:

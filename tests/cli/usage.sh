@@ -110,6 +110,8 @@ done
 refuses 2 '--frames FIRST:COUNT' preview v.h5 -o out.png --frames 3
 refuses 2 '--frame and --frames do not go together' preview v.h5 -o out.png --frame 0 --frames 3:1
 refuses 2 '--frame: -1 is outside' preview v.h5 -o out.png --frame=-1
+refuses 2 '--high 1 is not above --low 2' preview v.h5 -o out.png --low 2 --high 1
+refuses 2 '--high 0 is not above --low 0' preview v.h5 -o out.png --high 0
 refuses 2 '--low: ' preview v.h5 -o out.png --low black
 refuses 2 "--kind: 'film' is none of" preview v.h5 -o out.png --kind film
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt

@@ -142,6 +142,31 @@ static void what_is_damaged_is_refused_in_one_line(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+static void a_wrong_checksum_is_told_with_file_and_array(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *sum, *says;
+    } rows[] = {{"5", ": a: is damaged: its CRC-32C is"},
+                {"33)5", ": crc32c.a: '33)5' is not a whole number"}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        struct v2v_arrays *arrays = NULL;
+        char header[256], says[700];
+        float out[2];
+        use("sum.safetensors");
+        snprintf(header, sizeof header,
+                 "{\"__metadata__\":{\"crc32c.a\":\"%s\"},"
+                 "\"a\":{\"dtype\":\"F32\",\"shape\":[2],\"data_offsets\":[0,8]}}",
+                 rows[i].sum);
+        write_file(strlen(header), header, NULL, 8);
+        snprintf(says, sizeof says, "%s%s", path, rows[i].says);
+        assert_ok(v2v_arrays_open(&arrays, path));
+        assert_int_equal(v2v_arrays_read(arrays, out, v2v_arrays_find(arrays, "a")), V2V_E_INPUT);
+        assert_non_null(strstr(v2v_status_message(), says));
+        v2v_arrays_close(&arrays);
+    }
+}
+
 /* Of valid JSON, and all in the file. */
 static void a_header_above_4_mib_is_refused_before_it_is_read(void **state)
 {
@@ -241,6 +266,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_type_of_float_is_read),
         cmocka_unit_test(what_is_damaged_is_refused_in_one_line),
+        cmocka_unit_test(a_wrong_checksum_is_told_with_file_and_array),
         cmocka_unit_test(a_header_above_4_mib_is_refused_before_it_is_read),
         cmocka_unit_test(what_is_no_finite_float_is_listed_but_not_read),
         cmocka_unit_test(hdf5_is_listed_from_the_group_or_the_root),
