@@ -28,8 +28,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SET("skip", "recon.skip", "off|auto|N",
                    "tv: take over from the last whole frame what changed by less than N (auto: "
                    "0.02) of the brightest light, or than noise"),
-    V2V_OPTION_SET("refresh", "recon.refresh", "N",
-                   "with --skip: frames from one whole frame to the next (20)"),
+    V2V_OPTION_REFRESH,
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
     V2V_OPTIONS_PAGES,

@@ -85,8 +85,10 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--branches: the network '%s' makes one volume", ops->name));
     }
     /* where nothing can be skipped, auto is refused as any tolerance is */
-    problem->skip =
-        v2v_volumes_skip(&recon->skip, ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto : 1.0);
+    const double automatic = work->ops->tell != NULL         ? V2V_RECON_SKIP_AUTO
+                             : ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto
+                                                             : 1.0;
+    problem->skip = v2v_volumes_skip(&recon->skip, automatic);
     if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable()) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped where bf16 is emulated");
     }

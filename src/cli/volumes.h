@@ -35,6 +35,10 @@ struct v2v_volumes {
         V2V_OPTION_FRAMES(struct v2v_volumes, frames,                                              \
                           "these of the recording, from 0; fewer where it ends")
 
+#define V2V_OPTION_REFRESH                                                                         \
+    V2V_OPTION_SET("refresh", "recon.refresh", "N",                                                \
+                   "with --skip over time: frames from one whole frame to the next (20)")
+
 #define V2V_OPTION_NEIGHBOURS                                                                      \
     V2V_OPTION_SET("neighbours", "recon.neighbours", "N",                                          \
                    "views averaged with those of N frames on either side where nothing but "       \

@@ -154,9 +154,9 @@ const struct v2v_key v2v_key_table[] = {
 
     WORD(recon, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
-           "light, of the brightest, below which nothing is computed; tv: change of it since the "
-           "last whole frame"),
-    WHOLE(recon, refresh, 1, BILLION, 20, "tv, with skip: frames from one whole frame to the next"),
+           "light, of the brightest, below which nothing is computed; tv, unrolled: change of it "
+           "since the last whole frame"),
+    WHOLE(recon, refresh, 1, BILLION, 20, "with skip over time: from one whole frame to the next"),
     AUTO(recon, strength, 0.0, 1.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),
     WHOLE(recon, neighbours, 0, 1000, 0,

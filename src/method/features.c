@@ -62,6 +62,11 @@ void v2v_features_destroy(struct v2v_features **features)
     }
 }
 
+struct v2v_estimator *v2v_features_tv(const struct v2v_features *features)
+{
+    return features->estimator;
+}
+
 struct v2v_torus v2v_features_torus(const struct v2v_features *features)
 {
     return features->torus;

@@ -26,6 +26,9 @@ enum v2v_status v2v_features_create(struct v2v_features **features,
                                     const struct v2v_problem *problem) V2V_MUST_CHECK;
 void v2v_features_destroy(struct v2v_features **features);
 
+/** Total variation under them, which runs with them: lent. @kind Local. */
+struct v2v_estimator *v2v_features_tv(const struct v2v_features *features);
+
 /** The torus that volumes lie on, the frame at its origin. @kind Local. */
 struct v2v_torus v2v_features_torus(const struct v2v_features *features);
 

@@ -60,8 +60,9 @@ done:
 static enum v2v_status plan(struct unrolled *self, const struct v2v_problem *problem)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_network_spec spec = v2v_learned_spec(problem);
+    struct v2v_network_spec spec = v2v_learned_spec(problem);
     const int64_t height = problem->height, width = problem->width, slices = spec.slices;
+    spec.skip = 0.0; /* over time, not in a volume */
     V2V_TRY(v2v_network_create(&self->network, problem->config->model.method, &spec));
     V2V_TRY(v2v_weights_file_read(self->network->weights, problem->weights, "weights",
                                   &self->network->schema.fields));
@@ -119,16 +120,34 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
 {
     enum v2v_status rc = V2V_OK;
     struct unrolled *self = estimator->self;
+    struct v2v_estimator *tv = v2v_features_tv(self->features);
     struct v2v_tv_noise noise;
     (void)monitor; /* the iterations under it are another method's */
+    tv->frame = estimator->frame;
+    tv->most_iterations = estimator->most_iterations;
     rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
+    estimator->iterations = tv->iterations;
     v2v_correction_run(self->correction, volume[0], self->found);
     if (self->strength < 1.0) {
         weaken(self, volume[0]);
     }
 done:
     return rc;
+}
+
+/* The network has no biases, and tiles of a frame are as good as the frame: what total variation
+ * measures is all that a part has to be told. */
+static void look(struct v2v_estimator *whole, const float *views)
+{
+    struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
+    tv->ops->look(tv, views);
+}
+
+static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
+{
+    struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)window->self)->features);
+    tv->ops->tell(tv, v2v_features_tv(((const struct unrolled *)whole->self)->features));
 }
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
@@ -141,4 +160,6 @@ const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .create = create,
     .destroy = destroy,
     .run = run,
+    .look = look,
+    .tell = tell,
 };

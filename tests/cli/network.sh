@@ -123,6 +123,12 @@ for strength in 0 1; do
         -o "strength-$strength.h5" --set recon.neighbours=0 --strength "$strength"
 done
 same strength-0.h5 tv.h5 /volume
+works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording.h5 -o taken_over.h5 \
+    --set recon.neighbours=0 --strength 1 --skip auto --refresh 2
+grep -q 'computed .* of the frames; the rest changed by' stderr || fail "no word on skipping: $(cat stderr)"
+works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording.h5 -o all.h5 \
+    --set recon.neighbours=0 --strength 1 --skip 0
+same strength-1.h5 all.h5 /volume
 # What the network is made for goes before what is given, and says so where that is something else.
 works weights init --psf psf.h5 --set model.method=unrolled --set recon.neighbours=1 --rule he \
     -o neighbours.h5

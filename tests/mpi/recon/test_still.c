@@ -4,6 +4,10 @@
 #include "small_recording.h"
 
 #include "v2v3d/base/random.h"
+#include "v2v3d/io/weights_file.h"
+#include "v2v3d/method/networks.h"
+#include "v2v3d/method/weights.h"
+#include "v2v3d/nn/rule.h"
 #include "v2v3d/recon/recon.h"
 
 #include <math.h>
@@ -23,6 +27,7 @@ static float frames[FRAMES][SAMPLES], reference[FRAMES * VOXELS];
 static struct v2v_config config;
 static struct v2v_psf_file psf;
 static const struct v2v_estimator_ops *method;
+static char weights[1024]; /* of a method that needs them */
 static double part, left;
 
 static double spot(int64_t y, int64_t x, int64_t at_y, int64_t at_x)
@@ -69,8 +74,12 @@ static enum v2v_status reconstruct(const char *path, double skip, int64_t first,
         .frames = FRAMES, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
     struct v2v_recording *recording =
         small_recording(test_folder(test_world()), &frames[0][0], &recorded);
-    const struct v2v_problem problem = {
-        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH, .skip = skip};
+    const struct v2v_problem problem = {.config = &config,
+                                        .psf = &psf,
+                                        .weights = method->is_learned ? weights : NULL,
+                                        .height = HEIGHT,
+                                        .width = WIDTH,
+                                        .skip = skip};
     const struct v2v_volume_info info = {
         .frames = count, .slices = SLICES, .height = HEIGHT, .width = WIDTH};
     const struct v2v_attribute task = {.name = V2V_VOLUME_TASK, .text = "these frames"};
@@ -227,6 +236,103 @@ static void an_interrupted_run_goes_on_to_the_same_bits(void **state)
     assert_bits(path, 0, FRAMES);
 }
 
+/** A correction by a network that learnt nothing, of which a hundredth is taken. */
+static void use_unrolled(void)
+{
+    struct v2v_network *network = NULL;
+    struct v2v_weights_info info;
+    assert_ok(v2v_estimator_find(&method, "unrolled"));
+    assert_ok(v2v_config_set(&config, "model.method=unrolled"));
+    config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 0.01};
+    const struct v2v_network_spec spec = {.config = &config,
+                                          .psf = &psf,
+                                          .views = VIEWS,
+                                          .slices = SLICES,
+                                          .outputs = V2V_NETWORK_ALL};
+    assert_ok(v2v_network_create(&network, "unrolled", &spec));
+    assert_ok(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HE, 7));
+    assert_ok(v2v_network_describe(&info, &config, VIEWS, SLICES, 0));
+    path_of(weights, "weights.h5");
+    if (v2v_comm_rank(test_world()) == 0) {
+        assert_ok(v2v_weights_file_write(weights, &info, &network->schema.fields,
+                                         (const float *const[V2V_WEIGHTS_GROUPS]){network->weights},
+                                         NULL, NULL));
+    }
+    v2v_par_barrier(test_world());
+    v2v_network_destroy(&network);
+}
+
+static void a_correction_is_computed_where_it_blinks_and_taken_over_elsewhere(void **state)
+{
+    static float first[FRAMES * VOXELS];
+    char path[1024];
+    alone(0.05);
+    memcpy(first, reference, sizeof first);
+    use_unrolled();
+    what_is_still_is_the_key_frames_and_what_blinks_is_followed(state);
+    assert_memory_not_equal(first, reference, sizeof first);
+    path_of(path, "corrected.h5");
+    assert_ok(reconstruct(path, 0.05, 0, FRAMES, test_world()));
+    assert_bits(path, 0, FRAMES);
+}
+
+static struct v2v_estimator *estimator_of(int64_t height)
+{
+    struct v2v_estimator *estimator = NULL;
+    const struct v2v_problem problem = {.config = &config,
+                                        .psf = &psf,
+                                        .weights = method->is_learned ? weights : NULL,
+                                        .height = height,
+                                        .width = WIDTH};
+    assert_ok(v2v_estimator_create(&estimator, method, &problem, NULL));
+    return estimator;
+}
+
+static void run_rows(float *volume, struct v2v_estimator *estimator, int64_t height)
+{
+    static float rows[SAMPLES];
+    for (int64_t i = 0; i < VIEWS * height; i++) {
+        memcpy(rows + i * WIDTH, frames[0] + (i / height * HEIGHT + i % height) * WIDTH,
+               WIDTH * sizeof *rows);
+    }
+    memset(volume, 0, VOXELS * sizeof *volume);
+    assert_ok(method->run(estimator, &volume, rows, NULL));
+}
+
+/* Its own noise and brightness are others: the upper half's. What it is told makes it another
+ * volume, and so does the key frame's number of iterations. */
+static void assert_told(void)
+{
+    static float own[VOXELS], told[VOXELS], fewer[VOXELS];
+    struct v2v_estimator *whole = estimator_of(HEIGHT), *window = estimator_of(HEIGHT / 2);
+    run_rows(own, window, HEIGHT / 2);
+    assert_int_equal(window->iterations, config.deconv.iterations);
+    method->look(whole, frames[0]);
+    method->tell(window, whole);
+    run_rows(told, window, HEIGHT / 2);
+    assert_memory_not_equal(told, own, sizeof own);
+    window->most_iterations = 2;
+    run_rows(fewer, window, HEIGHT / 2);
+    assert_int_equal(window->iterations, 2);
+    assert_memory_not_equal(fewer, told, sizeof told);
+    v2v_estimator_destroy(&window);
+    window = estimator_of(HEIGHT);
+    run_rows(own, whole, HEIGHT);
+    method->tell(window, whole);
+    run_rows(told, window, HEIGHT);
+    assert_memory_equal(told, own, sizeof own);
+    v2v_estimator_destroy(&window);
+    v2v_estimator_destroy(&whole);
+}
+
+static void a_window_is_told_what_is_measured_of_the_frame(void **state)
+{
+    (void)state;
+    assert_told();
+    use_unrolled();
+    assert_told();
+}
+
 static void a_method_without_windows_is_refused(void **state)
 {
     (void)state;
@@ -247,6 +353,8 @@ int main(int argc, char **argv)
         TEST(ranks_change_no_bit),
         TEST(a_range_has_the_bits_of_the_whole),
         TEST(an_interrupted_run_goes_on_to_the_same_bits),
+        TEST(a_correction_is_computed_where_it_blinks_and_taken_over_elsewhere),
+        TEST(a_window_is_told_what_is_measured_of_the_frame),
         TEST(a_method_without_windows_is_refused),
     };
     return test_mpi_main(tests, argc, argv);
