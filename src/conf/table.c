@@ -160,7 +160,7 @@ const struct v2v_key v2v_key_table[] = {
     AUTO(recon, strength, 0.0, 1.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),
     WHOLE(recon, neighbours, 0, 1000, 0,
-          "frames on either side whose views are averaged in where nothing changed"),
+          "frames on either side whose views are averaged in where nothing but brightness changed"),
 
     NAME(deconv, method, "tv", "tv (total variation); Richardson-Lucy: rl, rld or frl"),
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500"),

@@ -333,8 +333,11 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t samples = fusion->views * fusion->height * fusion->width;
-    const int64_t first = v2v_larger(t - fusion->neighbours, -info->before);
-    const int64_t last = v2v_smaller(t + fusion->neighbours, info->frames + info->after - 1);
+    /* at the ends as many frames as in the middle: more on one side */
+    const int64_t others = 2 * fusion->neighbours, end = info->frames + info->after - 1;
+    const int64_t wanted = v2v_larger(t - fusion->neighbours, -info->before);
+    const int64_t last = v2v_smaller(wanted + others, end);
+    const int64_t first = v2v_larger(last - others, -info->before);
     V2V_TRY(v2v_recording_read(recording, views, t));
     v2v_scaling_apply(scaling, views, samples);
     if (first == last) {

@@ -97,7 +97,7 @@ static void expect_of_network(void)
     v2v_model_destroy(&model);
 }
 
-/** Frame t with its neighbours. */
+/** Frame t with its neighbours: at the ends as many as in the middle. */
 static void fuse(float *views, float (*from)[SAMPLES], int64_t t)
 {
     const int64_t neighbours = config.recon.neighbours;
@@ -106,8 +106,11 @@ static void fuse(float *views, float (*from)[SAMPLES], int64_t t)
     if (neighbours > 0) {
         assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH));
         v2v_fusion_begin(fusion, from[t]);
-        for (int64_t u = 0; u < FRAMES; u++) {
-            if (u != t && llabs(u - t) <= neighbours) {
+        const int64_t all = 2 * neighbours + 1 < FRAMES ? 2 * neighbours + 1 : FRAMES;
+        const int64_t middle = t - neighbours > 0 ? t - neighbours : 0;
+        const int64_t first = middle + all <= FRAMES ? middle : FRAMES - all;
+        for (int64_t u = first; u < first + all; u++) {
+            if (u != t) {
                 v2v_fusion_add(fusion, from[t], from[u]);
             }
         }

@@ -482,17 +482,18 @@ static struct v2v_recording *record(int64_t count)
     return small_recording(test_folder(NULL), &frames[0][0], &info);
 }
 
-/* The scaled frames t - neighbours .. t + neighbours, as far as there are any. */
+/* The scaled frames t - neighbours .. t + neighbours, or as many at the recording's ends. */
 static void expect(float *to, int64_t neighbours, int64_t t)
 {
     static float scaled[FRAMES][SAMPLES];
+    const int64_t all = 2 * neighbours + 1 < FRAMES ? 2 * neighbours + 1 : FRAMES;
+    const int64_t middle = t - neighbours > 0 ? t - neighbours : 0;
+    const int64_t first = middle + all <= FRAMES ? middle : FRAMES - all;
     int count = 0;
-    for (int64_t u = t - neighbours; u <= t + neighbours; u++) {
-        if (u >= 0 && u < FRAMES) {
-            float *place = u == t ? scaled[0] : scaled[++count];
-            memcpy(place, frames[u], sizeof scaled[0]);
-            v2v_scaling_apply(&scaling, place, SAMPLES);
-        }
+    for (int64_t u = first; u < first + all; u++) {
+        float *place = u == t ? scaled[0] : scaled[++count];
+        memcpy(place, frames[u], sizeof scaled[0]);
+        v2v_scaling_apply(&scaling, place, SAMPLES);
     }
     fuse(to, scaled, count);
 }
