@@ -259,7 +259,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     case V2V_CONTENT_AUTO:
         V2V_TRY(v2v_convert_weights(session, given->input, given->output));
         break;
-    case V2V_CONTENT_TIFF:
+    case V2V_CONTENT_TIFF: /* became one of the others */
     case V2V_CONTENT_YAML:
     case V2V_CONTENT_RUN:
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: has no other format", given->input));

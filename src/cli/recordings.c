@@ -245,8 +245,7 @@ done:
 }
 
 /* Collective: do the words of the command line fit together, for every recording? */
-static enum v2v_status check_words(const struct names *names, const struct v2v_volumes *given,
-                                   const struct v2v_session *session)
+static enum v2v_status check_words(const struct names *names, const struct v2v_volumes *given)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volumes one = *given;
@@ -254,25 +253,29 @@ static enum v2v_status check_words(const struct names *names, const struct v2v_v
     one.input = names->text;
     for (int64_t i = 0; i < names->count; i++, one.input = next_name(one.output)) {
         one.output = next_name(one.input);
-        V2V_TRY(v2v_volumes_check(&frames, &one, session));
+        V2V_TRY(v2v_volumes_check(&frames, &one));
     }
 done:
     return rc;
 }
 
+/* PSFs, weights, calibration: some may be NULL. */
+enum { OTHERS = 3 };
+
 /* All recordings, and their inodes, by which rank 0 sees at once which outputs are to be looked at
  * more closely: comparing every output with every recording in the file system takes long. */
 struct all {
-    const char **recording;
-    int64_t *inode; /* 0: there is no such file */
+    const char **recording; /* and behind them the inputs that all have in common */
+    int64_t *inode;         /* 0: there is no such file */
     int64_t count;
 };
 
-static enum v2v_status list_all(struct all *all, const struct names *names)
+static enum v2v_status list_all(struct all *all, const struct names *names,
+                                const struct v2v_volumes *given)
 {
     enum v2v_status rc = V2V_OK;
     const char *recording = names->text;
-    V2V_TRY(V2V_ALLOC(all->recording, "cli.recordings", names->count));
+    V2V_TRY(V2V_ALLOC(all->recording, "cli.recordings", names->count + OTHERS));
     V2V_TRY(V2V_ALLOC(all->inode, "cli.recordings", names->count));
     all->count = names->count;
     for (int64_t i = 0; i < names->count; i++, recording = next_name(next_name(recording))) {
@@ -280,6 +283,9 @@ static enum v2v_status list_all(struct all *all, const struct names *names)
         all->recording[i] = recording;
         all->inode[i] = v2v_file_remember(&state, recording) == V2V_OK ? state.inode : 0;
     }
+    all->recording[names->count] = given->psf;
+    all->recording[names->count + 1] = given->weights;
+    all->recording[names->count + 2] = given->calibration;
 done:
     return rc;
 }
@@ -304,15 +310,15 @@ static enum v2v_status check_outputs(const struct names *names, const struct v2v
 {
     enum v2v_status rc = V2V_OK;
     struct all all = {0};
-    V2V_TRY(v2v_par_agree(session->world, list_all(&all, names)));
+    V2V_TRY(v2v_par_agree(session->world, list_all(&all, names, given)));
     for (int64_t i = 0; i < names->count; i++) {
         const char *const own[] = {given->psf, given->weights, given->calibration,
                                    all.recording[i]};
         const char *output = next_name(all.recording[i]);
         const int is_near = may_be_one(&all, output);
-        V2V_TRY(v2v_step_output_or_resume(session, output, is_near ? all.recording : own,
-                                          is_near ? all.count : (int64_t)(sizeof own / sizeof *own),
-                                          given->resume));
+        V2V_TRY(v2v_step_output_or_resume(
+            session, output, is_near ? all.recording : own,
+            is_near ? all.count + OTHERS : (int64_t)(sizeof own / sizeof *own), given->resume));
     }
 done:
     v2v_mem_free(all.recording);
@@ -405,7 +411,7 @@ enum v2v_status v2v_recordings_make(const struct v2v_volumes *given,
     struct tally tally = {0};
     struct v2v_volumes_tools tools = {0};
     V2V_TRY(share_names(&names, given, session));
-    V2V_TRY(check_words(&names, given, session));
+    V2V_TRY(check_words(&names, given));
     const int is_new = is_new_folder(given->output, session); /* in which nothing is */
     if (!is_new) {
         V2V_TRY(check_outputs(&names, given, session));

@@ -36,6 +36,7 @@ struct work {
     unsigned datasets;
     struct v2v_provenance provenance;
     struct v2v_volume_writer *writer;
+    int is_open; /* bool: frames are to be kept */
     struct v2v_volumes_result result;
 };
 
@@ -46,15 +47,10 @@ double v2v_volumes_skip(const struct v2v_number *skip, double automatic)
                                            : skip->value;
 }
 
-enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
-                                  const struct v2v_session *session)
+enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_storage storage;
-    if (given->weights != NULL && v2v_volumes_skip(&session->config.recon.skip, 1.0) > 0.0 &&
-        !session->config.model.winograd) {
-        return V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true");
-    }
     if (given->branches && !v2v_step_is_hdf5_name(given->output)) {
         return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
                         given->output);
@@ -89,7 +85,11 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
                              : ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto
                                                              : 1.0;
     problem->skip = v2v_volumes_skip(&recon->skip, automatic);
-    if (problem->skip > 0.0 && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable()) {
+    const int skips_light = problem->skip > 0.0 && work->ops->skips_light;
+    if (skips_light && !session->config.model.winograd) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true"));
+    }
+    if (skips_light && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable()) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped where bf16 is emulated");
     }
 done:
@@ -400,7 +400,7 @@ static void report_quality(struct work *work, const struct v2v_session *session)
 static void keep_frames(struct work *work, const struct v2v_session *session)
 {
     struct v2v_volume_left left;
-    if (work->writer == NULL) {
+    if (!work->is_open) {
         return;
     }
     v2v_volume_suspend(&work->writer);
@@ -460,7 +460,7 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
     const double began = v2v_clock_now();
     double ready = 0.0;
     int is_complete = 0;
-    V2V_TRY(v2v_volumes_check(&work.frames, given, session));
+    V2V_TRY(v2v_volumes_check(&work.frames, given));
     V2V_TRY(v2v_step_output_or_resume(
         session, given->output,
         (const char *const[]){given->psf, given->weights, given->calibration, given->input}, 4,
@@ -478,6 +478,7 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
     V2V_TRY(
         v2v_recon_create(&work.recon, work.ops, &work.problem, work.info.frames, session->world));
     V2V_TRY(open_output(&work, session));
+    work.is_open = 1;
     work.result.before = count_done(&work);
     v2v_step_announce(session);
     struct v2v_par_time running = v2v_par_time_now();
@@ -487,7 +488,8 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
                           monitor));
     v2v_step_communication(session, &running);
     report_skipped(&work);
-    V2V_TRY(v2v_volume_finish(&work.writer));
+    V2V_TRY(v2v_volume_finish(&work.writer)); /* which keeps frames as well, if it fails */
+    work.is_open = 0;
     work.result.now = work.info.frames - work.result.before;
     work.result.ready_s = tools->seconds + ready - began;
     work.result.frames_s = v2v_clock_now() - ready;

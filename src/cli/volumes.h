@@ -49,8 +49,8 @@ double v2v_volumes_skip(const struct v2v_number *skip, double automatic);
 
 /** Do the words fit together? @param frames FIRST:COUNT; all when it is not given @kind Local.
  *  @return V2V_OK | V2V_E_USAGE */
-enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volumes *given,
-                                  const struct v2v_session *session) V2V_MUST_CHECK;
+enum v2v_status v2v_volumes_check(struct v2v_part *frames,
+                                  const struct v2v_volumes *given) V2V_MUST_CHECK;
 
 /** What every recording needs: read once. */
 struct v2v_volumes_tools {

@@ -50,8 +50,8 @@ static enum v2v_status write_all(struct v2v_write_behind *behind, const unsigned
         if (written < 0 && errno == EINTR) {
             continue;
         }
-        if (written < 0 && errno == EINVAL && to == behind->direct) {
-            close(behind->direct); /* its pages are larger */
+        if (written < 0 && to == behind->direct) {
+            close(behind->direct); /* it can't, or the disk can't, which the other way tells */
             behind->direct = -1;
             continue;
         }

@@ -54,14 +54,19 @@ double v2v_brightness_factor(struct v2v_ratio *scratch, const float *frame, cons
     const int64_t rows = height / SIDE, columns = width / SIDE;
     const double least = least_light * sqrt(2.0) * SIDE * sigma;
     int64_t count = 0;
+#pragma omp parallel for schedule(static)
     for (int64_t k = 0; k < views * rows * columns; k++) {
         const int64_t v = k / (rows * columns), row = k / columns % rows, column = k % columns;
         const int64_t at = (v * height + row * SIDE) * width + column * SIDE;
         const double here = sum_of_piece(frame + at, width);
         const double there = sum_of_piece(neighbour + at, width);
-        if (here + there > least && here + there < INFINITY) {
-            const double ratio = there > 0.0 ? here / there : INFINITY;
-            scratch[count++] = (struct v2v_ratio){(float)ratio, (float)(here + there)};
+        const int is_bright = here + there > least && here + there < INFINITY;
+        scratch[k] = (struct v2v_ratio){(float)(there > 0.0 ? here / there : (double)INFINITY),
+                                        is_bright ? (float)(here + there) : 0.0f};
+    }
+    for (int64_t k = 0; k < views * rows * columns; k++) {
+        if (scratch[k].light > 0.0f) {
+            scratch[count++] = scratch[k];
         }
     }
     if (count < LEAST_PIECES) {

@@ -80,6 +80,14 @@ void v2v_correction_destroy(struct v2v_correction **correction)
     }
 }
 
+void v2v_correction_weights_changed(struct v2v_correction *correction)
+{
+    struct v2v_network *network = correction->network;
+    if (correction->y.tiles * correction->x.tiles > 0) { /* else it is not planned */
+        network->ops->weights_changed(network);
+    }
+}
+
 int64_t v2v_correction_bytes(int64_t slices)
 {
     struct v2v_grid_work work;

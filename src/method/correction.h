@@ -16,6 +16,9 @@ enum v2v_status v2v_correction_create(struct v2v_correction **correction,
                                       int64_t width) V2V_MUST_CHECK;
 void v2v_correction_destroy(struct v2v_correction **correction);
 
+/** Others were put in their place. @kind Local, no allocation. */
+void v2v_correction_weights_changed(struct v2v_correction *correction);
+
 /** Bytes that it and the network's layers take at most, of so many slices. @kind Local. */
 int64_t v2v_correction_bytes(int64_t slices);
 

@@ -9,6 +9,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/method/networks.h"
+#include "v2v3d/tensor/bulk.h"
 
 struct unrolled {
     struct v2v_features *features;
@@ -64,8 +65,10 @@ static enum v2v_status plan(struct unrolled *self, const struct v2v_problem *pro
     const int64_t height = problem->height, width = problem->width, slices = spec.slices;
     spec.skip = 0.0; /* over time, not in a volume */
     V2V_TRY(v2v_network_create(&self->network, problem->config->model.method, &spec));
-    V2V_TRY(v2v_weights_file_read(self->network->weights, problem->weights, "weights",
-                                  &self->network->schema.fields));
+    if (problem->weights != NULL) {
+        V2V_TRY(v2v_weights_file_read(self->network->weights, problem->weights, "weights",
+                                      &self->network->schema.fields));
+    }
     V2V_TRY(v2v_features_create(&self->features, problem));
     V2V_TRY(v2v_correction_create(&self->correction, self->network, height, width));
     const struct v2v_number *strength = &problem->config->recon.strength;
@@ -137,7 +140,7 @@ done:
 }
 
 /* The network has no biases, and tiles of a frame are as good as the frame: what total variation
- * measures is all that a part has to be told. */
+ * measures, and the weights, are all that a part has to be told. */
 static void look(struct v2v_estimator *whole, const float *views)
 {
     struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
@@ -146,8 +149,12 @@ static void look(struct v2v_estimator *whole, const float *views)
 
 static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
 {
-    struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)window->self)->features);
-    tv->ops->tell(tv, v2v_features_tv(((const struct unrolled *)whole->self)->features));
+    const struct unrolled *of_frame = whole->self, *self = window->self;
+    struct v2v_estimator *tv = v2v_features_tv(self->features);
+    tv->ops->tell(tv, v2v_features_tv(of_frame->features));
+    v2v_bulk_copy(self->network->weights, of_frame->network->weights,
+                  self->network->schema.fields.total);
+    v2v_correction_weights_changed(self->correction);
 }
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {

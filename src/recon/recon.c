@@ -33,7 +33,7 @@ struct v2v_recon {
     int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
     int64_t own_rows;                /* .. and what of them is not padding */
     struct v2v_fusion *fusion;       /* with neighbouring frames */
-    struct v2v_fusion *of_key;       /* of key frames: with some at least; NULL: there are none */
+    struct v2v_fusion *of_key;       /* of key frames, with some at least; NULL: as all frames */
     float *recorded;                 /* [v,y,x] as recorded, or fused */
     float *padded;                   /* [v,y,x] what the method takes */
     float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
@@ -226,10 +226,9 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
         if (rc == V2V_OK) {
             rc = take_memory(made, problem->config->recon.neighbours);
         }
-        if (rc == V2V_OK && is_still) {
-            rc = v2v_fusion_create(&made->of_key,
-                                   v2v_larger(problem->config->recon.neighbours, NEIGHBOURS_OF_KEY),
-                                   made->views, made->height, made->width);
+        if (rc == V2V_OK && is_still && problem->config->recon.neighbours < NEIGHBOURS_OF_KEY) {
+            rc = v2v_fusion_create(&made->of_key, NEIGHBOURS_OF_KEY, made->views, made->height,
+                                   made->width);
         }
         rc = v2v_par_agree(made->grid.shard, rc);
         if (rc == V2V_OK && is_still) {
@@ -400,9 +399,10 @@ static enum v2v_status make_key(struct v2v_recon *recon, int64_t t)
     enum v2v_status rc = V2V_OK;
     const int64_t before = v2v_recording_info(recon->recording)->before;
     const int64_t key = t - (t + before) % recon->refresh;
+    struct v2v_fusion *fusion = recon->of_key != NULL ? recon->of_key : recon->fusion;
     if (key != recon->key) {
         recon->key = NO_FRAME;
-        V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, recon->of_key, key)));
+        V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, fusion, key)));
         V2V_TRY(v2v_par_agree(recon->grid.sample, run_frame(recon, key, 1)));
         v2v_still_keep(recon->still, recon->padded, recon->output[0]);
         recon->key = key;

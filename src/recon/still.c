@@ -29,6 +29,9 @@ static const double brightest_share = 0.99;
  * and 0.7 a part that moved lost 0.45, 0.11 and 0.07 dB (tests/bench/README.md). */
 static const double margin_of_border = 0.4;
 
+/* And so many at least, from an even pixel on: a network that pools pixels by two looks so far. */
+enum { LEAST_MARGIN = 8 };
+
 /* A frame of which more is to be computed is computed whole. */
 static const double most_part = 0.8;
 
@@ -67,13 +70,15 @@ static void make_plan(struct v2v_still *still, const struct v2v_problem *problem
     const struct v2v_psf_file *psf = problem->psf;
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
     const int64_t border = torus.height - problem->height;
-    still->plan = (struct v2v_windows_plan){.height = problem->height,
-                                            .width = problem->width,
-                                            .tile = TILE,
-                                            .halo = HALO,
-                                            .margin = (int64_t)(margin_of_border * (double)border),
-                                            .border = border,
-                                            .least = v2v_larger(psf->height, psf->width)};
+    const int64_t margin = (int64_t)(margin_of_border * (double)border);
+    still->plan =
+        (struct v2v_windows_plan){.height = problem->height,
+                                  .width = problem->width,
+                                  .tile = TILE,
+                                  .halo = HALO,
+                                  .margin = v2v_round_up(v2v_larger(margin, LEAST_MARGIN), 2),
+                                  .border = border,
+                                  .least = v2v_larger(psf->height, psf->width)};
     still->tiles = v2v_parts(problem->height, TILE) * v2v_parts(problem->width, TILE);
     still->samples = v2v_mem_product(psf->views, problem->height, problem->width);
 }
@@ -193,6 +198,7 @@ static enum v2v_status make_window(struct v2v_still *still, int64_t height, int6
     v2v_estimator_destroy(&still->window);
     problem.height = height;
     problem.width = width;
+    problem.weights = NULL; /* it will be told */
     V2V_TRY(v2v_estimator_create(&still->window, still->whole->ops, &problem, still->whole->shard));
 done:
     return rc;

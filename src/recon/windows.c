@@ -36,12 +36,14 @@ static struct v2v_part widen(int64_t first, int64_t end, int64_t around, int64_t
     return (struct v2v_part){from, v2v_smaller(end + around, whole) - from};
 }
 
-/* Made longer, to a multiple of the step or the whole side. */
+/* Made longer, to a multiple of the step or to the end, and beginning at an even pixel. */
 static struct v2v_part round_up(const struct v2v_part *part, int64_t whole)
 {
     const int64_t count = v2v_smaller(v2v_round_up(part->count, V2V_WINDOWS_STEP), whole);
-    const int64_t before = (count - part->count) / 2;
-    return (struct v2v_part){v2v_within(part->first - before, 0, whole - count), count};
+    const int64_t before = (count - part->count) / 4 * 2;
+    const int64_t first = v2v_within(part->first - before, 0, whole - count);
+    return first % 2 == 0 ? (struct v2v_part){first, count}
+                          : (struct v2v_part){first - 1, whole - first + 1};
 }
 
 /* Along one axis, tiles first .. end. */

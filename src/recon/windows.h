@@ -23,7 +23,8 @@ struct v2v_windows_plan {
 };
 
 /** Windows that together give all the tiles marked: the box about them, cut in two, and again, as
- *  long as the windows' pixels get fewer. Sides are multiples of V2V_WINDOWS_STEP or the frame's.
+ *  long as the windows' pixels get fewer. Sides begin at even pixels and are multiples of
+ *  V2V_WINDOWS_STEP or end with the frame.
  *  @kind  Local, no allocation @param windows [V2V_WINDOWS_MOST] out
  *  @param changed [tile rows, tile columns] bool @return how many */
 int64_t v2v_windows_cover(struct v2v_window *windows, const uint8_t *changed,

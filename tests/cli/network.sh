@@ -124,7 +124,7 @@ for strength in 0 1; do
 done
 same strength-0.h5 tv.h5 /volume
 works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording.h5 -o taken_over.h5 \
-    --set recon.neighbours=0 --strength 1 --skip auto --refresh 2
+    --set recon.neighbours=0 --strength 1 --skip auto --refresh 2 --set model.winograd=false
 grep -q 'computed .* of the frames; the rest changed by' stderr || fail "no word on skipping: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording.h5 -o all.h5 \
     --set recon.neighbours=0 --strength 1 --skip 0
@@ -186,6 +186,8 @@ fi
 refuses 65 'there is no frame 2: it has 2, from 0' reconstruct --psf psf.h5 --weights w.h5 \
     --input recording.h5 -o out.h5 --frames 2:1
 
+refuses 2 '--skip needs model.winograd: true' reconstruct --psf psf.h5 --weights w.h5 \
+    --input recording.h5 -o out.h5 --skip auto --set model.winograd=false
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o skipped.h5 --skip auto
 grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped tiles: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped.h5 --skip 0

@@ -61,8 +61,6 @@ refuses 2 '--refresh: 0 is outside' "${deconvolve[@]}" --skip auto --refresh 0
 refuses 2 '--frames: ' simulate --frames 0
 refuses 2 '--seed: ' simulate --seed -1
 refuses 2 "--max-time: 'soon' is no duration" train --max-time soon
-refuses 2 '--skip needs model.winograd: true' \
-    reconstruct --psf p --weights w --input r -o out.h5 --skip auto --set model.winograd=false
 refuses 2 '--skip: 1.5 is outside' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip 1.5
 for frames in 3 3: :4 -1:2 0:0 a:b 1:2:3; do

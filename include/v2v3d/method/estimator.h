@@ -35,7 +35,8 @@ enum { V2V_ESTIMATOR_MOST_OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
 struct v2v_problem {
     const struct v2v_config *config;
     const struct v2v_psf_file *psf;
-    const char *weights;          /**< file of the network in config; NULL: the method needs none */
+    const char *weights; /**< file of the network in config; NULL: the method needs none, or has to
+                              be told of them */
     int64_t height, width;        /**< of a frame as recorded */
     int precision;                /**< V2V_PRECISION_F32 or _BF16 */
     double skip;                  /**< tolerance; 0: nothing is left out */
@@ -115,8 +116,9 @@ struct v2v_estimator_ops {
     enum v2v_status (*run)(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor);
     /** What is measured of a frame's views [v,y,x] before its parts are computed by themselves;
-     *  runs of `window`, of a part, shall take it from `whole`, of the frame. Both NULL: parts
-     *  are not computed by themselves. @kind Local, no allocation. */
+     *  runs of `window`, of a part from even pixels on, shall take it, and the weights, from
+     *  `whole`, of the frame. Both NULL: parts are not computed by themselves.
+     *  @kind Local, no allocation. */
     void (*look)(struct v2v_estimator *whole, const float *views);
     void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole);
 };

@@ -10,7 +10,8 @@
 extern "C" {
 #endif
 
-/** Views of a frame, averaged with those of its neighbours where nothing but noise changed. */
+/** Views of a frame, averaged with those of its neighbours where nothing but noise, and brightness
+ *  as a whole, changed. */
 struct v2v_fusion;
 
 /** Floats that v2v_fusion_create takes. @kind Local. */

@@ -40,7 +40,8 @@ static void assert_axis(const struct v2v_part *part, const struct v2v_part *core
 {
     const int64_t end = core->first + core->count;
     assert_true(part->first >= 0 && part->first + part->count <= whole);
-    assert_true(part->count % V2V_WINDOWS_STEP == 0 || part->count == whole);
+    assert_int_equal(part->first % 2, 0);
+    assert_true(part->count % V2V_WINDOWS_STEP == 0 || part->first + part->count == whole);
     assert_true(holds(part, core->first > MARGIN ? core->first - MARGIN : 0,
                       end + MARGIN < whole ? end + MARGIN : whole));
 }
