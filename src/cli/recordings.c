@@ -315,7 +315,7 @@ static enum v2v_status check_outputs(const struct names *names, const struct v2v
         const char *const own[] = {given->psf, given->weights, given->calibration,
                                    all.recording[i]};
         const char *output = next_name(all.recording[i]);
-        const int is_near = may_be_one(&all, output);
+        const int is_near = v2v_step_on_root(session) && may_be_one(&all, output);
         V2V_TRY(v2v_step_output_or_resume(
             session, output, is_near ? all.recording : own,
             is_near ? all.count + OTHERS : (int64_t)(sizeof own / sizeof *own), given->resume));

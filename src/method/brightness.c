@@ -3,7 +3,7 @@
 #include "v2v3d/base/memory.h"
 
 #include <math.h>
-#include <stdlib.h>
+#include <string.h>
 
 enum { SIDE = 8, LEAST_PIECES = 16 };
 
@@ -28,34 +28,48 @@ static double sum_of_piece(const float *from, int64_t width)
     return sum;
 }
 
-static int by_ratio(const void *a, const void *b)
+/* Of the pieces of this ratio at most. */
+static double light_up_to(const struct v2v_ratio *pieces, int64_t count, float ratio)
 {
-    const struct v2v_ratio *left = a, *right = b;
-    return (left->ratio > right->ratio) - (left->ratio < right->ratio);
+    double sum = 0.0;
+    for (int64_t k = 0; k < count; k++) {
+        sum += pieces[k].ratio <= ratio ? (double)pieces[k].light : 0.0;
+    }
+    return sum;
 }
 
-/* Of ratios in their order. */
-static double median_of(const struct v2v_ratio *ratios, int64_t count)
+static float float_of(uint32_t bits)
 {
-    double all = 0.0, below = 0.0;
-    int64_t i = -1;
-    for (int64_t k = 0; k < count; k++) {
-        all += (double)ratios[k].light;
+    float value = 0.0f;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* The least ratio, 0 at least, up to which half of the light lies. From 0 to infinity floats are in
+ * the order of their bits; nothing has to be sorted. */
+static float median_of(const struct v2v_ratio *pieces, int64_t count)
+{
+    const double half = 0.5 * light_up_to(pieces, count, INFINITY);
+    uint32_t low = 0, high = 0x7f800000;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (light_up_to(pieces, count, float_of(middle)) < half) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
     }
-    while (2.0 * below < all) {
-        below += (double)ratios[++i].light;
-    }
-    return (double)ratios[i].ratio;
+    return float_of(low);
 }
 
 double v2v_brightness_factor(struct v2v_ratio *scratch, const float *frame, const float *neighbour,
                              int64_t views, int64_t height, int64_t width, double sigma)
 {
-    const int64_t rows = height / SIDE, columns = width / SIDE;
+    const int64_t rows = height / SIDE, columns = width / SIDE, pieces = views * rows * columns;
     const double least = least_light * sqrt(2.0) * SIDE * sigma;
-    int64_t count = 0;
-#pragma omp parallel for schedule(static)
-    for (int64_t k = 0; k < views * rows * columns; k++) {
+    int64_t bright = 0;
+#pragma omp parallel for schedule(static) reduction(+ : bright)
+    for (int64_t k = 0; k < pieces; k++) {
         const int64_t v = k / (rows * columns), row = k / columns % rows, column = k % columns;
         const int64_t at = (v * height + row * SIDE) * width + column * SIDE;
         const double here = sum_of_piece(frame + at, width);
@@ -63,16 +77,11 @@ double v2v_brightness_factor(struct v2v_ratio *scratch, const float *frame, cons
         const int is_bright = here + there > least && here + there < INFINITY;
         scratch[k] = (struct v2v_ratio){(float)(there > 0.0 ? here / there : (double)INFINITY),
                                         is_bright ? (float)(here + there) : 0.0f};
+        bright += is_bright;
     }
-    for (int64_t k = 0; k < views * rows * columns; k++) {
-        if (scratch[k].light > 0.0f) {
-            scratch[count++] = scratch[k];
-        }
-    }
-    if (count < LEAST_PIECES) {
+    if (bright < LEAST_PIECES) {
         return 1.0;
     }
-    qsort(scratch, (size_t)count, sizeof *scratch, by_ratio);
-    const double factor = median_of(scratch, count);
+    const double factor = (double)median_of(scratch, pieces);
     return factor <= most && factor >= 1.0 / most ? factor : 1.0;
 }
