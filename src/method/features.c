@@ -91,20 +91,38 @@ void v2v_features_cut(const struct v2v_features *features, float *out, const flo
     cut(features, out, volume, features->slices);
 }
 
-/* image = y - image in the frame, 0 beyond it. */
+/* volume = `of` without the light that the views are without. */
+static void leave_out(const struct v2v_features *self, float *volume, const float *of,
+                      const float *light)
+{
+    const int64_t voxels = self->slices * self->torus.height * self->torus.width;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < voxels; i++) {
+        volume[i] = of[i] - light[i];
+    }
+}
+
+/* image = y - image where views are known, 0 elsewhere. */
 static void miss(const struct v2v_features *self, const float *views)
 {
     const struct v2v_torus *torus = &self->torus;
+    const struct v2v_surroundings *around = self->estimator->around;
+    const struct v2v_part rows = around != NULL ? around->rows : (struct v2v_part){0, self->height};
+    const struct v2v_part columns =
+        around != NULL ? around->columns : (struct v2v_part){0, self->width};
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < self->views; v++) {
         for (int64_t y = 0; y < torus->height; y++) {
-            const int64_t inside = y < self->height ? self->width : 0;
+            const int is_known = y >= rows.first && y < rows.first + rows.count;
+            const int64_t first = is_known ? columns.first : torus->width;
+            const int64_t end = is_known ? first + columns.count : torus->width;
             const float *recorded = views + (v * self->height + y) * self->width;
             float *row = self->image + (v * torus->height + y) * torus->width;
-            for (int64_t x = 0; x < inside; x++) {
+            memset(row, 0, (size_t)first * sizeof *row);
+            for (int64_t x = first; x < end; x++) {
                 row[x] = recorded[x] - row[x];
             }
-            memset(row + inside, 0, (size_t)(torus->width - inside) * sizeof *row);
+            memset(row + end, 0, (size_t)(torus->width - end) * sizeof *row);
         }
     }
 }
@@ -116,6 +134,10 @@ void v2v_features_of_volume(struct v2v_features *features, float *out, const flo
     const int64_t voxels = self->slices * self->height * self->width;
     const int64_t whole = self->slices * self->torus.height * self->torus.width;
     cut(self, out, volume, self->slices);
+    if (self->estimator->around != NULL) {
+        leave_out(self, self->volume, volume, self->estimator->around->light);
+        volume = self->volume;
+    }
     v2v_data_step_project(self->step, self->image, volume); /* which may be self->volume */
     miss(self, views);
     v2v_data_step_begin_torus(self->step, self->image);

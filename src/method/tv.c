@@ -75,7 +75,7 @@ struct tv {
     int is_told;        /* bool: `level` is that of a larger frame, for all runs */
     struct level level; /* of the last run, or of all */
     float *cut;         /* [slices,rows,width]: the frame's rows of the volume */
-    float *scratch;     /* [v,height,width] */
+    float *scratch;     /* [v,height,width] or [v,rows of the torus, its width] */
     double *of_row;     /* [2 * torus height] */
 };
 
@@ -108,12 +108,19 @@ static enum v2v_split split_of(const struct v2v_config *config)
                                                                  : V2V_SPLIT_SLABS;
 }
 
+struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem)
+{
+    const int64_t height = problem->height, width = problem->width;
+    const struct v2v_torus own = {height, width, {0, height}};
+    return problem->is_part ? own : v2v_data_step_torus_of(problem->psf, height, width);
+}
+
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
 {
     enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 2 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
-    const struct v2v_torus torus = v2v_data_step_torus_of(psf, height, width);
+    const struct v2v_torus torus = v2v_tv_torus_of(problem);
     const int64_t volumes = v2v_mem_product(VOLUMES * psf->slices, height, width);
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width) +
@@ -162,7 +169,8 @@ static enum v2v_status take_memory(struct tv *self)
     V2V_TRY(V2V_ALLOC(self->cut, "tv.cut",
                       v2v_mem_product(self->slices, self->rows.count, self->width)));
     V2V_TRY(V2V_ALLOC(self->scratch, "tv.noise",
-                      v2v_mem_product(self->views, self->height, self->width)));
+                      v2v_mem_product(self->views, v2v_larger(self->height, self->torus.rows.count),
+                                      self->torus.width)));
     V2V_TRY(V2V_ALLOC(self->of_row, "tv.change", 2 * self->torus.height));
     if (self->model != V2V_NOISE_MODEL_GAUSSIAN) {
         V2V_TRY(v2v_data_step_take_weights(self->step));
@@ -191,7 +199,8 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .model = config->deconv.noise,
                         .camera = v2v_camera_of(config),
                         .light = v2v_psf_light(problem->psf)};
-    V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width,
+    const struct v2v_torus torus = v2v_tv_torus_of(problem);
+    V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width, &torus,
                                  split_of(config), self->comm));
     self->torus = v2v_data_step_torus(self->step);
     V2V_TRY(v2v_par_agree(self->comm, take_memory(self)));
@@ -413,6 +422,30 @@ done:
     return rc;
 }
 
+/** The views, and what of them the light around gives. Collective(comm). */
+static void begin(struct v2v_estimator *estimator, const float *views)
+{
+    struct tv *self = estimator->self;
+    const struct v2v_surroundings *around = estimator->around;
+    const struct v2v_part *rows = &self->torus.rows;
+    const double scale = 1.0 / self->level.sigma;
+    const int64_t of_slice = rows->count * self->width;
+    v2v_data_step_begin(self->step, views, scale);
+    if (around != NULL) {
+        v2v_data_step_know(self->step, &around->rows, &around->columns);
+#pragma omp parallel for schedule(static)
+        for (int64_t z = 0; z < self->slices; z++) {
+            const float *from = around->light + (z * self->height + rows->first) * self->width;
+            float *to = self->planes.next + z * of_slice;
+            for (int64_t i = 0; i < of_slice; i++) {
+                to[i] = (float)(scale * from[i]);
+            }
+        }
+        v2v_data_step_add(self->step, self->planes.next);
+    }
+    v2v_tv_planes_clear(&self->planes);
+}
+
 static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor)
 {
@@ -425,7 +458,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     const struct level *level = &self->level;
     v2v_tv_planes_clear(&self->planes);
     if (level->sigma > 0.0) { /* else a dark frame, which is a dark volume */
-        v2v_data_step_begin(self->step, views, 1.0 / level->sigma);
+        begin(estimator, views);
         if (level->gain > 0.0) {
             v2v_data_step_weigh(self->step, level->gain, level->floor);
         }
@@ -435,6 +468,15 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     v2v_slicing_to_slices(self->slicing, volume[0], self->cut);
 done:
     return rc;
+}
+
+static void plane(struct v2v_estimator *whole, float *volume, float *views)
+{
+    struct tv *self = whole->self;
+    v2v_tv_torus_volume(whole, self->planes.next);
+    v2v_data_step_project(self->step, self->scratch, self->planes.next);
+    v2v_data_step_gather(self->step, volume, self->planes.next, self->slices);
+    v2v_data_step_gather(self->step, views, self->scratch, self->views);
 }
 
 static void look_at_frame(struct v2v_estimator *whole, const float *views)
@@ -462,4 +504,5 @@ const struct v2v_estimator_ops v2v_estimator_tv = {
     .run = run,
     .look = look_at_frame,
     .tell = tell,
+    .plane = plane,
 };

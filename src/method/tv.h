@@ -7,6 +7,9 @@
 
 extern const struct v2v_estimator_ops v2v_estimator_tv;
 
+/** Where its volumes lie: the frame and a border, or a part that has none. @kind Local. */
+struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
+
 /** Weight of the runs from here on. @kind Local. */
 void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
 

@@ -46,7 +46,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = problem->psf;
-    const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
+    const struct v2v_torus torus = v2v_tv_torus_of(problem);
     const int64_t torus_pixels = v2v_mem_product(torus.height, torus.width, 1);
     const int64_t floats =
         v2v_mem_product(psf->slices + psf->views, torus_pixels, 1) +
@@ -128,6 +128,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     (void)monitor; /* the iterations under it are another method's */
     tv->frame = estimator->frame;
     tv->most_iterations = estimator->most_iterations;
+    tv->around = estimator->around;
     rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     estimator->iterations = tv->iterations;
@@ -157,6 +158,12 @@ static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole
     v2v_correction_weights_changed(self->correction);
 }
 
+static void plane(struct v2v_estimator *whole, float *volume, float *views)
+{
+    struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
+    tv->ops->plane(tv, volume, views);
+}
+
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",
     .meaning = "total variation, corrected by a trained network",
@@ -169,4 +176,5 @@ const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .run = run,
     .look = look,
     .tell = tell,
+    .plane = plane,
 };

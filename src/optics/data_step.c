@@ -15,7 +15,8 @@ struct v2v_data_step {
     int64_t views, slices;
     int64_t height, width; /* of a frame */
     struct v2v_torus torus;
-    double tau;        /* of the factors; 0: none yet */
+    struct v2v_part known_rows, known_columns; /* of the torus */
+    double tau;                                /* of the factors; 0: none yet */
     float *factor;     /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
     float *recorded;   /* [v,rows,torus width]: y */
     float *spectra;    /* [block,v,2,V2V_BLOCK]: of y */
@@ -122,12 +123,13 @@ done:
 }
 
 enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v2v_psf_file *psf,
-                                     int64_t height, int64_t width, enum v2v_split split,
-                                     const struct v2v_comm *comm)
+                                     int64_t height, int64_t width, const struct v2v_torus *torus,
+                                     enum v2v_split split, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_data_step *made = NULL;
     V2V_ASSERT(split == V2V_SPLIT_SLABS || split == V2V_SPLIT_SLABS_FFTW3_MPI);
+    V2V_ASSERT(torus->height >= height && torus->width >= width);
     *step = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(made, "data_step", 1)));
     *made = (struct v2v_data_step){.comm = comm,
@@ -135,7 +137,9 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
                                    .slices = psf->slices,
                                    .height = height,
                                    .width = width,
-                                   .torus = v2v_data_step_torus_of(psf, height, width)};
+                                   .torus = *torus,
+                                   .known_rows = {0, height},
+                                   .known_columns = {0, width}};
     V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, made->torus.height,
                                         made->torus.width, V2V_BEYOND_PERIODIC, split, comm));
     made->torus.rows = v2v_projector_share(made->projector).rows;
@@ -260,6 +264,30 @@ void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views)
     transform_views(step);
 }
 
+void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float *rows,
+                          int64_t count)
+{
+    v2v_projector_gather_views(step->projector, whole, rows, count);
+}
+
+void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
+                        const struct v2v_part *columns)
+{
+    step->known_rows = *rows;
+    step->known_columns = *columns;
+}
+
+void v2v_data_step_add(struct v2v_data_step *step, const float *volume)
+{
+    const int64_t samples = samples_of(step);
+    v2v_data_step_project(step, step->missed, volume);
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < samples; i++) {
+        step->recorded[i] += step->missed[i];
+    }
+    transform_views(step);
+}
+
 void v2v_data_step_project(struct v2v_data_step *step, float *views, const float *volume)
 {
     v2v_projector_forward(step->projector, views, volume, NULL, step->views, 1.0f);
@@ -331,26 +359,31 @@ void v2v_data_step_run(struct v2v_data_step *step, float *volume)
                           projector->slice_spectra, layout->slice_stride, step->slices);
 }
 
-/* A row of the residual: its squares over the frame, and y beyond it. */
-static double take_row(float *recorded, const float *missed, int64_t inside, int64_t whole)
+/* Samples that aren't known follow the volume. */
+static void follow(float *recorded, const float *missed, int64_t first, int64_t end)
+{
+    for (int64_t x = first; x < end; x++) {
+        recorded[x] -= missed[x];
+    }
+}
+
+/* Squares of the samples that are known, first .. end of a row. */
+static double squares_of(const float *missed, int64_t first, int64_t end)
 {
     double squares = 0.0;
-    for (int64_t x = 0; x < inside; x++) {
+    for (int64_t x = first; x < end; x++) {
         squares += (double)missed[x] * (double)missed[x];
-    }
-    for (int64_t x = inside; x < whole; x++) {
-        recorded[x] -= missed[x];
     }
     return squares;
 }
 
-/* Likewise, with weights over the frame. */
-static double weigh_row(const struct v2v_data_step *step, int64_t at, int64_t inside)
+/* Likewise with weights, which make other samples of them. */
+static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first, int64_t end)
 {
     float *recorded = step->recorded + at, *split = step->split + at;
     const float *kept = step->kept + at, *missed = step->missed + at;
     double squares = 0.0;
-    for (int64_t x = 0; x < inside; x++) {
+    for (int64_t x = first; x < end; x++) {
         const float projected = recorded[x] - missed[x];
         const float weight = 1.0f / (step->gain * fmaxf(projected, 0.0f) + step->floor);
         const float moved = projected + split[x];
@@ -360,10 +393,19 @@ static double weigh_row(const struct v2v_data_step *step, int64_t at, int64_t in
         split[x] = moved - between;
         recorded[x] = between - split[x];
     }
-    for (int64_t x = inside; x < step->torus.width; x++) {
-        recorded[x] -= missed[x];
-    }
     return squares;
+}
+
+/* A row of the residual of one view, which begins at `at`. @return squares of what is known */
+static double take_row(const struct v2v_data_step *step, int64_t at, int is_known)
+{
+    const int64_t width = step->torus.width;
+    const int64_t first = is_known ? step->known_columns.first : width;
+    const int64_t end = is_known ? first + step->known_columns.count : width;
+    follow(step->recorded + at, step->missed + at, 0, first);
+    follow(step->recorded + at, step->missed + at, end, width);
+    return step->gain > 0.0f ? weigh(step, at, first, end)
+                             : squares_of(step->missed + at, first, end);
 }
 
 double v2v_data_step_extend(struct v2v_data_step *step)
@@ -378,13 +420,11 @@ double v2v_data_step_extend(struct v2v_data_step *step)
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < torus->rows.count; y++) {
         const int64_t whole = torus->rows.first + y;
+        const int is_known = whole >= step->known_rows.first &&
+                             whole < step->known_rows.first + step->known_rows.count;
         for (int64_t v = 0; v < step->views; v++) {
-            const int64_t at = (v * torus->rows.count + y) * torus->width;
-            const int64_t inside = whole < step->height ? step->width : 0;
             step->of_row[whole] +=
-                step->gain > 0.0f
-                    ? weigh_row(step, at, inside)
-                    : take_row(step->recorded + at, step->missed + at, inside, torus->width);
+                take_row(step, (v * torus->rows.count + y) * torus->width, is_known);
         }
     }
     transform_views(step);

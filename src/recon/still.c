@@ -25,12 +25,10 @@ static const double noise_deviations = 4.5;
 /* Brightest: a hundredth of the tiles is brighter still, so that a hot pixel is not the measure. */
 static const double brightest_share = 0.99;
 
-/* Pixels of a window around what it gives: one of two edges over which light comes. With 0.2, 0.4
- * and 0.7 a part that moved lost 0.45, 0.11 and 0.07 dB (tests/bench/README.md). */
-static const double margin_of_border = 0.4;
-
-/* And so many at least, from an even pixel on: a network that pools pixels by two looks so far. */
-enum { LEAST_MARGIN = 8 };
+/* Pixels of a window around what it gives, for light and differences across its edges are the key
+ * frame's, and a network that pools pixels by two looks so far. 4 and 16 change a volume by 0.01 dB
+ * (tests/bench/README.md). */
+enum { MARGIN = 8 };
 
 /* A frame of which more is to be computed is computed whole. */
 static const double most_part = 0.8;
@@ -47,9 +45,12 @@ struct v2v_still {
     double left;        /* the largest change left out, of the brightest light */
     float *key_views;   /* [v,y,x] */
     float *key;         /* [slices,y,x] */
+    float *light;       /* [all slices,torus]: of the key frame .. */
+    float *seen;        /* [v,torus]: .. and what views it gives */
     float *views;       /* [v,y,x]: the change, then those of a window */
     float *volume;      /* [slices,y,x] of a window */
-    float *light;       /* [2,tile rows,tile columns]: gained and lost */
+    float *around;      /* [all slices,y,x] of a window: light of the key frame */
+    float *change;      /* [2,tile rows,tile columns]: light gained and lost */
     uint8_t *changed;   /* [tile rows,tile columns] */
 };
 
@@ -69,16 +70,14 @@ static void make_plan(struct v2v_still *still, const struct v2v_problem *problem
 {
     const struct v2v_psf_file *psf = problem->psf;
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
-    const int64_t border = torus.height - problem->height;
-    const int64_t margin = (int64_t)(margin_of_border * (double)border);
-    still->plan =
-        (struct v2v_windows_plan){.height = problem->height,
-                                  .width = problem->width,
-                                  .tile = TILE,
-                                  .halo = HALO,
-                                  .margin = v2v_round_up(v2v_larger(margin, LEAST_MARGIN), 2),
-                                  .border = border,
-                                  .least = v2v_larger(psf->height, psf->width)};
+    still->plan = (struct v2v_windows_plan){.height = problem->height,
+                                            .width = problem->width,
+                                            .torus_height = torus.height,
+                                            .torus_width = torus.width,
+                                            .tile = TILE,
+                                            .halo = HALO,
+                                            .margin = MARGIN,
+                                            .least = v2v_larger(psf->height, psf->width)};
     still->tiles = v2v_parts(problem->height, TILE) * v2v_parts(problem->width, TILE);
     still->samples = v2v_mem_product(psf->views, problem->height, problem->width);
 }
@@ -87,16 +86,21 @@ static enum v2v_status take_memory(struct v2v_still *still)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_problem *problem = &still->problem;
-    const int64_t voxels =
-        v2v_mem_product(still->whole->slices.count, problem->height, problem->width);
+    const int64_t pixels = v2v_mem_product(still->plan.torus_height, still->plan.torus_width, 1);
+    const int64_t slices = problem->psf->slices, own = still->whole->slices.count;
     struct v2v_shifts shifts = {0};
     V2V_TRY(v2v_shifts_from_psf(&shifts, problem->psf));
     V2V_TRY(v2v_carve_create(&still->carve, &shifts, problem->height, problem->width));
     V2V_TRY(V2V_ALLOC(still->key_views, "still.views", still->samples));
-    V2V_TRY(V2V_ALLOC(still->views, "still.views", still->samples));
-    V2V_TRY(V2V_ALLOC(still->key, "still.volume", voxels));
-    V2V_TRY(V2V_ALLOC(still->volume, "still.volume", voxels));
-    V2V_TRY(V2V_ALLOC(still->light, "still.tiles", 2 * still->tiles));
+    V2V_TRY(V2V_ALLOC(still->seen, "still.views", v2v_mem_product(problem->psf->views, pixels, 1)));
+    V2V_TRY(
+        V2V_ALLOC(still->views, "still.views", v2v_mem_product(problem->psf->views, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->key, "still.volume",
+                      v2v_mem_product(own, problem->height, problem->width)));
+    V2V_TRY(V2V_ALLOC(still->volume, "still.volume", v2v_mem_product(own, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->light, "still.light", v2v_mem_product(slices, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->around, "still.light", v2v_mem_product(slices, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->change, "still.tiles", 2 * still->tiles));
     V2V_TRY(V2V_ALLOC(still->changed, "still.tiles", still->tiles));
 done:
     v2v_shifts_fini(&shifts);
@@ -135,6 +139,9 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_mem_free(old->key);
         v2v_mem_free(old->volume);
         v2v_mem_free(old->light);
+        v2v_mem_free(old->seen);
+        v2v_mem_free(old->around);
+        v2v_mem_free(old->change);
         v2v_mem_free(old->changed);
         v2v_mem_free(old);
     }
@@ -150,9 +157,10 @@ void v2v_still_keep(struct v2v_still *still, const float *views, const float *vo
     const int64_t bright = (int64_t)(brightest_share * (double)(still->tiles - 1));
     memcpy(still->key_views, views, (size_t)still->samples * sizeof *views);
     memcpy(still->key, volume, (size_t)voxels_of(still) * sizeof *volume);
-    (void)v2v_carve_light(still->carve, still->light, views);
+    still->whole->ops->plane(still->whole, still->light, still->seen);
+    (void)v2v_carve_light(still->carve, still->change, views);
     still->iterations = still->whole->iterations;
-    still->brightest = fmax(0.0, (double)v2v_select(still->light, still->tiles, bright));
+    still->brightest = fmax(0.0, (double)v2v_select(still->change, still->tiles, bright));
 }
 
 /* ---- what changed ---- */
@@ -169,7 +177,7 @@ static void subtract(struct v2v_still *still, const float *from, const float *wh
 static void find_changed(struct v2v_still *still, const float *views)
 {
     const int64_t tiles = still->tiles;
-    float *gained = still->light, *lost = still->light + tiles;
+    float *gained = still->change, *lost = still->change + tiles;
     subtract(still, views, still->key_views);
     const double noise = v2v_carve_gain(still->carve, gained, still->views);
     subtract(still, still->key_views, views);
@@ -198,26 +206,52 @@ static enum v2v_status make_window(struct v2v_still *still, int64_t height, int6
     v2v_estimator_destroy(&still->window);
     problem.height = height;
     problem.width = width;
+    problem.is_part = 1;
     problem.weights = NULL; /* it will be told */
     V2V_TRY(v2v_estimator_create(&still->window, still->whole->ops, &problem, still->whole->shard));
 done:
     return rc;
 }
 
-/* Of planes, each [height,width], `data` a pixel of the first. */
-struct image {
-    const float *data;
-    int64_t height, width;
-};
-
-static void copy_rows(float *to, int64_t height, int64_t width, const struct image *from,
-                      int64_t planes, int64_t rows, int64_t columns)
+/** Local: the views in a window without those that the key frame's light gives, 0 beyond the frame.
+ *  What the light in the window gives of them the method adds, on a torus as large as the window,
+ *  so that light across its edges is the key frame's. */
+static void take_views(struct v2v_still *still, const float *views, const struct v2v_window *window,
+                       const struct v2v_surroundings *around)
 {
+    const int64_t torus_height = still->plan.torus_height, torus_width = still->plan.torus_width;
+    const int64_t height = still->plan.height, width = still->plan.width;
+    const int64_t rows = window->rows.count, columns = window->columns.count;
+    const struct v2v_part *known = &around->columns;
 #pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < planes * rows; i++) {
-        const int64_t plane = i / rows, y = i % rows;
-        memcpy(to + (plane * height + y) * width,
-               from->data + (plane * from->height + y) * from->width, (size_t)columns * sizeof *to);
+    for (int64_t i = 0; i < still->problem.psf->views * rows; i++) {
+        const int64_t v = i / rows, y = i % rows + window->rows.first;
+        const int64_t x = window->columns.first + known->first;
+        float *to = still->views + i * columns;
+        memset(to, 0, (size_t)columns * sizeof *to);
+        if (y >= 0 && y < height) {
+            const float *from = views + (v * height + y) * width + x;
+            const float *seen = still->seen + (v * torus_height + y) * torus_width + x;
+            for (int64_t k = 0; k < known->count; k++) {
+                to[known->first + k] = from[k] - seen[k];
+            }
+        }
+    }
+}
+
+/** Local: what a window gives, to its place. */
+static void put(const struct v2v_still *still, float *volume, const struct v2v_window *window)
+{
+    const struct v2v_part *rows = &window->core_rows, *columns = &window->core_columns;
+    const int64_t top = rows->first - window->rows.first;
+    const int64_t left = columns->first - window->columns.first;
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < still->whole->slices.count * rows->count; i++) {
+        const int64_t z = i / rows->count, y = i % rows->count;
+        memcpy(volume + (z * still->plan.height + rows->first + y) * still->plan.width +
+                   columns->first,
+               still->volume + (z * window->rows.count + top + y) * window->columns.count + left,
+               (size_t)columns->count * sizeof *volume);
     }
 }
 
@@ -226,22 +260,20 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
                             const struct v2v_window *window)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t height = still->plan.height, width = still->plan.width;
-    const struct v2v_part *rows = &window->rows, *columns = &window->columns;
-    const struct v2v_part *core_rows = &window->core_rows, *core_columns = &window->core_columns;
-    const struct image of_frame = {views + rows->first * width + columns->first, height, width};
-    V2V_TRY(make_window(still, rows->count, columns->count));
-    copy_rows(still->views, rows->count, columns->count, &of_frame, still->problem.psf->views,
-              rows->count, columns->count);
+    const struct v2v_surroundings around = {
+        still->around, v2v_windows_in_frame(&window->rows, still->plan.height),
+        v2v_windows_in_frame(&window->columns, still->plan.width)};
+    V2V_TRY(make_window(still, window->rows.count, window->columns.count));
+    v2v_windows_cut(still->around, still->light, still->problem.psf->slices, window, &still->plan);
+    take_views(still, views, window, &around);
     still->window->frame = still->whole->frame;
     still->window->most_iterations = still->iterations;
+    still->window->around = &around;
     still->window->ops->tell(still->window, still->whole);
-    V2V_TRY(still->window->ops->run(still->window, &still->volume, still->views, NULL));
-    const int64_t top = core_rows->first - rows->first, left = core_columns->first - columns->first;
-    const struct image of_window = {still->volume + top * columns->count + left, rows->count,
-                                    columns->count};
-    copy_rows(volume + core_rows->first * width + core_columns->first, height, width, &of_window,
-              still->whole->slices.count, core_rows->count, core_columns->count);
+    rc = still->window->ops->run(still->window, &still->volume, still->views, NULL);
+    still->window->around = NULL;
+    V2V_TRY(rc);
+    put(still, volume, window);
 done:
     return rc;
 }

@@ -23,7 +23,8 @@ enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator 
                                  const struct v2v_problem *problem) V2V_MUST_CHECK;
 void v2v_still_destroy(struct v2v_still **still);
 
-/** A key frame: its views [v,y,x] and its volume [slices,y,x]. @kind Local, no allocation. */
+/** A key frame: its views [v,y,x] and its volume [slices,y,x], of the last run of `whole`.
+ *  @kind Collective(shard), no allocation. */
 void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume);
 
 /** The volume of a frame after a key frame. @kind Collective(shard); a window of a size unlike the

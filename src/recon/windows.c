@@ -1,6 +1,9 @@
 #include "recon/windows.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/fft/fft2.h"
+
+#include <string.h>
 
 /* Tiles, the last row and column not included. */
 struct box {
@@ -36,43 +39,41 @@ static struct v2v_part widen(int64_t first, int64_t end, int64_t around, int64_t
     return (struct v2v_part){from, v2v_smaller(end + around, whole) - from};
 }
 
-/* Made longer, to a multiple of the step or to the end, and beginning at an even pixel. */
-static struct v2v_part round_up(const struct v2v_part *part, int64_t whole)
+/* The core and the margin about it, made longer to a good size, or the whole torus. */
+static struct v2v_part surround(const struct v2v_part *core, int64_t whole, int64_t torus,
+                                const struct v2v_windows_plan *plan)
 {
-    const int64_t count = v2v_smaller(v2v_round_up(part->count, V2V_WINDOWS_STEP), whole);
-    const int64_t before = (count - part->count) / 4 * 2;
-    const int64_t first = v2v_within(part->first - before, 0, whole - count);
-    return first % 2 == 0 ? (struct v2v_part){first, count}
-                          : (struct v2v_part){first - 1, whole - first + 1};
-}
-
-/* Along one axis, tiles first .. end. */
-static void cut_axis(struct v2v_part *pixels, struct v2v_part *core, int64_t first, int64_t end,
-                     int64_t whole, const struct v2v_windows_plan *plan)
-{
-    *core = widen(first * plan->tile, end * plan->tile, plan->halo, whole);
-    *pixels = widen(core->first, core->first + core->count, plan->margin, whole);
-    *pixels = round_up(pixels, whole);
+    const int64_t wanted = v2v_larger(core->count + 2 * plan->margin, plan->least);
+    const int64_t count = v2v_fft_good_size(v2v_round_up(wanted, V2V_WINDOWS_STEP));
+    const int64_t earliest = whole - torus, latest = torus - count;
+    if (latest <= 0) {
+        return (struct v2v_part){0, torus};
+    }
+    const int64_t first = v2v_within(core->first - (count - core->count) / 2, earliest, latest);
+    const int64_t odd = first % 2 != 0;
+    return (struct v2v_part){first > earliest ? first - odd : first + odd, count};
 }
 
 static struct v2v_window window_of(const struct box *box, const struct v2v_windows_plan *plan)
 {
     struct v2v_window window;
-    cut_axis(&window.rows, &window.core_rows, box->top, box->bottom, plan->height, plan);
-    cut_axis(&window.columns, &window.core_columns, box->left, box->right, plan->width, plan);
+    const int64_t tile = plan->tile;
+    window.core_rows = widen(box->top * tile, box->bottom * tile, plan->halo, plan->height);
+    window.core_columns = widen(box->left * tile, box->right * tile, plan->halo, plan->width);
+    window.rows = surround(&window.core_rows, plan->height, plan->torus_height, plan);
+    window.columns = surround(&window.core_columns, plan->width, plan->torus_width, plan);
     return window;
 }
 
-static int64_t pixels_of(int64_t height, int64_t width, const struct v2v_windows_plan *plan)
+static int64_t pixels_of(const struct v2v_window *window)
 {
-    return v2v_larger(height + plan->border, plan->least) *
-           v2v_larger(width + plan->border, plan->least);
+    return window->rows.count * window->columns.count;
 }
 
 static int64_t cost_of(const struct box *box, const struct v2v_windows_plan *plan)
 {
     const struct v2v_window window = window_of(box, plan);
-    return pixels_of(window.rows.count, window.columns.count, plan);
+    return pixels_of(&window);
 }
 
 /* The cut of a box along one axis that leaves the least to compute. @return bool: less than
@@ -128,12 +129,41 @@ int64_t v2v_windows_cover(struct v2v_window *windows, const uint8_t *changed,
     return count;
 }
 
+struct v2v_part v2v_windows_in_frame(const struct v2v_part *part, int64_t whole)
+{
+    const int64_t first = v2v_larger(part->first, 0);
+    return (struct v2v_part){first - part->first,
+                             v2v_smaller(part->first + part->count, whole) - first};
+}
+
+/* A row of a window from one of the torus, whose last columns are those before its first. */
+static void cut_row(float *to, const float *row, const struct v2v_part *columns, int64_t width)
+{
+    const int64_t before = v2v_larger(-columns->first, 0);
+    memcpy(to, row + width - before, (size_t)before * sizeof *to);
+    memcpy(to + before, row + columns->first + before,
+           (size_t)(columns->count - before) * sizeof *to);
+}
+
+void v2v_windows_cut(float *out, const float *planes, int64_t count,
+                     const struct v2v_window *window, const struct v2v_windows_plan *plan)
+{
+    const int64_t height = plan->torus_height, width = plan->torus_width;
+    const int64_t rows = window->rows.count;
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < count * rows; i++) {
+        const int64_t y = window->rows.first + i % rows;
+        const float *from = planes + (i / rows * height + (y < 0 ? y + height : y)) * width;
+        cut_row(out + i * window->columns.count, from, &window->columns, width);
+    }
+}
+
 double v2v_windows_part(const struct v2v_window *windows, int64_t count,
                         const struct v2v_windows_plan *plan)
 {
     double pixels = 0.0;
     for (int64_t i = 0; i < count; i++) {
-        pixels += (double)pixels_of(windows[i].rows.count, windows[i].columns.count, plan);
+        pixels += (double)pixels_of(&windows[i]);
     }
-    return pixels / (double)pixels_of(plan->height, plan->width, plan);
+    return pixels / ((double)plan->torus_height * (double)plan->torus_width);
 }

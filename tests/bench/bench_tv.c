@@ -51,8 +51,9 @@ static enum v2v_status prepare(struct bench *bench, int64_t side)
     for (int64_t i = 0; i < psf->views * side * side; i++) {
         bench->views[i] = (float)(i % 17);
     }
-    V2V_TRY(v2v_data_step_create(&bench->step, psf, side, side, V2V_SPLIT_SLABS, NULL));
-    bench->torus = v2v_data_step_torus(bench->step);
+    bench->torus = v2v_data_step_torus_of(psf, side, side);
+    V2V_TRY(
+        v2v_data_step_create(&bench->step, psf, side, side, &bench->torus, V2V_SPLIT_SLABS, NULL));
     const double began = v2v_clock_now();
     v2v_data_step_factor(bench->step, (double)steps.tau);
     bench->factor_s = v2v_clock_now() - began;

@@ -38,6 +38,8 @@ struct v2v_problem {
     const char *weights; /**< file of the network in config; NULL: the method needs none, or has to
                               be told of them */
     int64_t height, width;        /**< of a frame as recorded */
+    int is_part;                  /**< bool: no frame, but a part of the plane that a frame and what
+                                       is beyond it are given on; for methods that `tell` */
     int precision;                /**< V2V_PRECISION_F32 or _BF16 */
     double skip;                  /**< tolerance; 0: nothing is left out */
     unsigned outputs;             /**< bits 1u << output: those of this rank; 0: all */
@@ -46,6 +48,12 @@ struct v2v_problem {
 };
 
 struct v2v_estimator_ops;
+
+/** Of the part of a frame that views are of. */
+struct v2v_surroundings {
+    const float *light;            /**< [slices,y,x] of the part: the views are without it */
+    struct v2v_part rows, columns; /**< of the part, where views are known */
+};
 
 struct v2v_estimator {
     const struct v2v_estimator_ops *ops;
@@ -57,9 +65,10 @@ struct v2v_estimator {
     double computed_part;            /**< of the work, by the last run, 0 .. 1 */
     int64_t iterations;              /**< of the last run, where the method counts them */
     int64_t most_iterations;         /**< of the runs from here on; 0: as configured */
-    int64_t frame;                   /**< under way: set by the caller, for monitors and messages */
-    double units; /**< volume * units is in the recording's: set by the caller, else 1 */
-    void *self;   /**< the method's own */
+    const struct v2v_surroundings *around; /**< of the next runs of a part; borrowed */
+    int64_t frame; /**< under way: set by the caller, for monitors and messages */
+    double units;  /**< volume * units is in the recording's: set by the caller, else 1 */
+    void *self;    /**< the method's own */
 };
 
 /** The volume after an iteration. */
@@ -117,10 +126,15 @@ struct v2v_estimator_ops {
                            const float *views, const struct v2v_monitor *monitor);
     /** What is measured of a frame's views [v,y,x] before its parts are computed by themselves;
      *  runs of `window`, of a part from even pixels on, shall take it, and the weights, from
-     *  `whole`, of the frame. Both NULL: parts are not computed by themselves.
+     *  `whole`, of the frame. NULL, like `plane`: parts are not computed by themselves.
      *  @kind Local, no allocation. */
     void (*look)(struct v2v_estimator *whole, const float *views);
     void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole);
+    /** The light that the last run ended with, the frame and what is beyond it, and the views that
+     *  it gives: on a torus (optics/data_step.h), which `is_part` is a part of.
+     *  @kind Collective(shard), no allocation. @param volume [slices,torus] out
+     *  @param views [v,torus] out; of both, all on every rank */
+    void (*plane)(struct v2v_estimator *whole, float *volume, float *views);
 };
 
 int64_t v2v_estimator_count(void);

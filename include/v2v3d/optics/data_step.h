@@ -46,10 +46,12 @@ struct v2v_torus {
 struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t height,
                                         int64_t width);
 
-/** @kind Collective(comm). @param split V2V_SPLIT_SLABS or V2V_SPLIT_SLABS_FFTW3_MPI
+/** @kind Collective(comm). @param torus as torus_of, or of the views' own sides, which then lie on
+ *  it; not below the PSFs' @param split V2V_SPLIT_SLABS or V2V_SPLIT_SLABS_FFTW3_MPI
  *  @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v2v_psf_file *psf,
-                                     int64_t height, int64_t width, enum v2v_split split,
+                                     int64_t height, int64_t width, const struct v2v_torus *torus,
+                                     enum v2v_split split,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_data_step_destroy(struct v2v_data_step **step);
 
@@ -73,6 +75,15 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
  *  @kind Collective(comm), no allocation. */
 void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views);
 
+/** y grows by A volume, what light that the views are without gives. @kind Collective(comm), no
+ *  allocation, after begin. @param volume as of run, in units of what begin took */
+void v2v_data_step_add(struct v2v_data_step *step, const float *volume);
+
+/** From here on views are known in these rows and columns of the torus; else in the frame.
+ *  @kind Local. */
+void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
+                        const struct v2v_part *columns);
+
 /** views = A volume on the torus; what begin took stays. @kind Collective(comm), no allocation.
  *  @param views [v, torus rows of this rank, torus width] @param volume as of run */
 void v2v_data_step_project(struct v2v_data_step *step, float *views, const float *volume);
@@ -94,10 +105,15 @@ void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
  *          comes once from memory */
 void v2v_data_step_run(struct v2v_data_step *step, float *volume);
 
-/** Beyond the frame, y becomes A x of the last run; in it, with weights, what they make of it.
- *  @kind Collective(comm), no allocation.
- *  @cost V inverse and V forward transforms. @return |A x - y|^2 over the frame, all views; with
- *  weights the sum of the weighted squares */
+/** Planes of the torus, all on every rank, from the rows of each. @kind Collective(comm), no
+ *  allocation. @param whole [count,torus] out @param rows [count, rows of this rank, its width] */
+void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float *rows,
+                          int64_t count);
+
+/** Where views are unknown, y becomes A x of the last run; else, with weights, what they make of
+ *  it. @kind Collective(comm), no allocation.
+ *  @cost V inverse and V forward transforms. @return |A x - y|^2 where they are known, all views;
+ *  with weights the sum of the weighted squares */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
 #ifdef __cplusplus

@@ -1,5 +1,6 @@
 /* Skipping over time: what did not change is its key frame's, and neither ranks nor resuming nor a
  * range of frames change a bit. */
+#include "recon/windows.h"
 #include "small_optics.h"
 #include "small_recording.h"
 
@@ -8,6 +9,7 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/method/weights.h"
 #include "v2v3d/nn/rule.h"
+#include "v2v3d/optics/data_step.h"
 #include "v2v3d/recon/recon.h"
 
 #include <math.h>
@@ -20,7 +22,7 @@ enum { HEIGHT = 96, WIDTH = 80, FRAMES = 7, REFRESH = 3 };
 enum { PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
 
 /* Where something blinks, and the size of all spots, pixels. */
-enum { BLINKS_AT_Y = 60, BLINKS_AT_X = 24, SIZE = 4 };
+enum { BLINKS_AT_Y = 60, BLINKS_AT_X = 12, SIZE = 4 };
 
 static const struct v2v_scaling scaling = {.offset = 0, .gain = 1};
 static float frames[FRAMES][SAMPLES], reference[FRAMES * VOXELS];
@@ -336,6 +338,107 @@ static void a_window_is_told_what_is_measured_of_the_frame(void **state)
     assert_told();
 }
 
+/* A part of the frame, from a place of its torus on; EDGE pixels at its edges aren't compared. */
+enum { PART_HEIGHT = 48, PART_WIDTH = 40, EDGE = 8 };
+struct part_of_frame {
+    int64_t y, x;
+    struct v2v_part rows, columns; /* in the frame */
+};
+
+/** What of [count,torus] planes is in the part. */
+static void cut_part(float *out, const float *planes, int64_t count, const struct v2v_torus *torus,
+                     const struct part_of_frame *of)
+{
+    const struct v2v_windows_plan plan = {.torus_height = torus->height,
+                                          .torus_width = torus->width};
+    const struct v2v_window window = {{of->y, PART_HEIGHT}, {of->x, PART_WIDTH}, {0, 0}, {0, 0}};
+    v2v_windows_cut(out, planes, count, &window, &plan);
+}
+
+/** Of the part's middle, where it is in the frame: its distance from the frame's volume. */
+static double error_of(const float *volume, const float *whole, const struct part_of_frame *of)
+{
+    double squares = 0.0, size = 0.0;
+    for (int64_t i = 0; i < SLICES * PART_HEIGHT * PART_WIDTH; i++) {
+        const int64_t row = i / PART_WIDTH % PART_HEIGHT, column = i % PART_WIDTH;
+        const int64_t y = of->y + row, x = of->x + column;
+        const int is_edge =
+            row < EDGE || row >= PART_HEIGHT - EDGE || column < EDGE || column >= PART_WIDTH - EDGE;
+        if (!is_edge && y >= 0 && y < HEIGHT) {
+            const int64_t z = i / (PART_HEIGHT * PART_WIDTH);
+            const double expected = (double)whole[(z * HEIGHT + y) * WIDTH + x];
+            squares += ((double)volume[i] - expected) * ((double)volume[i] - expected);
+            size += expected * expected;
+        }
+    }
+    return sqrt(squares / size);
+}
+
+/** The frame's views in the part, without `seen` [v,torus] of them; beyond the frame something. */
+static void views_of_part(float *views, const float *seen, const struct v2v_torus *torus,
+                          const struct part_of_frame *of)
+{
+    cut_part(views, seen, VIEWS, torus, of);
+    for (int64_t i = 0; i < VIEWS * PART_HEIGHT * PART_WIDTH; i++) {
+        const int64_t v = i / (PART_HEIGHT * PART_WIDTH);
+        const int64_t y = of->y + i / PART_WIDTH % PART_HEIGHT, x = of->x + i % PART_WIDTH;
+        views[i] =
+            y < 0 || y >= HEIGHT ? 100.0f : frames[1][(v * HEIGHT + y) * WIDTH + x] - views[i];
+    }
+}
+
+static void assert_parts(void)
+{
+    static const struct part_of_frame parts[] = {
+        {6, 26, {0, PART_HEIGHT}, {0, PART_WIDTH}},
+        {HEIGHT - PART_HEIGHT + 6, 20, {0, PART_HEIGHT - 6}, {0, PART_WIDTH}},
+        {-6, 22, {6, PART_HEIGHT - 6}, {0, PART_WIDTH}}};
+    static float whole[VOXELS], light[VOXELS * 2], seen[SAMPLES * 2], around[VOXELS];
+    static float views[SAMPLES], volume[VOXELS];
+    float *const of_whole = whole, *const of_part = volume;
+    const struct v2v_torus torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
+    const struct v2v_problem part_of_it = {
+        .config = &config, .psf = &psf, .height = PART_HEIGHT, .width = PART_WIDTH, .is_part = 1};
+    struct v2v_estimator *estimator = estimator_of(HEIGHT, 0), *window = NULL;
+    assert_true(torus.height * torus.width <= 2 * PIXELS);
+    assert_ok(method->run(estimator, &of_whole, frames[1], NULL));
+    method->plane(estimator, light, seen);
+    assert_ok(v2v_estimator_create(&window, method, &part_of_it, NULL));
+    method->tell(window, estimator);
+    for (int i = 0; i < 3; i++) {
+        const struct v2v_surroundings surroundings = {around, parts[i].rows, parts[i].columns};
+        views_of_part(views, seen, &torus, &parts[i]);
+        cut_part(around, light, SLICES, &torus, &parts[i]);
+        window->around = &surroundings;
+        assert_ok(method->run(window, &of_part, views, NULL));
+        const double with = error_of(volume, whole, &parts[i]);
+        /* as if nothing were known of what is around */
+        memset(light, 0, sizeof light);
+        views_of_part(views, light, &torus, &parts[i]);
+        window->around = NULL;
+        assert_ok(method->run(window, &of_part, views, NULL));
+        const double without = error_of(volume, whole, &parts[i]);
+        if (!(with < 0.6 * without && with < 0.075)) {
+            fail_msg("part %d: %g, without the light around %g", i, with, without);
+        }
+        method->plane(estimator, light, seen);
+    }
+    v2v_estimator_destroy(&window);
+    v2v_estimator_destroy(&estimator);
+}
+
+/* Light crosses the edges of each; noise is another there. */
+static void a_part_knows_the_light_around_it(void **state)
+{
+    (void)state;
+    config.deconv.iterations = 400;
+    config.deconv.tolerance = 0;
+    assert_parts();
+    use_unrolled();
+    config.recon.strength.value = 1.0;
+    assert_parts();
+}
+
 static void a_method_without_windows_is_refused(void **state)
 {
     (void)state;
@@ -358,6 +461,7 @@ int main(int argc, char **argv)
         TEST(an_interrupted_run_goes_on_to_the_same_bits),
         TEST(a_correction_is_computed_where_it_blinks_and_taken_over_elsewhere),
         TEST(a_window_is_told_what_is_measured_of_the_frame),
+        TEST(a_part_knows_the_light_around_it),
         TEST(a_method_without_windows_is_refused),
     };
     return test_mpi_main(tests, argc, argv);

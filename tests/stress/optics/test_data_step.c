@@ -70,8 +70,8 @@ static void measure(double error[STEPS], double *condition, double tau)
 {
     struct v2v_data_step *step = NULL;
     v2v_psf_normalize_views(&psf);
-    assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLABS, NULL));
-    const struct v2v_torus torus = v2v_data_step_torus(step);
+    const struct v2v_torus torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
+    assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, &torus, V2V_SPLIT_SLABS, NULL));
     const int64_t voxels = psf.slices * torus.height * torus.width;
     struct twin_data_step twin = {.views = psf.views,
                                   .slices = psf.slices,

@@ -124,7 +124,7 @@ static void bridge_views(double scale)
 static struct v2v_data_step *make(double tau, double scale)
 {
     struct v2v_data_step *step = NULL;
-    assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLABS, NULL));
+    assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, &torus, V2V_SPLIT_SLABS, NULL));
     v2v_data_step_factor(step, tau);
     v2v_data_step_begin(step, views, scale);
     bridge_views(scale);
@@ -185,6 +185,48 @@ static void the_border_follows_the_volume(void **state)
         const int is_frame = i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
         squares += is_frame ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
         y[i] = is_frame ? y[i] : image[i];
+    }
+    assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < bound_of(tau));
+    v2v_data_step_destroy(&step);
+}
+
+/* Light that the views are without is added, and what is known of them is a part of the torus. */
+static void views_are_known_where_told_and_light_is_added(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    static double volume[SLICES * MOST], image[VIEWS * MOST];
+    static const struct v2v_part rows = {4, 9}, columns = {3, 11};
+    const double tau = 20.0;
+    double squares = 0.0;
+    struct v2v_data_step *step = make(tau, 1.0);
+    random_volume(v);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)v[i];
+    }
+    project(image, volume);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        y[i] += image[i];
+    }
+    v2v_data_step_add(step, v);
+    v2v_data_step_know(step, &rows, &columns);
+    memset(v, 0, sizeof v);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < bound_of(tau));
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    project(image, volume);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        const int64_t row = i % pixels / torus.width, column = i % torus.width;
+        const int is_known = row >= rows.first && row < rows.first + rows.count &&
+                             column >= columns.first && column < columns.first + columns.count;
+        squares += is_known ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
+        y[i] = is_known ? y[i] : image[i];
     }
     assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
     memcpy(x, v, sizeof v);
@@ -285,6 +327,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(the_step_is_the_minimum, setup, teardown),
         cmocka_unit_test_setup_teardown(the_border_follows_the_volume, setup, teardown),
+        cmocka_unit_test_setup_teardown(views_are_known_where_told_and_light_is_added, setup,
+                                        teardown),
         cmocka_unit_test_setup_teardown(weights_give_the_minimum_of_weighted_squares, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(views_alike_and_dark_slices_are_no_matter, setup, teardown),

@@ -1,17 +1,20 @@
 /* Windows of a frame hold all the tiles that changed, and no more pixels than it pays to cut. */
 #include "recon/windows.h"
 #include "support.h"
+#include "v2v3d/fft/fft2.h"
 
 #include <string.h>
 
-enum { HEIGHT = 250, WIDTH = 400, TILE = 4, ROWS = 63, COLUMNS = 100, HALO = 4, MARGIN = 16 };
+enum { HEIGHT = 250, WIDTH = 400, TILE = 4, ROWS = 63, COLUMNS = 100, HALO = 4, MARGIN = 8 };
+enum { TORUS_HEIGHT = 288, TORUS_WIDTH = 440 };
 
 static const struct v2v_windows_plan plan = {.height = HEIGHT,
                                              .width = WIDTH,
+                                             .torus_height = TORUS_HEIGHT,
+                                             .torus_width = TORUS_WIDTH,
                                              .tile = TILE,
                                              .halo = HALO,
                                              .margin = MARGIN,
-                                             .border = 40,
                                              .least = 128};
 
 static uint8_t changed[ROWS * COLUMNS];
@@ -34,24 +37,29 @@ static int holds(const struct v2v_part *outer, int64_t first, int64_t end)
     return outer->first <= first && outer->first + outer->count >= end;
 }
 
-/* Along one axis: in the frame, of an allowed length, the core inside and its margin, too, unless
- * the frame ends. */
-static void assert_axis(const struct v2v_part *part, const struct v2v_part *core, int64_t whole)
+/* Along one axis: of a good length, the core and its margin inside, no place of the torus twice. */
+static void assert_axis(const struct v2v_part *part, const struct v2v_part *core, int64_t whole,
+                        int64_t torus)
 {
     const int64_t end = core->first + core->count;
-    assert_true(part->first >= 0 && part->first + part->count <= whole);
+    assert_true(core->first >= 0 && end <= whole);
     assert_int_equal(part->first % 2, 0);
-    assert_true(part->count % V2V_WINDOWS_STEP == 0 || part->first + part->count == whole);
-    assert_true(holds(part, core->first > MARGIN ? core->first - MARGIN : 0,
-                      end + MARGIN < whole ? end + MARGIN : whole));
+    assert_int_equal(part->count, v2v_fft_good_size(part->count));
+    assert_true(part->count <= torus && part->first + part->count <= torus);
+    if (part->count == torus) {
+        assert_int_equal(part->first, 0);
+    } else {
+        assert_true(part->first >= whole - torus);
+        assert_true(holds(part, core->first - MARGIN, end + MARGIN));
+    }
 }
 
 /* Every changed pixel and those HALO around it, of the frame, are in some core. */
 static void assert_covered(int64_t count)
 {
     for (int64_t i = 0; i < count; i++) {
-        assert_axis(&windows[i].rows, &windows[i].core_rows, HEIGHT);
-        assert_axis(&windows[i].columns, &windows[i].core_columns, WIDTH);
+        assert_axis(&windows[i].rows, &windows[i].core_rows, HEIGHT, TORUS_HEIGHT);
+        assert_axis(&windows[i].columns, &windows[i].core_columns, WIDTH, TORUS_WIDTH);
     }
     for (int64_t tile = 0; tile < ROWS * COLUMNS; tile++) {
         const int64_t top = tile / COLUMNS * TILE - HALO, left = tile % COLUMNS * TILE - HALO;
@@ -84,8 +92,9 @@ static void one_place_takes_one_window_also_in_a_corner(void **state)
         mark(places[i][0], places[i][0] + 3, places[i][1], places[i][1] + 3);
         assert_int_equal(cover(), 1);
         assert_covered(1);
-        /* 12 + 2 * (4 + 16) pixels, rounded up, and the border: below the least */
-        assert_true(v2v_windows_part(windows, 1, &plan) == 128.0 * 128 / (290.0 * 440));
+        /* 12 + 2 * (4 + 8) pixels: below the least */
+        assert_true(v2v_windows_part(windows, 1, &plan) ==
+                    128.0 * 128 / ((double)TORUS_HEIGHT * TORUS_WIDTH));
     }
 }
 
@@ -106,7 +115,50 @@ static void a_frame_that_changed_everywhere_is_not_cut(void **state)
     mark(0, ROWS, 0, COLUMNS);
     assert_int_equal(cover(), 1);
     assert_covered(1);
-    assert_true(v2v_windows_part(windows, 1, &plan) == 1.0);
+    assert_true(v2v_windows_part(windows, 1, &plan) > 0.9);
+}
+
+static void assert_in_frame(int64_t first, int64_t count, int64_t in_frame, int64_t so_many)
+{
+    const struct v2v_part part = {first, count};
+    const struct v2v_part known = v2v_windows_in_frame(&part, HEIGHT);
+    assert_int_equal(known.first, in_frame);
+    assert_int_equal(known.count, so_many);
+}
+
+static void what_of_a_window_is_in_the_frame_is_known(void **state)
+{
+    (void)state;
+    assert_in_frame(20, 128, 0, 128);
+    assert_in_frame(-10, 128, 10, 118);
+    assert_in_frame(HEIGHT - 100, 128, 0, 100);
+    assert_in_frame(-6, HEIGHT + 16, 6, HEIGHT);
+    assert_in_frame(0, TORUS_HEIGHT, 0, HEIGHT);
+}
+
+/* Before its first row and column are the torus' last. */
+static void a_window_is_cut_from_the_torus(void **state)
+{
+    (void)state;
+    enum { COUNT = 2, ROWS_OF_IT = 12, COLUMNS_OF_IT = 10 };
+    static float planes[COUNT * TORUS_HEIGHT * TORUS_WIDTH];
+    static float out[COUNT * ROWS_OF_IT * COLUMNS_OF_IT];
+    static const int64_t at[][2] = {{0, 0}, {-4, 3}, {7, -6}, {-12, -10}, {276, 430}};
+    for (int64_t i = 0; i < COUNT * TORUS_HEIGHT * TORUS_WIDTH; i++) {
+        planes[i] = (float)i;
+    }
+    for (int k = 0; k < 5; k++) {
+        const struct v2v_window window = {
+            {at[k][0], ROWS_OF_IT}, {at[k][1], COLUMNS_OF_IT}, {0}, {0}};
+        v2v_windows_cut(out, planes, COUNT, &window, &plan);
+        for (int64_t i = 0; i < COUNT * ROWS_OF_IT * COLUMNS_OF_IT; i++) {
+            const int64_t row = at[k][0] + i / COLUMNS_OF_IT % ROWS_OF_IT + TORUS_HEIGHT;
+            const int64_t column = at[k][1] + i % COLUMNS_OF_IT + TORUS_WIDTH;
+            const int64_t plane = i / (ROWS_OF_IT * COLUMNS_OF_IT);
+            const int64_t place = (plane * TORUS_HEIGHT + row % TORUS_HEIGHT) * TORUS_WIDTH;
+            assert_true(out[i] == (float)(place + column % TORUS_WIDTH));
+        }
+    }
 }
 
 static void windows_are_few_however_many_places_changed(void **state)
@@ -128,6 +180,8 @@ int main(void)
         cmocka_unit_test(one_place_takes_one_window_also_in_a_corner),
         cmocka_unit_test(places_far_apart_take_a_window_each),
         cmocka_unit_test(a_frame_that_changed_everywhere_is_not_cut),
+        cmocka_unit_test(what_of_a_window_is_in_the_frame_is_known),
+        cmocka_unit_test(a_window_is_cut_from_the_torus),
         cmocka_unit_test(windows_are_few_however_many_places_changed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
