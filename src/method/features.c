@@ -91,7 +91,7 @@ void v2v_features_cut(const struct v2v_features *features, float *out, const flo
     cut(features, out, volume, features->slices);
 }
 
-/* volume = `of` without the light that the views are without. */
+/* volume = `of` - light. */
 static void leave_out(const struct v2v_features *self, float *volume, const float *of,
                       const float *light)
 {
@@ -102,7 +102,7 @@ static void leave_out(const struct v2v_features *self, float *volume, const floa
     }
 }
 
-/* image = y - image where views are known, 0 elsewhere. */
+/* image = y - image where views are known, without what light around gives of both; 0 elsewhere. */
 static void miss(const struct v2v_features *self, const float *views)
 {
     const struct v2v_torus *torus = &self->torus;
@@ -121,6 +121,12 @@ static void miss(const struct v2v_features *self, const float *views)
             memset(row, 0, (size_t)first * sizeof *row);
             for (int64_t x = first; x < end; x++) {
                 row[x] = recorded[x] - row[x];
+            }
+            if (around != NULL) {
+                const float *seen = around->seen + (v * torus->height + y) * torus->width;
+                for (int64_t x = first; x < end; x++) {
+                    row[x] -= seen[x];
+                }
             }
             memset(row + end, 0, (size_t)(torus->width - end) * sizeof *row);
         }

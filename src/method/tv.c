@@ -117,7 +117,7 @@ struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem)
 
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
 {
-    enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 2 }; /* those of the caller with them */
+    enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 3 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
@@ -390,7 +390,10 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
     const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;
-    const double samples = (double)(self->views * self->height * self->width);
+    const struct v2v_surroundings *around = estimator->around;
+    const int64_t pixels =
+        around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
+    const double samples = (double)(self->views * pixels);
     double change = INFINITY, missed = 0.0;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
@@ -422,28 +425,37 @@ done:
     return rc;
 }
 
-/** The views, and what of them the light around gives. Collective(comm). */
+/** Local: this rank's rows of [count,height,width] of a part, times `scale`. */
+static void take_rows(const struct tv *self, float *rows, const float *planes, int64_t count,
+                      double scale)
+{
+    const int64_t first = self->torus.rows.first * self->width;
+    const int64_t own = self->torus.rows.count * self->width, all = self->height * self->width;
+#pragma omp parallel for schedule(static)
+    for (int64_t k = 0; k < count; k++) {
+        for (int64_t i = 0; i < own; i++) {
+            rows[k * own + i] = (float)(scale * planes[k * all + first + i]);
+        }
+    }
+}
+
+/** The views of a frame or a part. Collective(comm). */
 static void begin(struct v2v_estimator *estimator, const float *views)
 {
     struct tv *self = estimator->self;
     const struct v2v_surroundings *around = estimator->around;
-    const struct v2v_part *rows = &self->torus.rows;
-    const double scale = 1.0 / self->level.sigma;
-    const int64_t of_slice = rows->count * self->width;
+    const struct level *level = &self->level;
+    const double scale = 1.0 / level->sigma;
     v2v_data_step_begin(self->step, views, scale);
     if (around != NULL) {
+        take_rows(self, self->planes.next, around->light, self->slices, scale);
+        take_rows(self, self->scratch, around->seen, self->views, scale);
+        v2v_data_step_surround(self->step, self->planes.next, self->scratch);
         v2v_data_step_know(self->step, &around->rows, &around->columns);
-#pragma omp parallel for schedule(static)
-        for (int64_t z = 0; z < self->slices; z++) {
-            const float *from = around->light + (z * self->height + rows->first) * self->width;
-            float *to = self->planes.next + z * of_slice;
-            for (int64_t i = 0; i < of_slice; i++) {
-                to[i] = (float)(scale * from[i]);
-            }
-        }
-        v2v_data_step_add(self->step, self->planes.next);
     }
-    v2v_tv_planes_clear(&self->planes);
+    if (level->gain > 0.0) {
+        v2v_data_step_weigh(self->step, level->gain, level->floor);
+    }
 }
 
 static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
@@ -456,12 +468,13 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
         self->level = measure(self, views);
     }
     const struct level *level = &self->level;
-    v2v_tv_planes_clear(&self->planes);
-    if (level->sigma > 0.0) { /* else a dark frame, which is a dark volume */
+    const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
+    estimator->iterations = 0;
+    if (is_lit) {
         begin(estimator, views);
-        if (level->gain > 0.0) {
-            v2v_data_step_weigh(self->step, level->gain, level->floor);
-        }
+    }
+    v2v_tv_planes_clear(&self->planes);
+    if (is_lit) {
         V2V_TRY(iterate(estimator, monitor));
     }
     cut(self, level->sigma);

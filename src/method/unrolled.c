@@ -130,6 +130,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     tv->most_iterations = estimator->most_iterations;
     tv->around = estimator->around;
     rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
+    tv->around = NULL;
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     estimator->iterations = tv->iterations;
     v2v_correction_run(self->correction, volume[0], self->found);

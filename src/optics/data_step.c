@@ -24,6 +24,7 @@ struct v2v_data_step {
     float gain, floor; /* of the noise's variance over A x; gain 0: no weights */
     float *kept;       /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
     float *split;      /* [v,rows,torus width]: p */
+    float *around;     /* [v,rows,torus width]: views of light that isn't in x */
     float *scratch;    /* [thread,2 v,2,V2V_BLOCK] */
     double *entries;   /* [thread,v2v_hermitian_scratch] */
     double *of_row;    /* [torus height]: squares of a row of all views */
@@ -137,9 +138,7 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
                                    .slices = psf->slices,
                                    .height = height,
                                    .width = width,
-                                   .torus = *torus,
-                                   .known_rows = {0, height},
-                                   .known_columns = {0, width}};
+                                   .torus = *torus};
     V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, made->torus.height,
                                         made->torus.width, V2V_BEYOND_PERIODIC, split, comm));
     made->torus.rows = v2v_projector_share(made->projector).rows;
@@ -163,6 +162,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->missed);
         v2v_mem_free(old->kept);
         v2v_mem_free(old->split);
+        v2v_mem_free(old->around);
         v2v_mem_free(old->scratch);
         v2v_mem_free(old->entries);
         v2v_mem_free(old->of_row);
@@ -247,6 +247,11 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
 {
     const struct v2v_torus *torus = &step->torus;
     step->gain = 0.0f;
+    step->known_rows = (struct v2v_part){0, step->height};
+    step->known_columns = (struct v2v_part){0, step->width};
+    if (step->around != NULL) {
+        memset(step->around, 0, (size_t)samples_of(step) * sizeof *step->around);
+    }
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < step->views; v++) {
         for (int64_t y = 0; y < torus->rows.count; y++) {
@@ -277,13 +282,15 @@ void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
     step->known_columns = *columns;
 }
 
-void v2v_data_step_add(struct v2v_data_step *step, const float *volume)
+void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen)
 {
     const int64_t samples = samples_of(step);
+    float *around = step->around != NULL ? step->around : step->missed;
     v2v_data_step_project(step, step->missed, volume);
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < samples; i++) {
-        step->recorded[i] += step->missed[i];
+        around[i] = seen[i] - step->missed[i];
+        step->recorded[i] -= around[i];
     }
     transform_views(step);
 }
@@ -326,6 +333,7 @@ enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_ALLOC(step->kept, "data_step.weights", samples_of(step)));
     V2V_TRY(V2V_ALLOC(step->split, "data_step.weights", samples_of(step)));
+    V2V_TRY(V2V_ALLOC(step->around, "data_step.weights", samples_of(step)));
 done:
     return rc;
 }
@@ -381,11 +389,12 @@ static double squares_of(const float *missed, int64_t first, int64_t end)
 static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first, int64_t end)
 {
     float *recorded = step->recorded + at, *split = step->split + at;
-    const float *kept = step->kept + at, *missed = step->missed + at;
+    const float *kept = step->kept + at, *missed = step->missed + at, *around = step->around + at;
     double squares = 0.0;
     for (int64_t x = first; x < end; x++) {
         const float projected = recorded[x] - missed[x];
-        const float weight = 1.0f / (step->gain * fmaxf(projected, 0.0f) + step->floor);
+        const float light = fmaxf(projected + around[x], 0.0f);
+        const float weight = 1.0f / (step->gain * light + step->floor);
         const float moved = projected + split[x];
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);
         const double d = (double)kept[x] - (double)projected;

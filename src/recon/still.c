@@ -49,7 +49,8 @@ struct v2v_still {
     float *seen;        /* [v,torus]: .. and what views it gives */
     float *views;       /* [v,y,x]: the change, then those of a window */
     float *volume;      /* [slices,y,x] of a window */
-    float *around;      /* [all slices,y,x] of a window: light of the key frame */
+    float *light_here;  /* [all slices,y,x] of a window: as light .. */
+    float *seen_here;   /* [v,y,x] of a window: .. and seen */
     float *change;      /* [2,tile rows,tile columns]: light gained and lost */
     uint8_t *changed;   /* [tile rows,tile columns] */
 };
@@ -60,8 +61,15 @@ enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_est
     if (ops->tell == NULL) {
         return V2V_FAIL(V2V_E_CONFIG, "method '%s' skips nothing (--skip off)", ops->name);
     }
-    work->bytes = 2 * v2v_smaller(work->bytes, INT64_MAX / 2); /* as much for windows, at most */
-    work->fixed_bytes = 2 * v2v_smaller(work->fixed_bytes, INT64_MAX / 2);
+    enum { VOLUMES = 2, VIEWS = 3 }; /* of the torus, on every rank */
+    const struct v2v_psf_file *psf = problem->psf;
+    const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
+    const int64_t floats =
+        v2v_mem_product(VOLUMES * psf->slices + VIEWS * psf->views, torus.height, torus.width);
+    work->bytes = 2 * v2v_smaller(work->bytes, INT64_MAX / 4); /* as much for windows, at most */
+    work->fixed_bytes = 2 * v2v_smaller(work->fixed_bytes, INT64_MAX / 4);
+    work->bytes = v2v_mem_bytes(floats, work->bytes);
+    work->fixed_bytes = v2v_mem_bytes(floats, work->fixed_bytes);
     work->most_shards = (int)v2v_smaller(work->most_shards, problem->psf->height); /* a window's */
     return V2V_OK;
 }
@@ -88,18 +96,19 @@ static enum v2v_status take_memory(struct v2v_still *still)
     const struct v2v_problem *problem = &still->problem;
     const int64_t pixels = v2v_mem_product(still->plan.torus_height, still->plan.torus_width, 1);
     const int64_t slices = problem->psf->slices, own = still->whole->slices.count;
+    const int64_t samples = v2v_mem_product(problem->psf->views, pixels, 1);
     struct v2v_shifts shifts = {0};
     V2V_TRY(v2v_shifts_from_psf(&shifts, problem->psf));
     V2V_TRY(v2v_carve_create(&still->carve, &shifts, problem->height, problem->width));
     V2V_TRY(V2V_ALLOC(still->key_views, "still.views", still->samples));
-    V2V_TRY(V2V_ALLOC(still->seen, "still.views", v2v_mem_product(problem->psf->views, pixels, 1)));
-    V2V_TRY(
-        V2V_ALLOC(still->views, "still.views", v2v_mem_product(problem->psf->views, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->views, "still.views", samples));
+    V2V_TRY(V2V_ALLOC(still->seen, "still.views", samples));
+    V2V_TRY(V2V_ALLOC(still->seen_here, "still.views", samples));
     V2V_TRY(V2V_ALLOC(still->key, "still.volume",
                       v2v_mem_product(own, problem->height, problem->width)));
     V2V_TRY(V2V_ALLOC(still->volume, "still.volume", v2v_mem_product(own, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->light, "still.light", v2v_mem_product(slices, pixels, 1)));
-    V2V_TRY(V2V_ALLOC(still->around, "still.light", v2v_mem_product(slices, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->light_here, "still.light", v2v_mem_product(slices, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->change, "still.tiles", 2 * still->tiles));
     V2V_TRY(V2V_ALLOC(still->changed, "still.tiles", still->tiles));
 done:
@@ -140,7 +149,8 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_mem_free(old->volume);
         v2v_mem_free(old->light);
         v2v_mem_free(old->seen);
-        v2v_mem_free(old->around);
+        v2v_mem_free(old->light_here);
+        v2v_mem_free(old->seen_here);
         v2v_mem_free(old->change);
         v2v_mem_free(old->changed);
         v2v_mem_free(old);
@@ -213,28 +223,21 @@ done:
     return rc;
 }
 
-/** Local: the views in a window without those that the key frame's light gives, 0 beyond the frame.
- *  What the light in the window gives of them the method adds, on a torus as large as the window,
- *  so that light across its edges is the key frame's. */
+/** Local: the views in a window; beyond the frame, those of the key frame's light. */
 static void take_views(struct v2v_still *still, const float *views, const struct v2v_window *window,
-                       const struct v2v_surroundings *around)
+                       const struct v2v_part *known)
 {
-    const int64_t torus_height = still->plan.torus_height, torus_width = still->plan.torus_width;
     const int64_t height = still->plan.height, width = still->plan.width;
     const int64_t rows = window->rows.count, columns = window->columns.count;
-    const struct v2v_part *known = &around->columns;
+    const int64_t left = window->columns.first + known->first;
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < still->problem.psf->views * rows; i++) {
         const int64_t v = i / rows, y = i % rows + window->rows.first;
-        const int64_t x = window->columns.first + known->first;
         float *to = still->views + i * columns;
-        memset(to, 0, (size_t)columns * sizeof *to);
+        memcpy(to, still->seen_here + i * columns, (size_t)columns * sizeof *to);
         if (y >= 0 && y < height) {
-            const float *from = views + (v * height + y) * width + x;
-            const float *seen = still->seen + (v * torus_height + y) * torus_width + x;
-            for (int64_t k = 0; k < known->count; k++) {
-                to[known->first + k] = from[k] - seen[k];
-            }
+            memcpy(to + known->first, views + (v * height + y) * width + left,
+                   (size_t)known->count * sizeof *to);
         }
     }
 }
@@ -260,12 +263,15 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
                             const struct v2v_window *window)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_psf_file *psf = still->problem.psf;
     const struct v2v_surroundings around = {
-        still->around, v2v_windows_in_frame(&window->rows, still->plan.height),
+        still->light_here, still->seen_here,
+        v2v_windows_in_frame(&window->rows, still->plan.height),
         v2v_windows_in_frame(&window->columns, still->plan.width)};
     V2V_TRY(make_window(still, window->rows.count, window->columns.count));
-    v2v_windows_cut(still->around, still->light, still->problem.psf->slices, window, &still->plan);
-    take_views(still, views, window, &around);
+    v2v_windows_cut(still->light_here, still->light, psf->slices, window, &still->plan);
+    v2v_windows_cut(still->seen_here, still->seen, psf->views, window, &still->plan);
+    take_views(still, views, window, &around.columns);
     still->window->frame = still->whole->frame;
     still->window->most_iterations = still->iterations;
     still->window->around = &around;

@@ -45,13 +45,12 @@ static struct v2v_part surround(const struct v2v_part *core, int64_t whole, int6
 {
     const int64_t wanted = v2v_larger(core->count + 2 * plan->margin, plan->least);
     const int64_t count = v2v_fft_good_size(v2v_round_up(wanted, V2V_WINDOWS_STEP));
-    const int64_t earliest = whole - torus, latest = torus - count;
+    const int64_t earliest = -((torus - whole) / 2 * 2), latest = torus - count;
     if (latest <= 0) {
         return (struct v2v_part){0, torus};
     }
     const int64_t first = v2v_within(core->first - (count - core->count) / 2, earliest, latest);
-    const int64_t odd = first % 2 != 0;
-    return (struct v2v_part){first > earliest ? first - odd : first + odd, count};
+    return (struct v2v_part){first - (first % 2 != 0), count};
 }
 
 static struct v2v_window window_of(const struct box *box, const struct v2v_windows_plan *plan)

@@ -49,9 +49,11 @@ struct v2v_problem {
 
 struct v2v_estimator_ops;
 
-/** Of the part of a frame that views are of. */
+/** What is known about the part of a frame that views are of: light of the frame, as it is outside
+ *  of the part. */
 struct v2v_surroundings {
-    const float *light;            /**< [slices,y,x] of the part: the views are without it */
+    const float *light;            /**< [slices,y,x]: of it, what is in the part */
+    const float *seen;             /**< [v,y,x]: views that all of it gives */
     struct v2v_part rows, columns; /**< of the part, where views are known */
 };
 

@@ -75,12 +75,15 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
  *  @kind Collective(comm), no allocation. */
 void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views);
 
-/** y grows by A volume, what light that the views are without gives. @kind Collective(comm), no
- *  allocation, after begin. @param volume as of run, in units of what begin took */
-void v2v_data_step_add(struct v2v_data_step *step, const float *volume);
+/** The views that begin took are of a part of a plane. `seen` are those that light of all the plane
+ *  gives, `volume` is what of that light is in the part: from here to the next begin y is without
+ *  seen - A volume, which the weights count.
+ *  @kind Collective(comm), no allocation. @param volume as of run
+ *  @param seen [v, torus rows of this rank, torus width]; both in units of y */
+void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen);
 
-/** From here on views are known in these rows and columns of the torus; else in the frame.
- *  @kind Local. */
+/** From here to the next begin views are known in these rows and columns of the torus; else in the
+ *  frame. @kind Local. */
 void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
                         const struct v2v_part *columns);
 
@@ -92,8 +95,9 @@ void v2v_data_step_project(struct v2v_data_step *step, float *views, const float
 enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step) V2V_MUST_CHECK;
 
 /** From here to the next begin a sample's square counts by weight = 1 / (gain * max(A x, 0) +
- *  floor), both in units of what begin took: noise of photons, and floor > 0. Every extend then
- *  makes of y what splits A x = u off (alternating directions, with a penalty of 1),
+ *  floor), both in units of what begin took, A x with the light around it: noise of photons, and
+ *  floor > 0. Every extend then makes of y what splits A x = u off (alternating directions, with a
+ *  penalty of 1),
  *      u = (weight * y + A x + p) / (weight + 1),   p <- A x + p - u,   y' = u - p
  *  so that runs and extends in turn end at the minimum of the weighted squares, whatever the
  *  weights' size. @kind Local, after take_weights and begin. */

@@ -98,6 +98,22 @@ static void one_place_takes_one_window_also_in_a_corner(void **state)
     }
 }
 
+/* Of a frame with odd sides the border is odd. */
+static void odd_sides_begin_at_even_places(void **state)
+{
+    (void)state;
+    struct v2v_windows_plan odd = plan;
+    odd.height = 251;
+    odd.width = 399;
+    for (int64_t at = 0; at < 60; at += 59) {
+        memset(changed, 0, sizeof changed);
+        mark(at, at + 2, at, at + 2);
+        assert_int_equal(v2v_windows_cover(windows, changed, &odd), 1);
+        assert_axis(&windows[0].rows, &windows[0].core_rows, 251, TORUS_HEIGHT);
+        assert_axis(&windows[0].columns, &windows[0].core_columns, 399, TORUS_WIDTH);
+    }
+}
+
 static void places_far_apart_take_a_window_each(void **state)
 {
     (void)state;
@@ -178,6 +194,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nothing_changed_takes_no_window),
         cmocka_unit_test(one_place_takes_one_window_also_in_a_corner),
+        cmocka_unit_test(odd_sides_begin_at_even_places),
         cmocka_unit_test(places_far_apart_take_a_window_each),
         cmocka_unit_test(a_frame_that_changed_everywhere_is_not_cut),
         cmocka_unit_test(what_of_a_window_is_in_the_frame_is_known),
