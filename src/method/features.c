@@ -91,18 +91,28 @@ void v2v_features_cut(const struct v2v_features *features, float *out, const flo
     cut(features, out, volume, features->slices);
 }
 
-/* volume = `of` - light. */
-static void leave_out(const struct v2v_features *self, float *volume, const float *of,
-                      const float *light)
+/* image = the views that a volume gives, of a part with the light around it.
+ * volume may be self->volume, which is written over */
+static void project(const struct v2v_features *self, const float *volume)
 {
-    const int64_t voxels = self->slices * self->torus.height * self->torus.width;
+    const struct v2v_surroundings *around = self->estimator->around;
+    const int64_t pixels = self->torus.height * self->torus.width;
+    if (around == NULL) {
+        v2v_data_step_project(self->step, self->image, volume);
+        return;
+    }
 #pragma omp parallel for simd schedule(static)
-    for (int64_t i = 0; i < voxels; i++) {
-        volume[i] = of[i] - light[i];
+    for (int64_t i = 0; i < self->slices * pixels; i++) {
+        self->volume[i] = volume[i] - around->light[i];
+    }
+    v2v_data_step_project(self->step, self->image, self->volume);
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < self->views * pixels; i++) {
+        self->image[i] += around->seen[i];
     }
 }
 
-/* image = y - image where views are known, without what light around gives of both; 0 elsewhere. */
+/* image = y - image where views are known, 0 elsewhere. */
 static void miss(const struct v2v_features *self, const float *views)
 {
     const struct v2v_torus *torus = &self->torus;
@@ -122,12 +132,6 @@ static void miss(const struct v2v_features *self, const float *views)
             for (int64_t x = first; x < end; x++) {
                 row[x] = recorded[x] - row[x];
             }
-            if (around != NULL) {
-                const float *seen = around->seen + (v * torus->height + y) * torus->width;
-                for (int64_t x = first; x < end; x++) {
-                    row[x] -= seen[x];
-                }
-            }
             memset(row + end, 0, (size_t)(torus->width - end) * sizeof *row);
         }
     }
@@ -140,11 +144,7 @@ void v2v_features_of_volume(struct v2v_features *features, float *out, const flo
     const int64_t voxels = self->slices * self->height * self->width;
     const int64_t whole = self->slices * self->torus.height * self->torus.width;
     cut(self, out, volume, self->slices);
-    if (self->estimator->around != NULL) {
-        leave_out(self, self->volume, volume, self->estimator->around->light);
-        volume = self->volume;
-    }
-    v2v_data_step_project(self->step, self->image, volume); /* which may be self->volume */
+    project(self, volume);
     miss(self, views);
     v2v_data_step_begin_torus(self->step, self->image);
     for (int k = 1; k < V2V_FEATURES; k++) {

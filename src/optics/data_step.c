@@ -16,7 +16,8 @@ struct v2v_data_step {
     int64_t height, width; /* of a frame */
     struct v2v_torus torus;
     struct v2v_part known_rows, known_columns; /* of the torus */
-    double tau;                                /* of the factors; 0: none yet */
+
+    double tau;        /* of the factors; 0: none yet */
     float *factor;     /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
     float *recorded;   /* [v,rows,torus width]: y */
     float *spectra;    /* [block,v,2,V2V_BLOCK]: of y */

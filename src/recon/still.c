@@ -90,6 +90,11 @@ static void make_plan(struct v2v_still *still, const struct v2v_problem *problem
     still->samples = v2v_mem_product(psf->views, problem->height, problem->width);
 }
 
+static int64_t voxels_of(const struct v2v_still *still)
+{
+    return v2v_mem_product(still->whole->slices.count, still->plan.height, still->plan.width);
+}
+
 static enum v2v_status take_memory(struct v2v_still *still)
 {
     enum v2v_status rc = V2V_OK;
@@ -104,8 +109,7 @@ static enum v2v_status take_memory(struct v2v_still *still)
     V2V_TRY(V2V_ALLOC(still->views, "still.views", samples));
     V2V_TRY(V2V_ALLOC(still->seen, "still.views", samples));
     V2V_TRY(V2V_ALLOC(still->seen_here, "still.views", samples));
-    V2V_TRY(V2V_ALLOC(still->key, "still.volume",
-                      v2v_mem_product(own, problem->height, problem->width)));
+    V2V_TRY(V2V_ALLOC(still->key, "still.volume", voxels_of(still)));
     V2V_TRY(V2V_ALLOC(still->volume, "still.volume", v2v_mem_product(own, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->light, "still.light", v2v_mem_product(slices, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->light_here, "still.light", v2v_mem_product(slices, pixels, 1)));
@@ -155,11 +159,6 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_mem_free(old->changed);
         v2v_mem_free(old);
     }
-}
-
-static int64_t voxels_of(const struct v2v_still *still)
-{
-    return still->whole->slices.count * still->plan.height * still->plan.width;
 }
 
 void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume)

@@ -5,6 +5,9 @@
 
 #include <string.h>
 
+/* Pixels that a window's sides grow by, so that windows of the same size follow each other. */
+enum { STEP = 16 };
+
 /* Tiles, the last row and column not included. */
 struct box {
     int64_t top, bottom, left, right;
@@ -44,7 +47,7 @@ static struct v2v_part surround(const struct v2v_part *core, int64_t whole, int6
                                 const struct v2v_windows_plan *plan)
 {
     const int64_t wanted = v2v_larger(core->count + 2 * plan->margin, plan->least);
-    const int64_t count = v2v_fft_good_size(v2v_round_up(wanted, V2V_WINDOWS_STEP));
+    const int64_t count = v2v_fft_good_size(v2v_round_up(wanted, STEP));
     const int64_t earliest = -((torus - whole) / 2 * 2), latest = torus - count;
     if (latest <= 0) {
         return (struct v2v_part){0, torus};

@@ -5,7 +5,7 @@
 #include "v2v3d/par/grid.h"
 #include <stdint.h>
 
-enum { V2V_WINDOWS_MOST = 16, V2V_WINDOWS_STEP = 16 };
+enum { V2V_WINDOWS_MOST = 16 };
 
 /** Rows and columns of the torus, the frame at its origin: those before 0 are the torus' last. */
 struct v2v_window {

@@ -166,30 +166,53 @@ static void the_step_is_the_minimum(void **state)
     }
 }
 
-static void the_border_follows_the_volume(void **state)
+static int is_within(int64_t i, const struct v2v_part *rows, const struct v2v_part *columns)
 {
-    (void)state;
-    static float v[SLICES * MOST], x[SLICES * MOST];
+    const int64_t row = i % pixels / torus.width, column = i % torus.width;
+    return row >= rows->first && row < rows->first + rows->count && column >= columns->first &&
+           column < columns->first + columns->count;
+}
+
+static const struct v2v_part frame_rows = {0, HEIGHT}, frame_columns = {0, WIDTH};
+
+static int is_in_frame(int64_t i)
+{
+    return is_within(i, &frame_rows, &frame_columns);
+}
+
+/* The step is the minimum before and after views, known in these rows and columns, are extended. */
+static void assert_extended(struct v2v_data_step *step, const float *v, double tau,
+                            const struct v2v_part *rows, const struct v2v_part *columns)
+{
+    static float x[SLICES * MOST];
     static double volume[SLICES * MOST], image[VIEWS * MOST];
-    const double tau = 20.0;
     double squares = 0.0;
-    struct v2v_data_step *step = make(tau, 1.0);
-    random_volume(v);
-    memcpy(x, v, sizeof v);
+    memcpy(x, v, sizeof x);
     v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < bound_of(tau));
     for (int64_t i = 0; i < SLICES * pixels; i++) {
         volume[i] = (double)x[i];
     }
     project(image, volume);
     for (int64_t i = 0; i < VIEWS * pixels; i++) {
-        const int is_frame = i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
-        squares += is_frame ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
-        y[i] = is_frame ? y[i] : image[i];
+        const int is_known = is_within(i, rows, columns);
+        squares += is_known ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
+        y[i] = is_known ? y[i] : image[i];
     }
     assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
-    memcpy(x, v, sizeof v);
+    memcpy(x, v, sizeof x);
     v2v_data_step_run(step, x);
     assert_true(gradient_of(x, v, tau) < bound_of(tau));
+}
+
+static void the_border_follows_the_volume(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST];
+    const double tau = 20.0;
+    struct v2v_data_step *step = make(tau, 1.0);
+    random_volume(v);
+    assert_extended(step, v, tau, &frame_rows, &frame_columns);
     v2v_data_step_destroy(&step);
 }
 
@@ -211,45 +234,6 @@ static void surround(struct v2v_data_step *step, double *around)
     v2v_data_step_surround(step, light, seen);
 }
 
-/* Of a part of a plane: what light around gives is taken off, what is known is told. */
-static void a_part_of_a_plane_is_surrounded(void **state)
-{
-    (void)state;
-    static float v[SLICES * MOST], x[SLICES * MOST];
-    static double volume[SLICES * MOST], image[VIEWS * MOST], around[VIEWS * MOST];
-    static const struct v2v_part rows = {4, 9}, columns = {3, 11};
-    const double tau = 20.0;
-    double squares = 0.0;
-    struct v2v_data_step *step = make(tau, 1.0);
-    surround(step, around);
-    v2v_data_step_know(step, &rows, &columns);
-    memset(v, 0, sizeof v);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(step, x);
-    assert_true(gradient_of(x, v, tau) < bound_of(tau));
-    for (int64_t i = 0; i < SLICES * pixels; i++) {
-        volume[i] = (double)x[i];
-    }
-    project(image, volume);
-    for (int64_t i = 0; i < VIEWS * pixels; i++) {
-        const int64_t row = i % pixels / torus.width, column = i % torus.width;
-        const int is_known = row >= rows.first && row < rows.first + rows.count &&
-                             column >= columns.first && column < columns.first + columns.count;
-        squares += is_known ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
-        y[i] = is_known ? y[i] : image[i];
-    }
-    assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(step, x);
-    assert_true(gradient_of(x, v, tau) < bound_of(tau));
-    v2v_data_step_destroy(&step);
-}
-
-static int is_in_frame(int64_t i)
-{
-    return i % pixels / torus.width < HEIGHT && i % torus.width < WIDTH;
-}
-
 /* Rounds of a run from v, and extended views; returns what the views missed. */
 static double run_and_extend(struct v2v_data_step *step, float *x, const float *v, int rounds)
 {
@@ -260,6 +244,47 @@ static double run_and_extend(struct v2v_data_step *step, float *x, const float *
         squares = v2v_data_step_extend(step);
     }
     return squares;
+}
+
+/* What begin takes anew has no weights and surroundings any more. @param gain 0: nor shall it have
+ * new weights */
+static void assert_as_new(struct v2v_data_step *step, const float *v, double tau, double gain,
+                          double floor)
+{
+    static float x[SLICES * MOST], expected[SLICES * MOST];
+    struct v2v_data_step *fresh = make(tau, 1.0);
+    v2v_data_step_begin(step, views, 1.0);
+    if (gain > 0.0) {
+        assert_ok(v2v_data_step_take_weights(fresh));
+        v2v_data_step_weigh(fresh, gain, floor);
+        v2v_data_step_weigh(step, gain, floor);
+    }
+    (void)run_and_extend(step, x, v, 1);
+    memcpy(x, v, sizeof x);
+    v2v_data_step_run(step, x);
+    (void)run_and_extend(fresh, expected, v, 1);
+    memcpy(expected, v, sizeof expected);
+    v2v_data_step_run(fresh, expected);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        assert_true(x[i] == expected[i]);
+    }
+    v2v_data_step_destroy(&fresh);
+}
+
+/* Of a part of a plane: what light around gives is taken off, what is known is told. */
+static void a_part_of_a_plane_is_surrounded(void **state)
+{
+    (void)state;
+    static const float dark[SLICES * MOST];
+    static double around[VIEWS * MOST];
+    static const struct v2v_part rows = {4, 9}, columns = {3, 11};
+    const double tau = 20.0;
+    struct v2v_data_step *step = make(tau, 1.0);
+    surround(step, around);
+    v2v_data_step_know(step, &rows, &columns);
+    assert_extended(step, dark, tau, &rows, &columns);
+    assert_as_new(step, dark, tau, 0.0, 0.0);
+    v2v_data_step_destroy(&step);
 }
 
 /* Runs from one v and extends in turn end where A^T W (A x - y) + (x - v) / tau = 0, W the weights
@@ -301,23 +326,9 @@ static void assert_weighted(int is_surrounded)
     if (!(gradient < bound_of(tau) / floor)) {
         fail_msg("gradient %g", gradient);
     }
-    v2v_data_step_begin(step, views, 1.0); /* none any more */
-    bridge_views(1.0);
-    (void)run_and_extend(step, x, v, 1);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(step, x);
-    for (int64_t i = 0; i < SLICES * pixels; i++) {
-        volume[i] = (double)x[i];
-    }
+    assert_as_new(step, v, tau, 0.0, floor);
+    assert_as_new(step, v, tau, gain, floor);
     v2v_data_step_destroy(&step);
-    struct v2v_data_step *plain = make(tau, 1.0);
-    (void)run_and_extend(plain, x, v, 1);
-    memcpy(x, v, sizeof v);
-    v2v_data_step_run(plain, x);
-    for (int64_t i = 0; i < SLICES * pixels; i++) {
-        assert_true(volume[i] == (double)x[i]);
-    }
-    v2v_data_step_destroy(&plain);
 }
 
 static void weights_give_the_minimum_of_weighted_squares(void **state)
