@@ -20,11 +20,12 @@ struct v2v_calibration_report {
 };
 
 /** Shift, gain, slope with depth, shading and distortion of every view, by predicting views from
- *  volumes of the others. Two views at a time (one, of six or fewer) are left
- *  out, until every one was; each is compared
- *  with its prediction and moved by linear least squares; from coarse detail to fine. Slopes, then
- *  shading and distortion, are kept where they lower the residual of the frame by 3 %.
- *  At the end gains are found by the volume of all views, less its bias.
+ *  volumes of the others: a third of the views at a time (one, of six or fewer) is left out, until
+ *  every one was; each is compared with its prediction and moved by linear least squares. From
+ *  coarse detail and a part of the frame to fine and more of it. Slopes, then shading and
+ *  distortion, the latter by the whole frame, are kept where they lower the residual by 3 %.
+ *  At the end gains are found by the volume of all views, less its bias. The report is of the
+ *  whole frame, two views at a time left out, before and after.
  *  What views cannot tell stays as it was: what all of them share, and what moves, stretches or
  *  bends the volume in depth.
  *  @kind   Collective(comm); any number of ranks finds the same to the bit
@@ -32,7 +33,7 @@ struct v2v_calibration_report {
  *  @param  views     [v,height,width] less their offset, the same on all ranks
  *  @return V2V_OK | V2V_E_INPUT (one view alone, a dark frame) | V2V_E_CONFIG | V2V_E_MEMORY |
  *          V2V_STOPPED | V2V_E_NUMERIC; agreed
- *  @cost   about 15 volumes for every two views, and ten of all
+ *  @cost   of deconvolve's frames without other options: 30 to 50; tells how far it is
  *  @source REFERENCE.md 13 */
 enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
                               struct v2v_calibration_report *report,

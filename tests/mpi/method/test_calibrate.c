@@ -12,7 +12,11 @@
 #include <string.h>
 
 enum { VIEWS = 8, SLICES = 5, KERNEL = 13 };
-enum { HEIGHT = 112, WIDTH = 104, PIXELS = HEIGHT * WIDTH };
+enum {
+    HEIGHT = 232,
+    WIDTH = 104,
+    PIXELS = HEIGHT * WIDTH
+}; /* higher than what is looked at first */
 
 /* Views from all sides, one pixel a slice. */
 static struct v2v_psf_file make_psf(void)
