@@ -15,7 +15,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SET("precision", "recon.precision", "f32|bf16|bf16-always",
                    "of the convolutions; bf16: if processors have it; -always: or emulate it"),
     V2V_OPTION_SET("skip", "recon.skip", "off|auto|N",
-                   "leave out tiles with less light than N (auto: 0.085) of the brightest, or than "
+                   "leave out tiles with less light than N (auto: 0.055) of the brightest, or than "
                    "noise; unrolled: take over from the last whole frame what changed by less than "
                    "N (auto: 0.02), or than noise"),
     V2V_OPTION_REFRESH,
