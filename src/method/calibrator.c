@@ -4,7 +4,6 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/method/left_out.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
 
@@ -153,7 +152,8 @@ static void compare(struct v2v_calibrator *self, int32_t v, float *prediction[2]
 {
     const float *recorded = self->recorded + v * self->pixels;
     struct v2v_registration *registration = &self->registration[v];
-    for (int k = 0; k < 2 && is_frame(self); k++) { /* else there is none to be put in */
+    /* fields are fitted to the frame, after all looks at parts of it */
+    for (int k = 0; k < 2 && is_frame(self); k++) {
         v2v_calibration_distort_view(prediction[k], self->scratch, &self->calibration->view[v],
                                      self->height, self->width);
     }
@@ -226,16 +226,16 @@ done:
     return rc;
 }
 
-static double share_of(const struct v2v_calibrator *self, const struct v2v_square *place)
+/* Of a square, or of the frame where it is shorter. */
+static double length_of(int64_t side, int64_t whole)
 {
-    return (double)(place->rows.count * place->columns.count) /
-           (double)(self->frame.rows.count * self->frame.columns.count);
+    return (double)(side == 0 ? whole : v2v_smaller(side, whole));
 }
 
 double v2v_calibrator_share(const struct v2v_calibrator *self, int64_t side)
 {
-    const struct v2v_square place = place_of(self, side);
-    return share_of(self, &place);
+    const int64_t height = self->frame.rows.count, width = self->frame.columns.count;
+    return length_of(side, height) * length_of(side, width) / (double)(height * width);
 }
 
 double v2v_calibrator_cost(const struct v2v_calibrator *self, const struct v2v_look *look)
@@ -246,6 +246,6 @@ double v2v_calibrator_cost(const struct v2v_calibrator *self, const struct v2v_l
 
 void v2v_calibrator_step(struct v2v_calibrator *self, int iterations)
 {
-    self->done += (double)iterations * share_of(self, &self->place);
+    self->done += (double)iterations * v2v_calibrator_share(self, self->side);
     v2v_progress_step(&self->progress, (int64_t)self->done, NULL);
 }

@@ -57,6 +57,9 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
 void v2v_shade_image(float *image, int64_t height, int64_t width,
                      const double field[V2V_FIELD_TERMS], double sign)
 {
+    if (v2v_field_is_zero(field)) {
+        return;
+    }
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
         for (int64_t x = 0; x < width; x++) {

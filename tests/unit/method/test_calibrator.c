@@ -9,28 +9,28 @@ enum { VIEWS = 7, HEIGHT = 300, WIDTH = 120, PIXELS = HEIGHT * WIDTH, FLASH = 25
 static float views[VIEWS * PIXELS];
 
 /* View v is v, but for light in the first one's row FLASH. */
-static void begin(struct v2v_calibrator *calibrator, const struct v2v_problem *problem)
+static void begin(struct v2v_calibrator *calibrator)
 {
+    static const struct v2v_psf_file psf = {.views = VIEWS, .slices = 3, .height = 5, .width = 5};
+    static struct v2v_config config;
+    static const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    v2v_config_defaults(&config);
     for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
         views[i] = (float)(i / PIXELS);
     }
     for (int64_t x = 0; x < WIDTH; x++) {
         views[FLASH * WIDTH + x] = (float)(x % 2);
     }
-    *calibrator = (struct v2v_calibrator){.problem = problem, .views = views};
+    *calibrator = (struct v2v_calibrator){.problem = &problem, .views = views};
     assert_ok(v2v_calibrator_init(calibrator));
 }
 
 static void a_look_is_where_view_0_varies_most(void **state)
 {
     (void)state;
-    struct v2v_psf_file psf = {.views = VIEWS, .slices = 3, .height = 5, .width = 5};
-    struct v2v_config config;
     struct v2v_calibrator calibrator;
-    v2v_config_defaults(&config);
-    const struct v2v_problem problem = {
-        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
-    begin(&calibrator, &problem);
+    begin(&calibrator);
     v2v_calibrator_go(&calibrator, SIDE);
     assert_int_equal(calibrator.height, SIDE);
     assert_int_equal(calibrator.width, WIDTH);
@@ -57,15 +57,10 @@ static void a_look_is_where_view_0_varies_most(void **state)
 static void cost_counts_iterations_of_the_whole_frame(void **state)
 {
     (void)state;
-    struct v2v_psf_file psf = {.views = VIEWS, .slices = 3, .height = 5, .width = 5};
-    struct v2v_config config;
     struct v2v_calibrator calibrator;
-    v2v_config_defaults(&config);
-    const struct v2v_problem problem = {
-        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
     const struct v2v_look thirds = {0, 1, 20, 3}, pairs = {0, 1, 20, 1000},
                           small = {SIDE, 1, 20, 3};
-    begin(&calibrator, &problem);
+    begin(&calibrator);
     assert_true(v2v_calibrator_cost(&calibrator, &thirds) == 3 * 20.0);
     assert_true(v2v_calibrator_cost(&calibrator, &pairs) == 4 * 20.0); /* 7 views by two */
     assert_float_equal(v2v_calibrator_cost(&calibrator, &small), 3 * 20.0 * SIDE / HEIGHT, 1e-4);
