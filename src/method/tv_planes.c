@@ -55,14 +55,20 @@ void v2v_tv_planes_fini(struct v2v_tv_planes *planes)
     v2v_transfers_destroy(&planes->transfers);
 }
 
+/* A slice a thread: the first time it is the kernel that clears, page by page. */
 void v2v_tv_planes_clear(struct v2v_tv_planes *planes)
 {
-    const int64_t slices = planes->slices, rows = planes->rows, width = planes->width;
-    memset(planes->volume, 0, (size_t)(slices * (rows + 2) * width) * sizeof(float));
-    memset(planes->next, 0, (size_t)(slices * rows * width) * sizeof(float));
-    memset(planes->positive, 0, (size_t)(slices * rows * width) * sizeof(float));
-    for (int i = 0; i < AXES; i++) {
-        memset(planes->dual[i], 0, (size_t)(slices * (rows + 1) * width) * sizeof(float));
+    const int64_t rows = planes->rows, width = planes->width;
+#pragma omp parallel for schedule(static) num_threads(planes->threads)
+    for (int64_t z = 0; z < planes->slices; z++) {
+        const int64_t of_volume = (rows + 2) * width, inside = rows * width;
+        const int64_t of_dual = (rows + 1) * width;
+        memset(planes->volume + z * of_volume, 0, (size_t)of_volume * sizeof(float));
+        memset(planes->next + z * inside, 0, (size_t)inside * sizeof(float));
+        memset(planes->positive + z * inside, 0, (size_t)inside * sizeof(float));
+        for (int i = 0; i < AXES; i++) {
+            memset(planes->dual[i] + z * of_dual, 0, (size_t)of_dual * sizeof(float));
+        }
     }
 }
 

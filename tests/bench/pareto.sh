@@ -7,7 +7,8 @@
 #     --methods A,B      rows of the table below, * and ? as in file names
 #     --minutes N        every training takes N minutes instead
 #     --psf P            PSFs; those of the shared data if not given
-#     --volumes FOLDER   NAME.tif or NAME.h5, true volumes; those of the shared data if not given
+#     --volumes FOLDER   NAME.tif or NAME.h5, true volumes, of a time-lapse the frames in turn; those of
+#                        the shared data if not given
 #     --threads N        as of the program
 #     --report           nothing is measured; table and picture of what was
 # Each run is a line of FOLDER/results.tsv; what has its line there is not run again, so that hours of
@@ -177,7 +178,7 @@ run_rows() { # SCENE NOISE
     rm -rf "$folder/volumes" # what was killed left
     mkdir "$folder/volumes"
     TMPDIR=$folder/volumes "$program" bench --methods --json --quiet "${options[@]}" --psf "$psf" \
-        --input "$folder/recording.h5" --truth "$(volume_of "$scene")" "${weights[@]}" \
+        --input "$folder/recording.h5" --truth "$folder/truth.h5" "${weights[@]}" \
         --only "${!name_of[@]}" >"$folder/rows.json" || return 1
     while read -r line; do
         row=$(value_of method "$line")
@@ -199,18 +200,20 @@ run_recording() { # SCENE NOISE
     local scene=$1 noise=$2 todo training failed=0
     todo=$(missing "$scene" "$noise")
     [[ -n $todo ]] || return 0
-    "$program" simulate --quiet --psf "$psf" --volume "$(volume_of "$scene")" --noise "$noise" \
+    "$program" convert --quiet --input "$(volume_of "$scene")" --slices "$slices" \
+        -o "$folder/truth.h5" --force || return 1
+    "$program" simulate --quiet --psf "$psf" --volume "$folder/truth.h5" --noise "$noise" \
         --seed 5 --frames 6 -o "$folder/recording.h5" --force || return 1
     while read -r training; do
         awk -F '|' -v "t=$training" '$2 "|" $3 == t' <<<"$todo" | run_rows "$scene" "$noise" ||
             { say "$scene, $noise: failed" && failed=1; }
     done < <(awk -F '|' '!seen[$2, $3]++ { print $2 "|" $3 }' <<<"$todo")
-    rm -f "$folder/recording.h5" "$folder/rows.json"
+    rm -f "$folder/recording.h5" "$folder/truth.h5" "$folder/rows.json"
     return "$failed"
 }
 
 run_all() {
-    local scene noise failed=0
+    local scene noise slices failed=0
     if [[ ! -d $volumes || ! -e $psf ]]; then
         say "no shared data: V2V_SHARED in the environment, or --volumes and --psf"
         return 1
@@ -220,6 +223,7 @@ run_all() {
             sed 's/\.[^.]*$//' | sort)
         [[ -z $quick ]] || scenes='nuclei fibres'
     fi
+    slices=$("$program" info "$psf" --json | sed -n 's/.*"slices": \([0-9]*\).*/\1/p')
     say "about $(estimate) minutes to go"
     for noise in $noises; do
         for scene in $scenes; do
