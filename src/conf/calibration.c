@@ -8,31 +8,35 @@
 #include <string.h>
 #include <yaml.h>
 
-enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64, MOST_SHADING = 3 };
+enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64 };
+
+/* Of a field's terms, which cancel each other's larger part. */
+enum { MOST_FIELD_PIXELS = 256, MOST_SHADING = 32 };
 
 /* What a file says of a view. */
 struct quantity {
     const char *name;
-    int count;
+    int count, fewest; /* numbers; those that are left out are 0 */
     size_t at;
     double least, most;
     const char *meaning;
 };
-#define QUANTITY(name, count, least, most, meaning)                                                \
+#define QUANTITY(name, count, fewest, least, most, meaning)                                        \
     {                                                                                              \
-#name, count, offsetof(struct v2v_view_calibration, name), least, most, meaning            \
+#name, count, fewest, offsetof(struct v2v_view_calibration, name), least, most, meaning    \
     }
-#define PIXELS(name, count, meaning) QUANTITY(name, count, -MOST_PIXELS, MOST_PIXELS, meaning)
+#define PIXELS(name, meaning) QUANTITY(name, 2, 2, -MOST_PIXELS, MOST_PIXELS, meaning)
+#define FIELD(name, most, meaning)                                                                 \
+    QUANTITY(name, V2V_FIELD_TERMS, V2V_FIELD_COARSE_TERMS, -most, most, meaning)
 
 static const struct quantity table[] = {
-    QUANTITY(gain, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
-    PIXELS(shift, 2, "y, x: pixels"),
-    PIXELS(slope, 2, "y, x: pixels from the middle slice to the last"),
-    PIXELS(distortion_y, V2V_FIELD_TERMS,
-           "x, y, x x, x y, y y, x x x, x x y, x y y, y y y: pixels at the frame's edge"),
-    PIXELS(distortion_x, V2V_FIELD_TERMS, "likewise"),
-    QUANTITY(shading, V2V_FIELD_TERMS, -MOST_SHADING, MOST_SHADING,
-             "likewise: logarithm of the gain"),
+    QUANTITY(gain, 1, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
+    PIXELS(shift, "y, x: pixels"),
+    PIXELS(slope, "y, x: pixels from the middle slice to the last"),
+    FIELD(distortion_y, MOST_FIELD_PIXELS,
+          "x, y, x x, x y, y y, x x x, x x y, x y y, y y y, and so on: pixels at the frame's edge"),
+    FIELD(distortion_x, MOST_FIELD_PIXELS, "likewise"),
+    FIELD(shading, MOST_SHADING, "likewise: logarithm of the gain"),
 };
 enum { QUANTITIES = sizeof table / sizeof *table };
 
@@ -63,7 +67,7 @@ static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node
         is_list ? node->data.sequence.items.top - node->data.sequence.items.start : 1;
     V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: %s", reader->path, line_of(node),
                             quantity->name));
-    if (is_list != (quantity->count > 1) || count != quantity->count) {
+    if (is_list != (quantity->count > 1) || count < quantity->fewest || count > quantity->count) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%d number%s", what, is_list ? "" : "a list of ",
                          quantity->count, quantity->count > 1 ? "s" : ""));
     }
@@ -139,7 +143,7 @@ static enum v2v_status read_document(struct v2v_calibration *calibration, struct
 {
     enum v2v_status rc = V2V_OK;
     static const char keys[] = "height, width, views";
-    static const struct quantity side = {"a side of the frame", 1, 0, 1.0, MOST_SIDE, NULL};
+    static const struct quantity side = {"a side of the frame", 1, 1, 0, 1.0, MOST_SIDE, NULL};
     double height = 0.0, width = 0.0;
     const yaml_node_t *root = yaml_document_get_root_node(&reader->document);
     if (root == NULL || root->type != YAML_MAPPING_NODE) {

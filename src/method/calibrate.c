@@ -25,8 +25,8 @@ enum { SMALL = 208, LARGE = 512, WHOLE = 0 };
  * of the views, which takes less than half of the time. */
 enum { ALL_FOLDS = 1 << 30, THIRDS = 3 };
 
-/* What is not lowered by so much is not worth its parameters, nor, after one round, another. */
-static const double least_lowered = 0.03, least_at_first = 0.01;
+/* What is not lowered by so much is not worth its parameters. */
+static const double least_lowered = 0.03;
 
 /* Rounds end when no view moves by more, pixels, or less of the residual is gone by one. */
 static const double still = 0.03, least_by_round = 1e-3;
@@ -38,20 +38,24 @@ static const double steady = 1e-3;
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
     struct v2v_look look;
-    unsigned terms; /* of method/registration.h */
-    int rounds;     /* at most */
+    int rounds; /* at most */
     int is_optional;
+    double least_at_first; /* an optional one's first round, or there is no other */
 } stages[] = {
-    {{SMALL, 4, COARSE, THIRDS}, V2V_REGISTER_SHIFT, 2, 0},
-    {{SMALL, 2, COARSE, THIRDS}, V2V_REGISTER_SHIFT, 2, 0},
-    {{SMALL, 1, FINE, THIRDS}, V2V_REGISTER_SHIFT, 8, 0},
-    {{LARGE, 1, FINE, THIRDS}, V2V_REGISTER_SHIFT, 8, 0},
-    {{LARGE, 1, FINE, THIRDS}, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE, 3, 1},
-    {{WHOLE, 1, FINE, THIRDS}, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS, 8, 1},
+    {{SMALL, 4, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0, 0.0},
+    {{SMALL, 2, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0, 0.0},
+    {{SMALL, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0, 0.0},
+    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0, 0.0},
+    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE}, 3, 1, 0.01},
+    {{WHOLE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS}, 8, 1, 0.01},
+    {{WHOLE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS | V2V_REGISTER_FINE_FIELDS},
+     8,
+     1,
+     0.005},
 };
 enum { STAGES = sizeof stages / sizeof *stages, FIRST_FINE = 2 };
 
-static const struct v2v_look judging = {WHOLE, 1, LAST, ALL_FOLDS};
+static const struct v2v_look judging = {WHOLE, 1, LAST, ALL_FOLDS, V2V_REGISTER_SHIFT};
 
 struct calibration_run {
     struct v2v_calibrator at;
@@ -92,12 +96,12 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
         first = r == 0 ? at->missed : first;
         *lowered = 1.0 - at->missed / first;
         if (is_last || at->missed > (1.0 - least_by_round) * last ||
-            (r > 0 && stage->is_optional && *lowered < least_at_first)) {
+            (r > 0 && stage->is_optional && *lowered < stage->least_at_first)) {
             break;
         }
         last = at->missed;
         v2v_registration_to_numbers(self->from, at->calibration);
-        moved = v2v_registration_step(at->calibration, at->registration, stage->terms,
+        moved = v2v_registration_step(at->calibration, at->registration, stage->look.terms,
                                       stage->look.smoothing);
         mix(self);
         v2v_par_broadcast(at->comm, &moved, sizeof moved, 0);
@@ -115,15 +119,19 @@ static enum v2v_status run_stages(struct calibration_run *self,
     const size_t bytes = (size_t)self->at.count * sizeof *now;
     V2V_TRY(v2v_par_agree(self->at.comm, V2V_ALLOC(before, "calibrate.before", self->at.count)));
     for (int s = first; s < end; s++) {
+        const unsigned terms = stages[s].look.terms;
         double lowered = 0.0;
+        if ((terms & V2V_REGISTER_FINE_FIELDS) != 0 && !report->has_fields) {
+            continue; /* what is coarse was not worth it */
+        }
         memcpy(before, now, bytes);
         V2V_TRY(run_stage(self, &stages[s], &lowered));
         if (stages[s].is_optional && lowered < least_lowered) {
             memcpy(now, before, bytes);
             continue;
         }
-        report->has_slopes |= (stages[s].terms & V2V_REGISTER_SLOPE) != 0;
-        report->has_fields |= (stages[s].terms & V2V_REGISTER_FIELDS) != 0;
+        report->has_slopes |= (terms & V2V_REGISTER_SLOPE) != 0;
+        report->has_fields |= (terms & V2V_REGISTER_FIELDS) != 0;
     }
 done:
     v2v_mem_free(before);

@@ -158,7 +158,7 @@ static void compare(struct v2v_calibrator *self, int32_t v, float *prediction[2]
                                      self->height, self->width);
     }
     v2v_registration_compare(registration, &self->images, recorded, prediction[0], prediction[1],
-                             look->smoothing, self->rows, self->columns);
+                             look->terms, look->smoothing, self->rows, self->columns);
     if (is_frame(self)) {
         registration->in_square = v2v_registration_missed(
             recorded, prediction[0], self->width, self->busiest.rows, self->busiest.columns);

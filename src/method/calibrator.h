@@ -15,6 +15,7 @@ struct v2v_look {
     int smoothing;  /**< pixels; of method/registration.h */
     int iterations; /**< of total variation */
     int64_t folds;  /**< at most; every view is left out of one */
+    unsigned terms; /**< of method/registration.h, beside shifts: what equations are of */
 };
 
 struct v2v_calibrator {

@@ -6,10 +6,45 @@
 #include <math.h>
 #include <string.h>
 
+/* Terms of fine fields look alike; each is held where it is by so much of its own diagonal element
+ * (D. W. Marquardt, J. SIAM 11, 431 (1963)), or rounds overshoot. */
+static const double ridge = 0.3;
+
 /* Of the largest diagonal element, what a pivot must have. */
 static const double least_pivot = 1e-10;
 
 enum { UNKNOWNS = V2V_REGISTER_UNKNOWNS, ROW = UNKNOWNS * (UNKNOWNS + 1) };
+
+/* Which of a view's unknowns are wanted, in order. */
+struct unknowns {
+    int list[UNKNOWNS], count;
+};
+
+/* Term k of a field, 0 its constant: the flag that asks for it. */
+static unsigned term_flag(int k)
+{
+    if (k == 0) {
+        return V2V_REGISTER_SHIFT;
+    }
+    return k <= V2V_FIELD_COARSE_TERMS ? V2V_REGISTER_FIELDS : V2V_REGISTER_FINE_FIELDS;
+}
+
+static unsigned flag_of(int unknown)
+{
+    return unknown >= V2V_REGISTER_SLOPES ? V2V_REGISTER_SLOPE
+                                          : term_flag(unknown % V2V_REGISTER_FIELD);
+}
+
+static struct unknowns unknowns_of(unsigned terms)
+{
+    struct unknowns wanted = {.count = 0};
+    for (int i = 0; i < UNKNOWNS; i++) {
+        if ((flag_of(i) & (terms | V2V_REGISTER_SHIFT)) != 0) {
+            wanted.list[wanted.count++] = i;
+        }
+    }
+    return wanted;
+}
 
 enum v2v_status v2v_registration_images_init(struct v2v_registration_images *images, int64_t height,
                                              int64_t width)
@@ -113,29 +148,31 @@ static void derivatives(double unknown[UNKNOWNS], const struct v2v_registration_
 /* A row's part of the equations: the lower triangle line by line, and behind each line its right
  * side. */
 static void add_row(double *sum, const struct v2v_registration_images *images, int64_t y,
-                    struct v2v_part columns, int64_t reach)
+                    struct v2v_part columns, const struct unknowns *wanted, int64_t reach)
 {
     double unknown[UNKNOWNS];
     memset(sum, 0, ROW * sizeof *sum);
     for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
         const double missed = (double)images->missed[y * images->width + x];
         derivatives(unknown, images, y, x, reach);
-        for (int i = 0; i < UNKNOWNS; i++) {
-            double *line = sum + (int64_t)i * (UNKNOWNS + 1);
+        for (int i = 0; i < wanted->count; i++) {
+            const int row = wanted->list[i];
+            double *line = sum + (int64_t)row * (UNKNOWNS + 1);
             for (int j = 0; j <= i; j++) {
-                line[j] += unknown[i] * unknown[j];
+                line[wanted->list[j]] += unknown[row] * unknown[wanted->list[j]];
             }
-            line[UNKNOWNS] += unknown[i] * missed;
+            line[UNKNOWNS] += unknown[row] * missed;
         }
     }
 }
 
 void v2v_registration_compare(struct v2v_registration *registration,
                               struct v2v_registration_images *images, const float *recorded,
-                              const float *prediction, const float *deep, int smoothing,
-                              struct v2v_part rows, struct v2v_part columns)
+                              const float *prediction, const float *deep, unsigned terms,
+                              int smoothing, struct v2v_part rows, struct v2v_part columns)
 {
     const int64_t height = images->height, width = images->width, pixels = height * width;
+    const struct unknowns wanted = unknowns_of(terms);
     memset(registration, 0, sizeof *registration);
     registration->in_frame = v2v_registration_missed(recorded, prediction, width, rows, columns);
     for (int64_t i = 0; i < pixels; i++) {
@@ -150,7 +187,7 @@ void v2v_registration_compare(struct v2v_registration *registration,
     }
 #pragma omp parallel for schedule(static)
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
-        add_row(images->of_row + y * ROW, images, y, columns, smoothing);
+        add_row(images->of_row + y * ROW, images, y, columns, &wanted, smoothing);
     }
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         for (int i = 0; i < UNKNOWNS; i++) {
@@ -177,25 +214,19 @@ double v2v_registration_brightness(const float *recorded, const float *predictio
     return product > 0.0 ? product / squares : 1.0;
 }
 
-/* Unknowns of `terms`. */
-static int list_unknowns(int list[UNKNOWNS], unsigned terms)
+/* What is added to an unknown's diagonal element. */
+static double held(const struct v2v_registration *registration, int unknown)
 {
-    int count = 0;
-    for (int i = 0; i < UNKNOWNS; i++) {
-        const int is_slope = i >= V2V_REGISTER_SLOPES;
-        const int is_field = !is_slope && i % V2V_REGISTER_FIELD != 0;
-        if ((!is_slope || (terms & V2V_REGISTER_SLOPE) != 0) &&
-            (!is_field || (terms & V2V_REGISTER_FIELDS) != 0)) {
-            list[count++] = i;
-        }
-    }
-    return count;
+    return flag_of(unknown) == V2V_REGISTER_FINE_FIELDS
+               ? ridge * registration->matrix[unknown][unknown]
+               : 0.0;
 }
 
 /* x = matrix^-1 right by Cholesky's factors; all 0 where the view shows too little to tell. */
-static void solve(double x[UNKNOWNS], const struct v2v_registration *registration, const int *list,
-                  int count)
+static void solve(double x[UNKNOWNS], const struct v2v_registration *registration,
+                  const struct unknowns *wanted)
 {
+    const int *list = wanted->list, count = wanted->count;
     double factor[UNKNOWNS][UNKNOWNS], y[UNKNOWNS];
     double largest = 0.0;
     memset(x, 0, UNKNOWNS * sizeof *x);
@@ -206,6 +237,7 @@ static void solve(double x[UNKNOWNS], const struct v2v_registration *registratio
         y[i] = registration->right[list[i]];
         for (int j = 0; j <= i; j++) {
             double sum = registration->matrix[list[i]][list[j]];
+            sum += i == j ? held(registration, list[i]) : 0.0;
             for (int k = 0; k < j; k++) {
                 sum -= factor[i][k] * factor[j][k];
             }
@@ -249,12 +281,11 @@ double v2v_registration_step(struct v2v_calibration *calibration,
                              const struct v2v_registration *registration, unsigned terms,
                              int smoothing)
 {
-    int list[UNKNOWNS];
-    const int count = list_unknowns(list, terms);
+    const struct unknowns wanted = unknowns_of(terms);
     double farthest = 0.0;
     for (int64_t v = 0; v < calibration->views; v++) {
         double x[UNKNOWNS], part = 1.0;
-        solve(x, &registration[v], list, count);
+        solve(x, &registration[v], &wanted);
         for (int i = 0; i < UNKNOWNS; i++) {
             /* gains by a factor of two, displacements as far as differences reach */
             const double most = i < V2V_REGISTER_Y ? log(2.0) : (double)smoothing + 1.0;

@@ -7,8 +7,13 @@
 #include "v2v3d/conf/calibration.h"
 #include "v2v3d/par/slicing.h"
 
-/** What is fitted: gain and shift always. */
-enum { V2V_REGISTER_SHIFT = 1, V2V_REGISTER_SLOPE = 2, V2V_REGISTER_FIELDS = 4 };
+/** What is fitted: gain and shift always. Fields are to the third degree, but for fine ones. */
+enum {
+    V2V_REGISTER_SHIFT = 1,
+    V2V_REGISTER_SLOPE = 2,
+    V2V_REGISTER_FIELDS = 4,
+    V2V_REGISTER_FINE_FIELDS = 8
+};
 
 /** Unknowns of a view, as they stand in its equations: gain and its field, displacement along y and
  *  its field, along x and its field; slope along y, x. */
@@ -55,15 +60,15 @@ struct v2v_missed v2v_registration_missed(const float *recorded, const float *pr
                                           int64_t width, struct v2v_part rows,
                                           struct v2v_part columns);
 
-/** The equations of a view and what its prediction misses over the frame.
+/** The equations of a view, of `terms` alone, and what its prediction misses over the frame.
  *  @kind   Local, no allocation, the same bits with any number of threads
  *  @param  deep the prediction of the volume weighted by depth
  *  @param  smoothing pixels: differences are taken of images smoothed by squares of this radius,
  *          across as many, and reach as far */
 void v2v_registration_compare(struct v2v_registration *registration,
                               struct v2v_registration_images *images, const float *recorded,
-                              const float *prediction, const float *deep, int smoothing,
-                              struct v2v_part rows, struct v2v_part columns);
+                              const float *prediction, const float *deep, unsigned terms,
+                              int smoothing, struct v2v_part rows, struct v2v_part columns);
 
 /** Solve every view's equations for `terms`, and go there, at most as far as `smoothing` shows.
  *  @kind Local. @param registration [views] @return the farthest way of a view, pixels */

@@ -9,12 +9,13 @@
 extern "C" {
 #endif
 
-/** Smooth fields over an image: sums of the products of x and y to the third degree, each from -1
- *  at one edge of the image to 1 at the other. What is constant belongs elsewhere. */
-enum { V2V_FIELD_TERMS = 9 };
+/** Smooth fields over an image: sums of the products of x and y to the fifth degree, each from -1
+ *  at one edge of the image to 1 at the other; those to the third come first. What is constant
+ *  belongs elsewhere. */
+enum { V2V_FIELD_DEGREE = 5, V2V_FIELD_TERMS = 20, V2V_FIELD_COARSE_TERMS = 9 };
 
 /** Pixels from the edge in which a field goes on as it is where they begin: fields are fitted to
- *  what lies inside, and their third powers, continued, would leave all bounds. */
+ *  what lies inside, and their powers, continued, would leave all bounds. */
 enum { V2V_FIELD_MARGIN = 24 };
 
 /** Of a side: fewer where it is short. @kind Local. */
@@ -36,18 +37,18 @@ static inline double v2v_field_place(int64_t i, int64_t side)
     return v2v_line_place(v2v_within(i, margin, side - 1 - margin), side);
 }
 
-/** The terms at a place: x, y, x x, x y, y y, x x x, x x y, x y y, y y y. @kind Local. */
+/** The terms at a place: x, y, x x, x y, y y, x x x, x x y, x y y, y y y and so on. @kind Local. */
 static inline void v2v_field_terms(double terms[V2V_FIELD_TERMS], double y, double x)
 {
     terms[0] = x;
     terms[1] = y;
-    terms[2] = x * x;
-    terms[3] = x * y;
-    terms[4] = y * y;
-    terms[5] = x * x * x;
-    terms[6] = x * x * y;
-    terms[7] = x * y * y;
-    terms[8] = y * y * y;
+    for (int degree = 2, from = 0; degree <= V2V_FIELD_DEGREE; from += degree, degree++) {
+        double *const to = terms + from + degree;
+        for (int i = 0; i < degree; i++) {
+            to[i] = x * terms[from + i];
+        }
+        to[degree] = y * terms[from + degree - 1];
+    }
 }
 
 /** A field's value there. @kind Local. */

@@ -64,6 +64,11 @@ static void what_is_left_out_is_as_the_psfs_say(void **state)
                 in.view[0].shift[1] == -2.0);
     assert_memory_equal(&in.view[1], &nothing, sizeof nothing);
     v2v_calibration_fini(&in);
+    assert_ok(v2v_calibration_read(
+        &in, write_text("height: 8\nwidth: 9\nviews:\n"
+                        "  - shading: [0, 0, 0, 0, 0, 0, 0, 0, 0.5]\n"))); /* third degree */
+    assert_true(in.view[0].shading[8] == 0.5 && in.view[0].shading[9] == 0.0);
+    v2v_calibration_fini(&in);
 }
 
 static void a_wrong_file_is_refused_by_line_and_key(void **state)
@@ -84,12 +89,13 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
         {"depth: 8\n", ":1: 'depth'"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: 1\n", ":4: shift wants a list of 2 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1]\n", ":4: shift wants 2 numbers"},
+        {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n", ":4: shading wants 20 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - gain: [1]\n", ":4: gain wants 1 number"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, 65]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, .nan]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, [2]]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - gain: 0\n", ":4: gain"},
-        {"height: 8\nwidth: 9\nviews:\n  - shading: [0, 0, 0, 0, 3.5, 0, 0, 0, 0]\n",
+        {"height: 8\nwidth: 9\nviews:\n  - shading: [0, 0, 0, 0, 32.5, 0, 0, 0, 0]\n",
          ":4: shading"},
         {"height: 0\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame"},
         {"height: 8\nwidth: [9\n", "cal.yaml:"},

@@ -58,8 +58,8 @@ static void cost_counts_iterations_of_the_whole_frame(void **state)
 {
     (void)state;
     struct v2v_calibrator calibrator;
-    const struct v2v_look thirds = {0, 1, 20, 3}, pairs = {0, 1, 20, 1000},
-                          small = {SIDE, 1, 20, 3};
+    const struct v2v_look thirds = {0, 1, 20, 3, 0}, pairs = {0, 1, 20, 1000, 0},
+                          small = {SIDE, 1, 20, 3, 0};
     begin(&calibrator);
     assert_true(v2v_calibrator_cost(&calibrator, &thirds) == 3 * 20.0);
     assert_true(v2v_calibrator_cost(&calibrator, &pairs) == 4 * 20.0); /* 7 views by two */

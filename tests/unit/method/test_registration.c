@@ -53,8 +53,8 @@ static double fit(struct v2v_view_calibration *view, const struct v2v_view_calib
     show(seen, deep, truth);
     for (int r = 0; r < MOST_ROUNDS && moved > 1e-6; r++) {
         show(predicted, deep, view);
-        v2v_registration_compare(&registration, &images, seen, predicted, deep, smoothing, rows,
-                                 columns);
+        v2v_registration_compare(&registration, &images, seen, predicted, deep, terms, smoothing,
+                                 rows, columns);
         moved = v2v_registration_step(&c, &registration, terms, smoothing);
     }
     const double *a = (const double *)(const void *)view;
@@ -81,7 +81,7 @@ static void all_that_is_asked_for_is_found(void **state)
     view = (struct v2v_view_calibration){.gain = 1.0};
     assert_true(fit(&view, &sloped, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE, 1) < 1e-3);
     all = sloped;
-    for (int k = 0; k < V2V_FIELD_TERMS; k++) {
+    for (int k = 0; k < V2V_FIELD_COARSE_TERMS; k++) {
         all.distortion_y[k] = 0.08 * (k % 5 - 1);
         all.distortion_x[k] = 0.15 - 0.06 * (k % 5);
         all.shading[k] = 0.02 * (k % 5) - 0.05;
@@ -89,6 +89,41 @@ static void all_that_is_asked_for_is_found(void **state)
     view = (struct v2v_view_calibration){.gain = 1.0};
     assert_true(fit(&view, &all, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS, 1) <
                 5e-3);
+}
+
+/* The farthest that two views' displacements are apart, pixels. */
+static double apart(const struct v2v_view_calibration *a, const struct v2v_view_calibration *b)
+{
+    double farthest = 0.0;
+    for (int i = 0; i < PIXELS; i++) {
+        double terms[V2V_FIELD_TERMS];
+        v2v_field_terms(terms, v2v_field_place(i / WIDTH, HEIGHT),
+                        v2v_field_place(i % WIDTH, WIDTH));
+        const double dy = a->shift[0] + v2v_field_value(a->distortion_y, terms) - b->shift[0] -
+                          v2v_field_value(b->distortion_y, terms);
+        const double dx = a->shift[1] + v2v_field_value(a->distortion_x, terms) - b->shift[1] -
+                          v2v_field_value(b->distortion_x, terms);
+        farthest = fmax(farthest, hypot(dy, dx));
+    }
+    return farthest;
+}
+
+/* Numbers of different degrees look alike, and none is compared; where pixels go is. */
+static void fine_fields_are_found_where_they_are_asked_for(void **state)
+{
+    (void)state;
+    const unsigned coarse = V2V_REGISTER_SHIFT | V2V_REGISTER_FIELDS;
+    struct v2v_view_calibration truth = {.gain = 0.9, .shift = {0.5, -0.25}};
+    struct v2v_view_calibration view = {.gain = 1.0};
+    truth.distortion_y[V2V_FIELD_COARSE_TERMS + 2] = 6.0;  /* x x y y */
+    truth.distortion_x[V2V_FIELD_COARSE_TERMS + 3] = -4.0; /* x y y y */
+    fit(&view, &truth, coarse, 1);
+    const double before = apart(&view, &truth);
+    assert_true(view.distortion_y[V2V_FIELD_COARSE_TERMS + 2] == 0.0);
+    fit(&view, &truth, coarse | V2V_REGISTER_FINE_FIELDS, 1);
+    const double after = apart(&view, &truth);
+    print_message("farthest: %.3f pixels without fine fields, %.3f with\n", before, after);
+    assert_true(after < 0.25 * before);
 }
 
 static void what_is_not_asked_for_stays(void **state)
@@ -111,7 +146,7 @@ static void a_dark_view_stays_where_it_is(void **state)
     struct v2v_registration registration;
     struct v2v_registration_images images;
     assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
-    v2v_registration_compare(&registration, &images, dark, dark, dark, 1,
+    v2v_registration_compare(&registration, &images, dark, dark, dark, V2V_REGISTER_SHIFT, 1,
                              v2v_registration_judged(HEIGHT), v2v_registration_judged(WIDTH));
     assert_true(v2v_registration_step(&c, &registration, V2V_REGISTER_SHIFT, 1) == 0.0);
     assert_true(view.gain == 1.0 && view.shift[0] == 0.0);
@@ -213,6 +248,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(all_that_is_asked_for_is_found),
+        cmocka_unit_test(fine_fields_are_found_where_they_are_asked_for),
         cmocka_unit_test(what_is_not_asked_for_stays),
         cmocka_unit_test(a_dark_view_stays_where_it_is),
         cmocka_unit_test(what_views_cannot_tell_is_taken_out),
