@@ -68,8 +68,13 @@ static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node
     V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: %s", reader->path, line_of(node),
                             quantity->name));
     if (is_list != (quantity->count > 1) || count < quantity->fewest || count > quantity->count) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%d number%s", what, is_list ? "" : "a list of ",
-                         quantity->count, quantity->count > 1 ? "s" : ""));
+        char fewest[16] = "";
+        if (quantity->fewest < quantity->count) {
+            V2V_TRY(v2v_text_format(fewest, sizeof fewest, "%d to ", quantity->fewest));
+        }
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%s%d number%s", what,
+                         is_list ? "" : "a list of ", fewest, quantity->count,
+                         quantity->count > 1 ? "s" : ""));
     }
     for (int64_t i = 0; i < count; i++) {
         if (is_list) {
@@ -258,6 +263,27 @@ enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration,
                     (long long)calibration->width);
 }
 
+static const double *numbers_of(const struct v2v_view_calibration *view,
+                                const struct quantity *quantity)
+{
+    return (const double *)(const void *)((const char *)view + quantity->at);
+}
+
+int v2v_calibration_is_within_bounds(const struct v2v_calibration *calibration)
+{
+    for (int64_t v = 0; v < calibration->views; v++) {
+        for (int q = 0; q < QUANTITIES; q++) {
+            const double *number = numbers_of(&calibration->view[v], &table[q]);
+            for (int i = 0; i < table[q].count; i++) {
+                if (!(number[i] >= table[q].least && number[i] <= table[q].most)) {
+                    return 0; /* NaN, too */
+                }
+            }
+        }
+    }
+    return 1;
+}
+
 void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stream)
 {
     fprintf(stream, "# How the views differ from what their PSFs say: v2v3d calibrate\n");
@@ -268,8 +294,7 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
             (long long)calibration->width);
     for (int64_t v = 0; v < calibration->views; v++) {
         for (int q = 0; q < QUANTITIES; q++) {
-            const double *number =
-                (const double *)(const void *)((const char *)&calibration->view[v] + table[q].at);
+            const double *number = numbers_of(&calibration->view[v], &table[q]);
             fprintf(stream, "%s%s: %s", q == 0 ? "  - " : "    ", table[q].name,
                     table[q].count > 1 ? "[" : "");
             for (int i = 0; i < table[q].count; i++) {

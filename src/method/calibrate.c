@@ -110,7 +110,8 @@ done:
     return rc;
 }
 
-/** The stages before `end`, an optional one undone where it was not worth it. Collective(comm). */
+/** The stages before `end`, an optional one undone where it was not worth it, or left the bounds of
+ *  what a file may say. Collective(comm). */
 static enum v2v_status run_stages(struct calibration_run *self,
                                   struct v2v_calibration_report *report, int first, int end)
 {
@@ -126,7 +127,8 @@ static enum v2v_status run_stages(struct calibration_run *self,
         }
         memcpy(before, now, bytes);
         V2V_TRY(run_stage(self, &stages[s], &lowered));
-        if (stages[s].is_optional && lowered < least_lowered) {
+        if (stages[s].is_optional &&
+            (lowered < least_lowered || !v2v_calibration_is_within_bounds(self->at.calibration))) {
             memcpy(now, before, bytes);
             continue;
         }

@@ -12,7 +12,12 @@ extern "C" {
 /** Smooth fields over an image: sums of the products of x and y to the fifth degree, each from -1
  *  at one edge of the image to 1 at the other; those to the third come first. What is constant
  *  belongs elsewhere. */
-enum { V2V_FIELD_DEGREE = 5, V2V_FIELD_TERMS = 20, V2V_FIELD_COARSE_TERMS = 9 };
+#define V2V_FIELD_TERMS_TO(degree) (((degree) + 1) * ((degree) + 2) / 2 - 1)
+enum {
+    V2V_FIELD_DEGREE = 5,
+    V2V_FIELD_TERMS = V2V_FIELD_TERMS_TO(V2V_FIELD_DEGREE),
+    V2V_FIELD_COARSE_TERMS = V2V_FIELD_TERMS_TO(3)
+};
 
 /** Pixels from the edge in which a field goes on as it is where they begin: fields are fitted to
  *  what lies inside, and their powers, continued, would leave all bounds. */

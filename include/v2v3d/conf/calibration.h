@@ -52,6 +52,9 @@ enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration,
 /** Is a view distorted? @kind Local. */
 int v2v_calibration_has_distortion(const struct v2v_calibration *calibration);
 
+/** Are all numbers within the bounds that a file of them is read by? @kind Local. */
+int v2v_calibration_is_within_bounds(const struct v2v_calibration *calibration);
+
 /** As such a file. @kind Local. */
 void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stream);
 

@@ -2,6 +2,7 @@
 
 #include "v2v3d/conf/calibration.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -47,6 +48,11 @@ static void what_is_printed_is_read_again(void **state)
     assert_int_equal(in.height, 303);
     assert_int_equal(in.width, 305);
     assert_memory_equal(in.view, out.view, 3 * sizeof *in.view);
+    assert_true(v2v_calibration_is_within_bounds(&in));
+    in.view[2].shading[V2V_FIELD_TERMS - 1] = 32.5;
+    assert_false(v2v_calibration_is_within_bounds(&in));
+    in.view[2].shading[V2V_FIELD_TERMS - 1] = NAN;
+    assert_false(v2v_calibration_is_within_bounds(&in));
     free(text);
     v2v_calibration_fini(&in);
     v2v_calibration_fini(&out);
@@ -89,7 +95,7 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
         {"depth: 8\n", ":1: 'depth'"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: 1\n", ":4: shift wants a list of 2 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1]\n", ":4: shift wants 2 numbers"},
-        {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n", ":4: shading wants 20 numbers"},
+        {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n", ":4: shading wants 9 to 20 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - gain: [1]\n", ":4: gain wants 1 number"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, 65]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, .nan]\n", ":4: shift"},
