@@ -1,5 +1,6 @@
 #include "v2v3d/eval/quality.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
@@ -100,28 +101,44 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride)
     return known > 0 ? sum / (double)known : NAN;
 }
 
-/** Collective(comm). @param projected, scratch [y,x] */
-static enum v2v_status match_view(struct v2v_match *match, const struct v2v_psf_file *psf,
-                                  const float *slices, const float *recorded, float *projected,
-                                  float *scratch, int64_t height, int64_t width, float scale,
-                                  const struct v2v_comm *comm)
+/** Collective(comm). @param psf of these views alone @param images [v+1,y,x]: scratch */
+static enum v2v_status match_views(struct v2v_match *match, const struct v2v_psf_file *psf,
+                                   const float *slices, const float *recorded, float *images,
+                                   int64_t height, int64_t width, float scale,
+                                   const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
+    const int64_t views = psf->views, pixels = height * width;
     struct v2v_projector *projector = NULL;
     float *rows = NULL;
-    v2v_watchdog_beat("a view of the quality of a volume");
+    v2v_watchdog_beat("views of the quality of a volume");
     V2V_TRY(v2v_projector_create(&projector, psf, height, width, V2V_SPLIT_SLICES, comm));
     const struct v2v_projector_share share = v2v_projector_share(projector);
-    rc = V2V_ALLOC(rows, "eval.views", v2v_mem_product(share.view_rows.count, width, 1));
+    rc = V2V_ALLOC(rows, "eval.views", v2v_mem_product(views, share.view_rows.count, width));
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_projector_forward(projector, rows, slices, NULL, 1, scale);
-    v2v_projector_gather_views(projector, projected, rows, 1);
-    const struct v2v_match one = v2v_match_of(scratch, recorded, projected, height, width);
-    v2v_match_add(match, &one);
+    v2v_projector_forward(projector, rows, slices, NULL, views, scale);
+    v2v_projector_gather_views(projector, images, rows, views);
+    for (int64_t v = 0; v < views; v++) {
+        const struct v2v_match one = v2v_match_of(images + views * pixels, recorded + v * pixels,
+                                                  images + v * pixels, height, width);
+        v2v_match_add(match, &one);
+    }
 done:
     v2v_mem_free(rows);
     v2v_projector_destroy(&projector);
     return rc;
+}
+
+/* Views that are projected together, so that slices are transformed for all of them at once: as
+ * many as have this many bytes of OTFs, or one. */
+static const int64_t otf_bytes = (int64_t)512 << 20;
+
+static int64_t views_together(const struct v2v_psf_file *psf, int64_t height, int64_t width)
+{
+    struct v2v_psf_file one = *psf;
+    one.views = 1;
+    const int64_t bytes = v2v_projector_bytes(&one, height, width, V2V_SPLIT_SLICES, 1);
+    return v2v_within(otf_bytes / v2v_larger(bytes, 1), 1, psf->views);
 }
 
 enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
@@ -130,15 +147,17 @@ enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_fi
 {
     enum v2v_status rc = V2V_OK;
     const int64_t pixels = height * width, kernels = psf->slices * psf->height * psf->width;
+    const int64_t together = views_together(psf, height, width);
     float *images = NULL;
-    struct v2v_psf_file one = *psf;
+    struct v2v_psf_file some = *psf;
     *match = (struct v2v_match){0};
-    one.views = 1;
-    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(images, "eval.views", v2v_mem_product(2, pixels, 1))));
-    for (int64_t v = 0; v < psf->views; v++) {
-        one.data = psf->data + v * kernels;
-        V2V_TRY(match_view(match, &one, slices, views + v * pixels, images, images + pixels, height,
-                           width, scale, comm));
+    rc = V2V_ALLOC(images, "eval.views", v2v_mem_product(together + 1, pixels, 1));
+    V2V_TRY(v2v_par_agree(comm, rc));
+    for (int64_t v = 0; v < psf->views; v += together) {
+        some.views = v2v_smaller(together, psf->views - v);
+        some.data = psf->data + v * kernels;
+        V2V_TRY(match_views(match, &some, slices, views + v * pixels, images, height, width, scale,
+                            comm));
     }
 done:
     v2v_mem_free(images);

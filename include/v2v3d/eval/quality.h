@@ -43,12 +43,14 @@ int64_t v2v_saturated_pixels(const float *views, int64_t count);
 /** Mean of x[0], x[stride] .. that are not NaN; NaN when none is. @kind Local. */
 double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
 
-/** The match of one frame, all views, by one view's OTFs at a time: little memory, nothing kept.
+/** The match of one frame, all views, by half a gigabyte of OTFs at a time (a view's, where they
+ *  are larger): nothing is kept.
  *  @kind   Collective(comm)
  *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
  *  @param  scale of the projection: 1, or 1/Z for the mean over z
  *  @return V2V_OK | V2V_E_MEMORY; agreed
- *  @cost   V * Z + V * Z forward and V inverse transforms over all ranks */
+ *  @cost   V * Z transforms of PSFs, Z of slices for as many views as go together, and V inverse,
+ *          over all ranks */
 enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
                                 const float *slices, const float *views, int64_t height,
                                 int64_t width, float scale,

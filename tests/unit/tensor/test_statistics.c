@@ -197,20 +197,28 @@ static void first_special_number_is_found_wherever_it_is(void **state)
     v2v_mem_free(x);
 }
 
+/* Few values, and as many as samples are sorted of first. */
 static void selection_parts_an_array_at_its_kth_value(void **state)
 {
     (void)state;
-    enum { COUNT = 501 };
-    float x[COUNT];
-    for (int64_t k = 0; k < COUNT; k += 50) {
-        for (int64_t i = 0; i < COUNT; i++) {
-            x[i] = (float)(i * 173 % COUNT / 3); /* each value three times, in disorder */
-        }
-        assert_true(v2v_select(x, COUNT, k) == (float)(k / 3) && x[k] == (float)(k / 3));
-        for (int64_t i = 0; i < COUNT; i++) {
-            assert_true(i < k ? x[i] <= x[k] : x[i] >= x[k]);
+    enum { MOST = 60001, TURNS = 11 };
+    const int64_t counts[] = {1, 2, 501, 5003, MOST};
+    float *x = NULL;
+    assert_ok(V2V_ALLOC(x, "test", MOST));
+    for (size_t c = 0; c < sizeof counts / sizeof counts[0]; c++) {
+        const int64_t count = counts[c];
+        for (int64_t turn = 0; turn < TURNS; turn++) {
+            const int64_t k = (count - 1) * turn / (TURNS - 1);
+            for (int64_t i = 0; i < count; i++) {
+                x[i] = (float)(i * 173 % count / 3); /* each value three times, in disorder */
+            }
+            assert_true(v2v_select(x, count, k) == (float)(k / 3) && x[k] == (float)(k / 3));
+            for (int64_t i = 0; i < count; i++) {
+                assert_true(i < k ? x[i] <= x[k] : x[i] >= x[k]);
+            }
         }
     }
+    v2v_mem_free(x);
 }
 
 /* Of noise that is the same everywhere, the slopes that are found lie about 0 by their standard
