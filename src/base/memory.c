@@ -185,6 +185,15 @@ void v2v_mem_set_limit(size_t bytes)
     pthread_mutex_unlock(&account.lock);
 }
 
+size_t v2v_mem_room(void)
+{
+    pthread_mutex_lock(&account.lock);
+    const size_t left = account.limit > account.held ? account.limit - account.held : 0;
+    const size_t room = account.limit == 0 ? SIZE_MAX : left;
+    pthread_mutex_unlock(&account.lock);
+    return room;
+}
+
 size_t v2v_mem_held(void)
 {
     return read_locked(&account.held);

@@ -129,16 +129,24 @@ done:
     return rc;
 }
 
-/* Views that are projected together, so that slices are transformed for all of them at once: as
- * many as have this many bytes of OTFs, or one. */
-static const int64_t otf_bytes = (int64_t)512 << 20;
+/* What a projector of several views may hold, bytes, and of a memory limit's room. */
+static const int64_t most_bytes = (int64_t)512 << 20;
+static const double most_of_room = 0.5;
 
-static int64_t views_together(const struct v2v_psf_file *psf, int64_t height, int64_t width)
+/** Views that are projected together, so that slices are transformed for all of them at once.
+ *  Collective(comm). */
+static int64_t views_together(const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                              const struct v2v_comm *comm)
 {
-    struct v2v_psf_file one = *psf;
-    one.views = 1;
-    const int64_t bytes = v2v_projector_bytes(&one, height, width, V2V_SPLIT_SLICES, 1);
-    return v2v_within(otf_bytes / v2v_larger(bytes, 1), 1, psf->views);
+    struct v2v_psf_file some = *psf;
+    const double most = fmin((double)most_bytes, most_of_room * (double)v2v_mem_room());
+    while (some.views > 1 &&
+           (double)v2v_projector_bytes(&some, height, width, V2V_SPLIT_SLICES, 1) > most) {
+        some.views--;
+    }
+    int64_t fewer = psf->views - some.views;
+    v2v_par_max_i64(comm, &fewer, 1); /* a rank may have less room */
+    return psf->views - fewer;
 }
 
 enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
@@ -147,7 +155,7 @@ enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_fi
 {
     enum v2v_status rc = V2V_OK;
     const int64_t pixels = height * width, kernels = psf->slices * psf->height * psf->width;
-    const int64_t together = views_together(psf, height, width);
+    const int64_t together = views_together(psf, height, width, comm);
     float *images = NULL;
     struct v2v_psf_file some = *psf;
     *match = (struct v2v_match){0};

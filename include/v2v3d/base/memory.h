@@ -29,6 +29,9 @@ void v2v_mem_free(void *memory);
 /** Refuse to hold more than this many bytes; 0 = no limit. @kind Local. */
 void v2v_mem_set_limit(size_t bytes);
 
+/** Bytes that are left of the limit; SIZE_MAX without one. @kind Local. */
+size_t v2v_mem_room(void);
+
 /** Bytes held now, and the most ever held. @kind Local. */
 size_t v2v_mem_held(void);
 size_t v2v_mem_peak(void);

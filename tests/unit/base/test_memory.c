@@ -50,7 +50,9 @@ static void limit_refuses_what_passes_it(void **state)
 {
     (void)state;
     size_t held = v2v_mem_held();
+    assert_true(v2v_mem_room() == SIZE_MAX);
     v2v_mem_set_limit(held + 1000);
+    assert_int_equal(v2v_mem_room(), 1000);
     void *fits = v2v_mem_alloc("test.limit", 1000, 1);
     assert_non_null(fits);
     assert_null(v2v_mem_alloc("test.limit", 1, 1));
@@ -58,6 +60,7 @@ static void limit_refuses_what_passes_it(void **state)
     v2v_mem_free(fits);
     fits = v2v_mem_alloc("test.limit", 1, 1);
     assert_non_null(fits);
+    assert_int_equal(v2v_mem_room(), 999);
     v2v_mem_set_limit(0);
     void *more = v2v_mem_alloc("test.limit", 100000, 1);
     assert_non_null(more);

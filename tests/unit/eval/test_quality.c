@@ -1,6 +1,7 @@
 /* How views are met by a volume, where that is known. */
 #include "small_optics.h"
 
+#include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/eval/uncertainty.h"
@@ -84,6 +85,36 @@ static void noise_alone_is_one_sigma(void **state)
     assert_true(fabs(v2v_match_sigmas(&match, 1.0) - 1.0) < 0.06);
     /* five standard errors of the sum of the noise */
     assert_true(fabs(v2v_match_flux(&match) - 1.0) < 5 * sigma * sqrt(SAMPLES) / sum);
+    v2v_psf_file_fini(&psf);
+}
+
+/* From room for all views down to twice what one takes. */
+static void views_that_memory_has_no_room_for_together_match_alike(void **state)
+{
+    (void)state;
+    static float volume[VOXELS], views[SAMPLES];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_match all, match;
+    for (int i = 0; i < VOXELS; i++) {
+        volume[i] = (float)v2v_random_uniform(3, 0, (uint64_t)i);
+    }
+    for (int i = 0; i < SAMPLES; i++) {
+        views[i] = (float)v2v_random_uniform(4, 0, (uint64_t)i);
+    }
+    assert_ok(v2v_match_frame(&all, &psf, volume, views, HEIGHT, WIDTH, 1.0f, NULL));
+    for (int together = VIEWS; together >= 1; together--) {
+        struct v2v_psf_file some = psf;
+        some.views = together;
+        v2v_mem_set_limit(v2v_mem_held() + 2 * (size_t)v2v_projector_bytes(&some, HEIGHT, WIDTH,
+                                                                           V2V_SPLIT_SLICES, 1));
+        const enum v2v_status rc =
+            v2v_match_frame(&match, &psf, volume, views, HEIGHT, WIDTH, 1.0f, NULL);
+        v2v_mem_set_limit(0);
+        assert_ok(rc);
+        assert_true(fabs(match.pp / all.pp - 1.0) < 10 * EPS);
+        assert_true(fabs(match.yp / all.yp - 1.0) < 10 * EPS);
+        assert_true(match.yy == all.yy && match.noise == all.noise);
+    }
     v2v_psf_file_fini(&psf);
 }
 
@@ -201,6 +232,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_exact_volume_has_no_residual_and_all_the_light),
         cmocka_unit_test(noise_alone_is_one_sigma),
+        cmocka_unit_test(views_that_memory_has_no_room_for_together_match_alike),
         cmocka_unit_test(dark_views_have_no_flux),
         cmocka_unit_test(a_projection_that_is_no_number_has_no_residual),
         cmocka_unit_test(views_cut_off_are_saturated),
