@@ -129,7 +129,8 @@ done:
     return rc;
 }
 
-/* What a projector of several views may hold, bytes, and of a memory limit's room. */
+/* What a projector of several views may hold, bytes over all ranks, and of what a memory limit
+ * leaves a rank. */
 static const int64_t most_bytes = (int64_t)512 << 20;
 static const double most_of_room = 0.5;
 

@@ -74,7 +74,7 @@ static void swap(float *a, float *b)
     *b = t;
 }
 
-/* Values of more than this are first sorted about k among a sample of them, so that the next pivot
+/* Of more values than this a sample about k is parted first, so that its k-th value, as a pivot,
  * leaves little of the rest (Floyd and Rivest, Commun. ACM 18, 165 (1975)). */
 enum { SAMPLED = 600 };
 
@@ -82,12 +82,25 @@ static void select_in_sample(float *x, int64_t count, int64_t k)
 {
     const double n = (double)count, place = (double)(k + 1), z = log(n), s = 0.5 * exp(2 * z / 3);
     const double spread = 0.5 * sqrt(z * s * (n - s) / n) * (place < 0.5 * n ? -1.0 : 1.0);
-    const double start = (double)k - place * s / n + spread;
+    const double start = (double)k - place * s / n + spread; /* <= k <= start + s */
     const int64_t first = (int64_t)fmax(0.0, start);
     const int64_t last = (int64_t)fmin(n - 1.0, start + s);
-    if (first <= k && k <= last) {
-        v2v_select(x + first, last - first + 1, k - first);
+    v2v_select(x + first, last - first + 1, k - first);
+}
+
+static int64_t middle_of_three(float *x, int64_t first, int64_t last)
+{
+    const int64_t middle = first + (last - first) / 2;
+    if (x[middle] < x[first]) {
+        swap(&x[middle], &x[first]);
     }
+    if (x[last] < x[first]) {
+        swap(&x[last], &x[first]);
+    }
+    if (x[last] < x[middle]) {
+        swap(&x[last], &x[middle]);
+    }
+    return middle;
 }
 
 /** Hoare's selection. */
@@ -95,21 +108,13 @@ float v2v_select(float *x, int64_t count, int64_t k)
 {
     int64_t first = 0, last = count - 1;
     while (first < last) {
-        int64_t middle = first + (last - first) / 2;
-        if (x[middle] < x[first]) {
-            swap(&x[middle], &x[first]);
-        }
-        if (x[last] < x[first]) {
-            swap(&x[last], &x[first]);
-        }
-        if (x[last] < x[middle]) {
-            swap(&x[last], &x[middle]);
-        }
+        int64_t place = k;
         if (last - first > SAMPLED) {
             select_in_sample(x + first, last - first + 1, k - first);
-            middle = k;
+        } else {
+            place = middle_of_three(x, first, last);
         }
-        float pivot = x[middle];
+        float pivot = x[place];
         int64_t i = first, j = last;
         while (i <= j) {
             while (x[i] < pivot) {

@@ -43,8 +43,8 @@ int64_t v2v_saturated_pixels(const float *views, int64_t count);
 /** Mean of x[0], x[stride] .. that are not NaN; NaN when none is. @kind Local. */
 double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
 
-/** The match of one frame, all views, as many at a time as half a gigabyte of OTFs has room for,
- *  or half of what a memory limit leaves, or one: nothing is kept.
+/** The match of one frame, all views, as many at a time as have half a gigabyte of OTFs over all
+ *  ranks, or half of what a memory limit leaves a rank, or one: nothing is kept.
  *  @kind   Collective(comm)
  *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
  *  @param  scale of the projection: 1, or 1/Z for the mean over z

@@ -88,7 +88,8 @@ static void noise_alone_is_one_sigma(void **state)
     v2v_psf_file_fini(&psf);
 }
 
-/* From room for all views down to twice what one takes. */
+/* From room for all views down to twice what one takes. As above, one view's transforms or all: at
+ * most float32's rounding of a few additions. */
 static void views_that_memory_has_no_room_for_together_match_alike(void **state)
 {
     (void)state;

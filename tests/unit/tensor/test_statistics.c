@@ -197,7 +197,7 @@ static void first_special_number_is_found_wherever_it_is(void **state)
     v2v_mem_free(x);
 }
 
-/* Few values, and as many as samples are sorted of first. */
+/* With and without a sample, which is taken of more than 600 values. */
 static void selection_parts_an_array_at_its_kth_value(void **state)
 {
     (void)state;
