@@ -53,6 +53,7 @@ extern const struct v2v_command v2v_command_info;
 extern const struct v2v_command v2v_command_init;
 extern const struct v2v_command v2v_command_preview;
 extern const struct v2v_command v2v_command_project;
+extern const struct v2v_command v2v_command_psf_fit;
 extern const struct v2v_command v2v_command_psf_info;
 extern const struct v2v_command v2v_command_psf_simulate;
 extern const struct v2v_command v2v_command_reconstruct;

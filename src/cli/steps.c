@@ -330,7 +330,7 @@ enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *confi
     if (stream == NULL) {
         return V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
     }
-    v2v_config_print(config, stream, comments);
+    v2v_config_print(config, stream, NULL, comments);
     return fclose(stream) == 0 ? V2V_OK
                                : V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
 }
@@ -399,7 +399,7 @@ static enum v2v_status task_text(char **text, const struct v2v_provenance *prove
     v2v_config_defaults(&defaults);
     config = session->config;
     config.parallel = defaults.parallel;
-    v2v_config_print(&config, stream, 0);
+    v2v_config_print(&config, stream, NULL, 0);
     for (int64_t i = 0; i < provenance->count; i++) {
         static const char *const by_run[] = {"command_line", "configuration", "written", "ranks",
                                              "threads"};

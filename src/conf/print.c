@@ -122,7 +122,7 @@ static void print_key(const struct v2v_config *config, const struct v2v_key *key
     fputc('\n', stream);
 }
 
-void v2v_config_print(const struct v2v_config *config, FILE *stream, int comments)
+void v2v_config_print(const struct v2v_config *config, FILE *stream, const char *only, int comments)
 {
     const char *section = "";
     struct v2v_config defaults;
@@ -132,6 +132,9 @@ void v2v_config_print(const struct v2v_config *config, FILE *stream, int comment
     v2v_config_defaults(&defaults);
     for (int64_t i = 0; i < v2v_key_count; i++) {
         const struct v2v_key *key = &v2v_key_table[i];
+        if (only != NULL && strcmp(only, key->section) != 0) {
+            continue;
+        }
         if (strcmp(section, key->section) != 0) {
             fprintf(stream, "%s%s:\n", i > 0 && comments ? "\n" : "", key->section);
             section = key->section;

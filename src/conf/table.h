@@ -18,7 +18,7 @@ enum v2v_key_kind {
 
 enum {
     V2V_KEY_MOST_WORDS = 4,
-    V2V_KEY_MOST = 96,
+    V2V_KEY_MOST = 128,
     V2V_KEY_NAME_BYTES = 64,
     V2V_KEY_VALUE_BYTES = V2V_CONFIG_TEXT_BYTES
 };

@@ -39,7 +39,7 @@ static enum v2v_status print_config(struct v2v_run_folder *folder, const struct 
     if (stream == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
     }
-    v2v_config_print(config, stream, 0);
+    v2v_config_print(config, stream, NULL, 0);
     if (fclose(stream) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
     }

@@ -13,6 +13,14 @@ works psf info one/psf.h5
 says '5 views, 7 slices of 31 x 31 pixels'
 works info one/psf.h5
 says 'PSFs, 5 views'
+works psf fit --psf one/psf.h5 -c tiny.yaml -o fitted.yaml
+says 'largest distance of centroids'
+works psf simulate -c fitted.yaml -o one/fitted.h5
+works psf info one/fitted.h5
+says '5 views, 7 slices of 31 x 31 pixels'
+refuses 2 '--modes: 99 is outside' psf fit --psf one/psf.h5 --modes 99 -o other.yaml
+refuses 78 'optics.tilts: view 1 is not a pair' psf simulate --set 'optics.tilts=0 0, 1' -o other.h5
+refuses 78 'lies outside the pupil' psf simulate --set 'optics.tilts=0.9 0.9' -o other.h5
 
 works project --psf one/psf.h5 --volume one/truth.h5 -o lfi.h5 --reduce sum --normalize none
 works info lfi.h5

@@ -15,6 +15,7 @@ BEGIN {
     owner["openblas"] = " op "
     owner["oneapi/"] = " op "
     owner["dnnl"] = " op "
+    owner["nlopt"] = " optics "
     owner["yaml"] = " conf "
     owner["cyaml"] = " conf "
 }

@@ -90,6 +90,7 @@ v2v_library(jansson TITLE "jansson" DEBIAN libjansson-dev MODULES jansson
   HEADER jansson.h LIBRARIES jansson)
 v2v_library(xml2 TITLE "libxml2" DEBIAN libxml2-dev MODULES libxml-2.0
   HEADER libxml/xmlreader.h SUFFIX libxml2 LIBRARIES xml2)
+v2v_library(nlopt TITLE "NLopt" DEBIAN libnlopt-dev MODULES nlopt HEADER nlopt.h LIBRARIES nlopt)
 v2v_library(openblas TITLE "OpenBLAS" DEBIAN libopenblas-openmp-dev MODULES openblas
   HEADER cblas.h SUFFIX openblas LIBRARIES openblas)
 v2v_library(fftw3f TITLE "FFTW3 in single precision" DEBIAN libfftw3-dev MODULES fftw3f

@@ -57,7 +57,7 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 /** Of a method: letters, digits, - and _. */
 #define V2V_CONFIG_NAME_BYTES 32
 /** Of any other text: one line. */
-#define V2V_CONFIG_TEXT_BYTES 128
+#define V2V_CONFIG_TEXT_BYTES 2048
 
 /** Of a folder of TIFFs: each is a view of all frames, or holds frames, one file after the other.
  *  AUTO: what the number of views fits alone. */
@@ -77,18 +77,47 @@ struct v2v_input_settings {
     struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
 };
 
-/** The needle-beam two-photon model of `psf simulate`. */
+/** Samples of the field that `psf simulate` propagates. BAND: as fine as its band asks for, a pixel
+ *  is the mean of its samples. PIXEL: one in the middle of each pixel, on a grid as wide as the PSF
+ *  that repeats itself; frequencies beyond 1/(2 pixels) fold. */
+enum v2v_optics_sampling { V2V_OPTICS_SAMPLING_BAND, V2V_OPTICS_SAMPLING_PIXEL };
+
+/** What `psf simulate` divides by. */
+enum v2v_optics_normalize {
+    V2V_OPTICS_NORMALIZE_VIEW,
+    V2V_OPTICS_NORMALIZE_SLICE,
+    V2V_OPTICS_NORMALIZE_NONE,
+};
+
+/** The scalar wave-optics model of `psf simulate`: sub-apertures of a pupil, a view each. Two
+ *  photons: needle beams (2pSAM); one: microlenses in the pupil plane (Fourier light field), or,
+ *  with a single one that fills the pupil, a wide-field stack. */
 struct v2v_optics_settings {
     int64_t rings; /**< rings of tilted views about the central one */
     int64_t views_per_ring;
-    double numerical_aperture; /**< of the objective: bounds the tilt */
-    double needle_aperture;    /**< of one sub-aperture */
+    char tilts
+        [V2V_CONFIG_TEXT_BYTES]; /**< "y x, y x, ..", of the pupil's radius, a pair a view; "": the
+                                            rings */
+    double numerical_aperture;   /**< of the objective: bounds the tilt */
+    double needle_aperture;      /**< of one sub-aperture */
+    double beam_radius;          /**< of a Gaussian beam where its intensity falls to 1/e^2, of the
+                             sub-aperture's; 0: uniform */
+    double pinhole_um;           /**< radius, in the sample; 0: none */
+    double pinhole_defocus_um;   /**< of the beam in the pinhole, in the sample */
     double refractive_index;
-    double wavelength_um; /**< excitation, in vacuum */
+    double immersion_index;              /**< where it differs from the sample's; 0: it doesn't */
+    double depth_um;                     /**< of the focus below the boundary of both indices */
+    double wavelength_um;                /**< in vacuum: excitation, or emission of one photon */
+    int64_t photons;                     /**< 1 or 2: the power of the intensity */
+    char zernike[V2V_CONFIG_TEXT_BYTES]; /**< "4:0.1, 11:-0.05": waves RMS by Noll's index */
     double pixel_size_um;
     double slice_spacing_um;
+    double focus_slice; /**< of the focus, slices from the middle one */
     int64_t slices;
-    int64_t size; /**< pixels of a PSF's side */
+    int64_t size;  /**< pixels of a PSF's side */
+    int64_t shift; /**< pixels down and right from the PSF's centre, of all views */
+    int sampling;  /**< enum v2v_optics_sampling */
+    int normalize; /**< enum v2v_optics_normalize */
 };
 
 struct v2v_loss_settings {
@@ -220,8 +249,10 @@ enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config
                                const char *key) V2V_MUST_CHECK;
 
 /** Write the resolved configuration as YAML that v2v_config_load takes back to the same bits; with
- *  `comments` each key's meaning, default and range beside it. @kind Local. */
-void v2v_config_print(const struct v2v_config *config, FILE *stream, int comments);
+ *  `comments` each key's meaning, default and range beside it. @kind Local. @param only this
+ *  section alone; NULL: all */
+void v2v_config_print(const struct v2v_config *config, FILE *stream, const char *only,
+                      int comments);
 
 #ifdef __cplusplus
 }

@@ -33,7 +33,7 @@ static inline void program_init(struct scene *scene)
     snprintf(path, sizeof path, "%s/config.yaml", scene->folder);
     FILE *config = fopen(path, "we");
     assert_non_null(config);
-    v2v_config_print(&scene->config, config, 0);
+    v2v_config_print(&scene->config, config, NULL, 0);
     assert_int_equal(fclose(config), 0);
 }
 

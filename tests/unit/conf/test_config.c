@@ -257,7 +257,7 @@ static void check_round_trip(const struct v2v_config *config, int comments)
     size_t bytes = 0;
     FILE *stream = open_memstream(&text, &bytes);
     assert_non_null(stream);
-    v2v_config_print(config, stream, comments);
+    v2v_config_print(config, stream, NULL, comments);
     assert_int_equal(fclose(stream), 0);
     v2v_config_defaults(&back);
     assert_ok(v2v_config_load(&back, write_bytes(text, bytes)));

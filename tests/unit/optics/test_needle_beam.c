@@ -11,6 +11,7 @@ static struct v2v_optics_settings small_optics(void)
                                         .numerical_aperture = 0.85,
                                         .needle_aperture = 0.25,
                                         .refractive_index = 1.33,
+                                        .photons = 2,
                                         .wavelength_um = 0.92,
                                         .pixel_size_um = 0.5,
                                         .slice_spacing_um = 1.0,

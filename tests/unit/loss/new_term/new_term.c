@@ -50,7 +50,7 @@ static void a_row_is_a_key_of_the_configuration(void **state)
     assert_ok(v2v_config_set(&config, "loss.bias=none"));
     FILE *stream = open_memstream(&text, &bytes);
     assert_non_null(stream);
-    v2v_config_print(&config, stream, 1);
+    v2v_config_print(&config, stream, NULL, 1);
     assert_int_equal(fclose(stream), 0);
     assert_non_null(strstr(text, "  light: 3"));
     assert_non_null(strstr(text, "weight of all light (auto, none or 0 to "));

@@ -1,0 +1,118 @@
+#include "optics/views.h"
+
+#include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const double PI = 3.14159265358979323846;
+
+static const char WHAT[] = "optics.tilts, part of the pupil's radius";
+
+static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings, int64_t v)
+{
+    tilt[0] = tilt[1] = 0;
+    if (v > 0) {
+        const int64_t ring = (v - 1) / settings->views_per_ring + 1;
+        const int64_t around = (v - 1) % settings->views_per_ring;
+        const double outermost = settings->numerical_aperture - settings->needle_aperture;
+        const double frequency =
+            outermost * (double)ring / (double)settings->rings / settings->wavelength_um;
+        const double azimuth = 2 * PI * (double)around / (double)settings->views_per_ring;
+        tilt[0] = frequency * sin(azimuth);
+        tilt[1] = frequency * cos(azimuth);
+    }
+}
+
+static int64_t count_of(const struct v2v_optics_settings *settings)
+{
+    int64_t views = 1;
+    if (settings->tilts[0] == '\0') {
+        return 1 + settings->rings * settings->views_per_ring;
+    }
+    for (const char *at = settings->tilts; *at != '\0'; at++) {
+        views += *at == ',';
+    }
+    return views;
+}
+
+static enum v2v_status parse(struct v2v_tilts *tilts, const struct v2v_optics_settings *settings)
+{
+    enum v2v_status rc = V2V_OK;
+    const double pupil = settings->numerical_aperture / settings->wavelength_um;
+    const char *text = settings->tilts;
+    for (int64_t v = 0; v < tilts->views; v++) {
+        char pair[2][32] = {"", ""};
+        int read = 0;
+        (void)sscanf(text, " %31[0-9eE.+-] %31[0-9eE.+-] %n", pair[0], pair[1], &read);
+        if (read == 0 || (text[read] != ',' && text[read] != '\0')) {
+            V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
+                             "optics.tilts: view %" PRId64 " is not a pair 'y x': '%s'", v, text));
+        }
+        for (int axis = 0; axis < 2; axis++) {
+            V2V_TRY(v2v_text_to_f64(&tilts->at[v][axis], pair[axis], -1, 1, WHAT, V2V_E_CONFIG));
+        }
+        if (hypot(tilts->at[v][0], tilts->at[v][1]) > 1) {
+            V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
+                             "optics.tilts: view %" PRId64 " (%s %s) lies outside the pupil", v,
+                             pair[0], pair[1]));
+        }
+        tilts->at[v][0] *= pupil;
+        tilts->at[v][1] *= pupil;
+        text += read + 1;
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_tilts_init(struct v2v_tilts *tilts, const struct v2v_optics_settings *settings)
+{
+    enum v2v_status rc = V2V_OK;
+    *tilts = (struct v2v_tilts){.views = count_of(settings)};
+    V2V_TRY(V2V_ALLOC(tilts->at, "psf.simulate", tilts->views));
+    for (int64_t v = 0; settings->tilts[0] == '\0' && v < tilts->views; v++) {
+        ring_tilt(tilts->at[v], settings, v);
+    }
+    if (settings->tilts[0] != '\0') {
+        V2V_TRY(parse(tilts, settings));
+    }
+done:
+    if (rc != V2V_OK) {
+        v2v_tilts_fini(tilts);
+    }
+    return rc;
+}
+
+void v2v_tilts_fini(struct v2v_tilts *tilts)
+{
+    v2v_mem_free(tilts->at);
+    *tilts = (struct v2v_tilts){0};
+}
+
+enum v2v_status v2v_tilts_print(struct v2v_optics_settings *settings, const struct v2v_tilts *tilts)
+{
+    const double pupil = settings->numerical_aperture / settings->wavelength_um;
+    size_t used = 0;
+    for (int64_t v = 0; v < tilts->views; v++) {
+        const int wrote =
+            snprintf(settings->tilts + used, sizeof settings->tilts - used, "%s%.5f %.5f",
+                     v > 0 ? ", " : "", tilts->at[v][0] / pupil, tilts->at[v][1] / pupil);
+        used += (size_t)wrote;
+        if (used >= sizeof settings->tilts) {
+            settings->tilts[0] = '\0';
+            return V2V_FAIL(V2V_E_CONFIG,
+                            "optics.tilts: %" PRId64 " views do not fit into a setting of %zu "
+                            "letters",
+                            tilts->views, sizeof settings->tilts - 1);
+        }
+    }
+    return V2V_OK;
+}
+
+double v2v_slice_depth(const struct v2v_optics_settings *settings, int64_t z)
+{
+    const double middle = 0.5 * (double)(settings->slices - 1);
+    return ((double)z - middle - settings->focus_slice) * settings->slice_spacing_um;
+}
