@@ -37,7 +37,7 @@ done:
 
 const struct v2v_command v2v_command_psf_simulate = {
     .name = "psf simulate",
-    .summary = "point spread functions of a needle-beam microscope (section optics)",
+    .summary = "point spread functions by wave optics (section optics)",
     .options = simulate_options,
     .bytes = sizeof(struct simulate_arguments),
     .run = simulate};

@@ -11,8 +11,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { MODES_MOST = 16 };
-
 struct arguments {
     struct v2v_common common;
     const char *psf, *output;
@@ -46,12 +44,13 @@ struct fitted {
 static enum v2v_status read_modes(int64_t *modes, const struct v2v_words *words)
 {
     enum v2v_status rc = V2V_OK;
-    if (words->count > MODES_MOST) {
+    if (words->count > V2V_ZERNIKE_MOST) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--modes: %" PRId64 " aberrations, %d are the most",
-                         (int64_t)words->count, MODES_MOST));
+                         (int64_t)words->count, V2V_ZERNIKE_MOST));
     }
     for (int64_t i = 0; i < words->count; i++) {
-        V2V_TRY(v2v_text_to_i64(&modes[i], words->item[i], 2, 36, "--modes", V2V_E_USAGE));
+        V2V_TRY(v2v_text_to_i64(&modes[i], words->item[i], 2, V2V_ZERNIKE_MOST, "--modes",
+                                V2V_E_USAGE));
     }
 done:
     return rc;
@@ -63,7 +62,7 @@ static enum v2v_status fit(void *context)
     enum v2v_status rc = V2V_OK;
     struct fitted *fitted = context;
     struct v2v_optics_settings *optics = &fitted->config->optics;
-    int64_t modes[MODES_MOST];
+    int64_t modes[V2V_ZERNIKE_MOST];
     V2V_TRY(read_modes(modes, &fitted->given->modes));
     V2V_TRY(v2v_psf_fit(optics, &fitted->psf, modes, fitted->given->modes.count));
     V2V_TRY(v2v_psf_simulate(&fitted->model, optics));
@@ -81,15 +80,7 @@ static enum v2v_status write_section(const struct v2v_config *config, const char
 {
     enum v2v_status rc = V2V_OK;
     char *text = NULL;
-    size_t bytes = 0;
-    FILE *stream = open_memstream(&text, &bytes);
-    if (stream != NULL) {
-        fprintf(stream, "# v2v3d psf fit\n");
-        v2v_config_print(config, stream, "optics", 0);
-    }
-    if (stream == NULL || fclose(stream) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the settings' text"));
-    }
+    V2V_TRY(v2v_step_config_text(&text, config, "optics", 0));
     V2V_TRY(v2v_file_write_text(path, text));
 done:
     free(text);

@@ -323,14 +323,15 @@ struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *vo
                                        .frame_interval_s = volume->frame_interval_s};
 }
 
-enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, int comments)
+enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
+                                     int comments)
 {
     size_t bytes = 0;
     FILE *stream = open_memstream(text, &bytes);
     if (stream == NULL) {
         return V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
     }
-    v2v_config_print(config, stream, NULL, comments);
+    v2v_config_print(config, stream, only, comments);
     return fclose(stream) == 0 ? V2V_OK
                                : V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
 }
@@ -355,7 +356,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     enum v2v_status rc = V2V_OK;
     uint32_t crc = 0;
     *provenance = (struct v2v_provenance){0};
-    rc = v2v_step_config_text(&provenance->config, &session->config, 0);
+    rc = v2v_step_config_text(&provenance->config, &session->config, NULL, 0);
     if (rc == V2V_OK && weights != NULL && v2v_step_on_root(session)) {
         rc = v2v_file_crc32c_of(&crc, weights);
     }

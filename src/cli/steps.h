@@ -117,8 +117,9 @@ enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
                                     int64_t first_frame) V2V_MUST_CHECK;
 void v2v_provenance_fini(struct v2v_provenance *provenance);
 
-/** The resolved configuration as text, to be freed with free(). @kind Local */
-enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config,
+/** The resolved configuration, or its section `only`, as text to be freed with free().
+ *  @kind Local */
+enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
                                      int comments) V2V_MUST_CHECK;
 
 /** Write the slices of one frame that each rank holds, and mark the frame as done.

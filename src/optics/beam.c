@@ -34,7 +34,7 @@ struct v2v_beam_scratch {
     float *intensity;            /* [n,n] */
 };
 
-static enum v2v_status check_apertures(const struct v2v_optics_settings *settings)
+static enum v2v_status check(const struct v2v_optics_settings *settings)
 {
     if (!(settings->needle_aperture > 0) ||
         settings->needle_aperture > settings->numerical_aperture) {
@@ -53,6 +53,11 @@ static enum v2v_status check_apertures(const struct v2v_optics_settings *setting
         return V2V_FAIL(V2V_E_CONFIG,
                         "optics: numerical_aperture %g must be below immersion_index %g",
                         settings->numerical_aperture, settings->immersion_index);
+    }
+    const int64_t centre = v2v_psf_centre(settings->size) + settings->shift;
+    if (centre < 0 || centre >= settings->size) {
+        return V2V_FAIL(V2V_E_CONFIG, "optics: shift %lld leaves a PSF of %lld pixels",
+                        (long long)settings->shift, (long long)settings->size);
     }
     return V2V_OK;
 }
@@ -153,8 +158,8 @@ static void field_in_pinhole(double field[2], const struct v2v_optics_settings *
     }
 }
 
-/* One part of the field in the pinhole, and zero outside: a sample is inside or outside. */
-static void draw_pinhole(float *part, const struct v2v_beam *beam, int imaginary)
+/* Both parts of the field in the pinhole, and zero outside: a sample is inside or outside. */
+static void draw_pinhole(float *const parts[2], const struct v2v_beam *beam)
 {
     const double pitch = beam->settings.pixel_size_um / (double)beam->per_pixel;
     for (int64_t y = 0; y < beam->n; y++) {
@@ -165,7 +170,8 @@ static void draw_pinhole(float *part, const struct v2v_beam *beam, int imaginary
             if (r <= beam->settings.pinhole_um) {
                 field_in_pinhole(field, &beam->settings, r);
             }
-            part[y * beam->n + x] = (float)field[imaginary];
+            parts[0][y * beam->n + x] = (float)field[0];
+            parts[1][y * beam->n + x] = (float)field[1];
         }
     }
 }
@@ -176,13 +182,14 @@ static enum v2v_status pinhole_aperture(struct v2v_beam *beam)
     enum v2v_status rc = V2V_OK;
     const int64_t n = beam->n, row = n / 2 + 1;
     const float scale = 1.0f / (float)(n * n);
-    float *part = NULL;
+    float *parts[2] = {NULL, NULL};
     struct v2v_complex *half = NULL;
-    V2V_TRY(V2V_ALLOC(part, "psf.simulate", n * n));
+    V2V_TRY(V2V_ALLOC(parts[0], "psf.simulate", n * n));
+    V2V_TRY(V2V_ALLOC(parts[1], "psf.simulate", n * n));
     V2V_TRY(V2V_ALLOC(half, "psf.simulate", n * row));
+    draw_pinhole(parts, beam);
     for (int imaginary = 0; imaginary <= 1; imaginary++) {
-        draw_pinhole(part, beam, imaginary);
-        v2v_fft2_forward(beam->fft, half, part);
+        v2v_fft2_forward(beam->fft, half, parts[imaginary]);
         for (int64_t i = 0; i < n * n; i++) {
             const int64_t ky = i / n, kx = i % n;
             const int mirrored = kx >= row;
@@ -200,7 +207,8 @@ static enum v2v_status pinhole_aperture(struct v2v_beam *beam)
     }
 done:
     v2v_mem_free(half);
-    v2v_mem_free(part);
+    v2v_mem_free(parts[1]);
+    v2v_mem_free(parts[0]);
     return rc;
 }
 
@@ -222,7 +230,7 @@ enum v2v_status v2v_beam_create(struct v2v_beam **beam, const struct v2v_optics_
     enum v2v_status rc = V2V_OK;
     struct v2v_beam *made = NULL;
     *beam = NULL;
-    V2V_TRY(check_apertures(settings));
+    V2V_TRY(check(settings));
     V2V_TRY(V2V_ALLOC(made, "psf.simulate", 1));
     made->settings = *settings;
     made->band = band_of(settings);
@@ -254,16 +262,6 @@ void v2v_beam_destroy(struct v2v_beam **beam)
     }
 }
 
-int64_t v2v_beam_samples(const struct v2v_beam *beam)
-{
-    return beam->n;
-}
-
-int64_t v2v_beam_samples_per_pixel(const struct v2v_beam *beam)
-{
-    return beam->per_pixel;
-}
-
 /* aperture[q] times what the way through pupil and sample does to the frequency tilt + q. The phase
  * (in turns) is reduced in double precision, for it reaches hundreds of turns; the transforms that
  * follow are in single precision (about 1e-6 of the peak field). */
@@ -271,6 +269,9 @@ static struct v2v_complex propagated(const struct v2v_beam *beam, struct v2v_com
                                      const double tilt[2], double qy, double qx, double z)
 {
     const struct v2v_optics_settings *settings = &beam->settings;
+    if (a.re == 0 && a.im == 0) {
+        return a;
+    }
     double fy = tilt[0] + qy, fx = tilt[1] + qx;
     if (beam->fold > 0) {
         fy -= beam->fold * floor(fy / beam->fold + 0.5);
@@ -279,7 +280,7 @@ static struct v2v_complex propagated(const struct v2v_beam *beam, struct v2v_com
     const double across = fy * fy + fx * fx;
     const double k = settings->refractive_index / settings->wavelength_um;
     const double edge = beam->pupil + 0.5 * beam->frequency; /* a disk that fills it is soft */
-    if ((a.re == 0 && a.im == 0) || across > edge * edge || across >= k * k) {
+    if (across > edge * edge || across >= k * k) {
         return (struct v2v_complex){0, 0};
     }
     double turns = z * sqrt(k * k - across);
@@ -327,8 +328,8 @@ static void bin(float *slice, const struct v2v_beam *beam, const float *intensit
         for (int64_t x = 0; x < size; x++) {
             double sum = 0;
             for (int64_t sub = 0; sub < per_pixel * per_pixel; sub++) {
-                const int64_t fine_y = (y - centre) * per_pixel + sub / per_pixel + 2 * n;
-                const int64_t fine_x = (x - centre) * per_pixel + sub % per_pixel + 2 * n;
+                const int64_t fine_y = (y - centre) * per_pixel + sub / per_pixel + n;
+                const int64_t fine_x = (x - centre) * per_pixel + sub % per_pixel + n;
                 const double value = intensity[fine_y % n * n + fine_x % n];
                 sum += beam->settings.photons == 2 ? value * value : value;
             }
@@ -338,15 +339,17 @@ static void bin(float *slice, const struct v2v_beam *beam, const float *intensit
 }
 
 void v2v_beam_slice(float *slice, const struct v2v_beam *beam,
-                    const struct v2v_beam_scratch *scratch, const double tilt[2], double z)
+                    const struct v2v_beam_scratch *scratch, const double tilt[2], int64_t z)
 {
+    const struct v2v_optics_settings *settings = &beam->settings;
+    const double middle = 0.5 * (double)(settings->slices - 1) + settings->focus_slice;
     const int64_t thread = omp_get_thread_num(), samples = beam->n * beam->n;
     struct v2v_complex *first = scratch->spectra + 2 * thread * scratch->spectrum_stride;
     struct v2v_complex *const parts[2] = {first, first + scratch->spectrum_stride};
     float *part = scratch->part + thread * scratch->image_stride;
     float *intensity = scratch->intensity + thread * scratch->image_stride;
     memset(intensity, 0, (size_t)samples * sizeof *intensity);
-    fill_spectra(parts, beam, tilt, z);
+    fill_spectra(parts, beam, tilt, ((double)z - middle) * settings->slice_spacing_um);
     for (int which = 0; which < 2; which++) {
         v2v_fft2_inverse(beam->fft, part, parts[which]);
         for (int64_t i = 0; i < samples; i++) {

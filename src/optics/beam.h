@@ -11,15 +11,11 @@
 struct v2v_beam;
 
 /** Aberration of the pupil and sub-aperture of `settings`, on the grid that they need.
- *  @kind Local. @return V2V_OK | V2V_E_CONFIG (apertures, a text of aberrations, a grid beyond the
- *  limit) | V2V_E_MEMORY */
+ *  @kind Local. @return V2V_OK | V2V_E_CONFIG (apertures, a text of aberrations, a shift out of
+ *  the PSF, a grid beyond the limit) | V2V_E_MEMORY */
 enum v2v_status v2v_beam_create(struct v2v_beam **beam,
                                 const struct v2v_optics_settings *settings) V2V_MUST_CHECK;
 void v2v_beam_destroy(struct v2v_beam **beam);
-
-/** Samples a side, and of a pixel's side. @kind Local. */
-int64_t v2v_beam_samples(const struct v2v_beam *beam);
-int64_t v2v_beam_samples_per_pixel(const struct v2v_beam *beam);
 
 /** Working memory of `threads` threads. @kind Local. @return V2V_OK | V2V_E_MEMORY */
 struct v2v_beam_scratch;
@@ -27,11 +23,11 @@ enum v2v_status v2v_beam_scratch_create(struct v2v_beam_scratch **scratch,
                                         const struct v2v_beam *beam, int threads) V2V_MUST_CHECK;
 void v2v_beam_scratch_destroy(struct v2v_beam_scratch **scratch);
 
-/** slice[y,x] = the intensity, to the power of the photons, z um beyond the focus.
+/** slice[y,x] = the intensity, to the power of the photons, in slice z.
  *  @kind   Local, thread-safe; the calling OpenMP thread's part of `scratch` is used
  *  @param  slice [size,size]
  *  @param  tilt [y,x] of the carrier, 1/um */
 void v2v_beam_slice(float *slice, const struct v2v_beam *beam,
-                    const struct v2v_beam_scratch *scratch, const double tilt[2], double z);
+                    const struct v2v_beam_scratch *scratch, const double tilt[2], int64_t z);
 
 #endif

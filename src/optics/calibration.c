@@ -1,5 +1,6 @@
 #include "v2v3d/optics/calibration.h"
 
+#include "optics/moments.h"
 #include "optics/sizes.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
@@ -195,20 +196,6 @@ void v2v_calibration_undistort(float *to, const float *views,
     }
 }
 
-/* Sums of a kernel's light, and of its light times y and x from the centre. */
-static void moments_of(double moment[3], const float *kernel, int64_t height, int64_t width)
-{
-    memset(moment, 0, 3 * sizeof *moment);
-    for (int64_t y = 0; y < height; y++) {
-        for (int64_t x = 0; x < width; x++) {
-            const double light = (double)kernel[y * width + x];
-            moment[0] += light;
-            moment[1] += light * (double)(y - v2v_psf_centre(height));
-            moment[2] += light * (double)(x - v2v_psf_centre(width));
-        }
-    }
-}
-
 void v2v_psf_parallax(double (*parallax)[2], const struct v2v_psf_file *psf)
 {
     const int64_t pixels = psf->height * psf->width;
@@ -216,7 +203,8 @@ void v2v_psf_parallax(double (*parallax)[2], const struct v2v_psf_file *psf)
         double light = 0.0, z1 = 0.0, z2 = 0.0, c1[2] = {0.0}, cz[2] = {0.0};
         for (int64_t z = 0; z < psf->slices; z++) {
             double moment[3];
-            moments_of(moment, psf->data + (v * psf->slices + z) * pixels, psf->height, psf->width);
+            v2v_slice_moments(moment, psf->data + (v * psf->slices + z) * pixels, psf->height,
+                              psf->width);
             light += moment[0];
             z1 += moment[0] * (double)z;
             z2 += moment[0] * (double)(z * z);

@@ -21,17 +21,27 @@ done:
     return rc;
 }
 
-void v2v_psf_normalize_views(struct v2v_psf_file *psf)
+/* Parts of the set, of `samples` each. */
+static void normalize(struct v2v_psf_file *psf, int64_t parts, int64_t samples)
 {
-    const int64_t one_view = psf->slices * psf->height * psf->width;
 #pragma omp parallel for schedule(static)
-    for (int64_t v = 0; v < psf->views; v++) {
-        float *view = psf->data + v * one_view;
-        const double sum = sum_of(view, one_view);
-        for (int64_t i = 0; i < one_view && sum > 0; i++) {
-            view[i] = (float)(view[i] / sum);
+    for (int64_t part = 0; part < parts; part++) {
+        float *x = psf->data + part * samples;
+        const double sum = sum_of(x, samples);
+        for (int64_t i = 0; i < samples && sum > 0; i++) {
+            x[i] = (float)(x[i] / sum);
         }
     }
+}
+
+void v2v_psf_normalize_views(struct v2v_psf_file *psf)
+{
+    normalize(psf, psf->views, psf->slices * psf->height * psf->width);
+}
+
+void v2v_psf_normalize_slices(struct v2v_psf_file *psf)
+{
+    normalize(psf, psf->views * psf->slices, psf->height * psf->width);
 }
 
 double v2v_psf_energy_mean(const struct v2v_psf_file *psf)

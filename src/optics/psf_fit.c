@@ -1,12 +1,13 @@
 #include "v2v3d/optics/psf_fit.h"
 #include "optics/beam.h"
-#include "optics/likeness.h"
+#include "optics/moments.h"
 #include "optics/sizes.h"
-#include "optics/views.h"
+#include "optics/tilts.h"
 #include "optics/zernike.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
@@ -127,7 +128,7 @@ static enum v2v_status sum_slices(double (*sums)[3], const struct search *search
         float *slice = model + omp_get_thread_num() * pixels;
         double tilt[2];
         tilt_of(tilt, fit, v);
-        v2v_beam_slice(slice, beam, scratch, tilt, v2v_slice_depth(&settings, z));
+        v2v_beam_slice(slice, beam, scratch, tilt, z);
         compare_slice(sums[i], slice, fit->root + (v * slices + z) * pixels, pixels,
                       settings.photons);
     }
@@ -261,10 +262,12 @@ static enum v2v_status minimise(double *value, struct search *search, double *x,
         nlopt_set_ftol_abs(optimiser, 1e-8) < 0 || nlopt_set_xtol_rel(optimiser, 1e-7) < 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "psf fit: the optimiser refuses its settings"));
     }
-    /* Whatever ends it, x is the best that it tried. */
-    (void)nlopt_optimize(optimiser, x, value);
-    take(search, x);
+    const nlopt_result end = nlopt_optimize(optimiser, x, value);
     V2V_TRY(search->fit->failed);
+    if (end < 0 && end != NLOPT_ROUNDOFF_LIMITED) {
+        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "psf fit: the optimiser fails with %d", (int)end));
+    }
+    take(search, x); /* whatever else ended it, x is the best that it tried */
 done:
     nlopt_destroy(optimiser);
     return rc;
@@ -299,43 +302,21 @@ static enum v2v_status fit_slope(double *value, struct fit *fit, int64_t v, doub
     return minimise(value, &search, x, steps, 2, 60);
 }
 
-/* A view's slope, pixels a slice: the line through its slices' centroids, by their light. */
-static void centroid_slope(double slope[2], const struct v2v_psf_file *psf, int64_t v)
-{
-    const int64_t pixels = psf->height * psf->width;
-    double w = 0, wz = 0, wzz = 0, wc[2] = {0}, wzc[2] = {0};
-    for (int64_t z = 0; z < psf->slices; z++) {
-        double figures[3];
-        v2v_slice_centroid(figures, psf->data + (v * psf->slices + z) * pixels, psf->height,
-                           psf->width);
-        w += figures[0];
-        wz += figures[0] * (double)z;
-        wzz += figures[0] * (double)z * (double)z;
-        for (int axis = 0; axis < 2; axis++) {
-            wc[axis] += figures[0] * figures[1 + axis];
-            wzc[axis] += figures[0] * (double)z * figures[1 + axis];
-        }
-    }
-    const double spread = w * wzz - wz * wz;
-    for (int axis = 0; axis < 2; axis++) {
-        slope[axis] = spread > 0 ? (w * wzc[axis] - wz * wc[axis]) / spread : 0;
-    }
-}
-
 /* Whole pixels that a view's middle lies off the PSF's centre. */
 static int64_t shift_of(const struct v2v_psf_file *psf, int64_t v)
 {
     const int64_t pixels = psf->height * psf->width, z = psf->slices / 2;
-    double figures[3];
-    v2v_slice_centroid(figures, psf->data + (v * psf->slices + z) * pixels, psf->height,
-                       psf->width);
-    return (int64_t)lround(0.5 * (figures[1] + figures[2])) - v2v_psf_centre(psf->height);
+    double moment[3];
+    v2v_slice_moments(moment, psf->data + (v * psf->slices + z) * pixels, psf->height, psf->width);
+    const double middle = moment[0] > 0 ? 0.5 * (moment[1] + moment[2]) / moment[0]
+                                        : (double)v2v_psf_centre(psf->height);
+    return (int64_t)lround(middle) - v2v_psf_centre(psf->height);
 }
 
-static int64_t steepness_order(int64_t *order, const struct fit *fit)
+/* Views from the straightest to the steepest. */
+static void order_by_slope(int64_t *order, const struct fit *fit)
 {
-    const int64_t views = fit->psf->views;
-    for (int64_t v = 0; v < views; v++) {
+    for (int64_t v = 0; v < fit->psf->views; v++) {
         int64_t at = v;
         const double steep = hypot(fit->slope[v][0], fit->slope[v][1]);
         for (; at > 0 && hypot(fit->slope[order[at - 1]][0], fit->slope[order[at - 1]][1]) > steep;
@@ -344,7 +325,6 @@ static int64_t steepness_order(int64_t *order, const struct fit *fit)
         }
         order[at] = v;
     }
-    return order[0];
 }
 
 static enum v2v_status prepare(struct fit *fit)
@@ -356,8 +336,7 @@ static enum v2v_status prepare(struct fit *fit)
     if (psf->height != psf->width) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "psf fit: slices of %" PRId64 " x %" PRId64
-                         " pixels; only square ones are "
-                         "simulated",
+                         " pixels; only square ones are simulated",
                          psf->height, psf->width));
     }
     V2V_TRY(V2V_ALLOC(fit->slope, "psf.fit", psf->views));
@@ -365,9 +344,7 @@ static enum v2v_status prepare(struct fit *fit)
     for (int64_t i = 0; i < samples; i++) {
         fit->root[i] = settings->photons == 2 ? sqrtf(fmaxf(psf->data[i], 0)) : psf->data[i];
     }
-    for (int64_t v = 0; v < psf->views; v++) {
-        centroid_slope(fit->slope[v], psf, v);
-    }
+    v2v_psf_parallax(fit->slope, psf);
     V2V_TRY(v2v_zernike_parse(&fit->zernike, settings->zernike));
     settings->slices = psf->slices;
     settings->size = psf->height;
@@ -467,12 +444,16 @@ enum v2v_status v2v_psf_fit(struct v2v_optics_settings *settings, const struct v
     struct fit fit = {.settings = *settings, .psf = psf, .modes = modes, .mode_count = count};
     int64_t *order = NULL;
     double value = 0;
+    V2V_ASSERT(count <= V2V_ZERNIKE_MOST);
+    for (int64_t i = 0; i < count; i++) {
+        V2V_ASSERT(modes[i] >= 1 && modes[i] <= V2V_ZERNIKE_MOST);
+    }
     V2V_TRY(prepare(&fit));
     V2V_TRY(V2V_ALLOC(order, "psf.fit", psf->views));
-    const int64_t straight = steepness_order(order, &fit);
-    fit.settings.shift = shift_of(psf, straight);
-    V2V_TRY(find_beam(&value, &fit, straight));
-    v2v_log(V2V_LOG_INFO, "psf fit: view %" PRId64 ": correlation of intensities %.6f", straight,
+    order_by_slope(order, &fit);
+    fit.settings.shift = shift_of(psf, order[0]);
+    V2V_TRY(find_beam(&value, &fit, order[0]));
+    v2v_log(V2V_LOG_INFO, "psf fit: view %" PRId64 ": correlation of intensities %.6f", order[0],
             1 - value);
     V2V_TRY(polish(&fit, order));
     V2V_TRY(give_back(settings, &fit));

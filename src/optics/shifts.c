@@ -1,4 +1,5 @@
 #include "v2v3d/optics/shifts.h"
+#include "optics/moments.h"
 #include "optics/sizes.h"
 #include "v2v3d/base/memory.h"
 #include <math.h>
@@ -15,23 +16,6 @@ static int32_t shift_of(double moment, double energy, int64_t side)
     return (int32_t)(v2v_psf_centre(side) - (int64_t)nearbyint(flipped));
 }
 
-/* Sums over a slice in double precision: of the intensity, and of it times y and x. */
-static void slice_moments(double *energy, double *moment_y, double *moment_x, const float *slice,
-                          int64_t height, int64_t width)
-{
-    *energy = *moment_y = *moment_x = 0;
-    for (int64_t y = 0; y < height; y++) {
-        double row = 0;
-        for (int64_t x = 0; x < width; x++) {
-            const double value = slice[y * width + x];
-            row += value;
-            *moment_x += value * (double)x;
-        }
-        *energy += row;
-        *moment_y += row * (double)y;
-    }
-}
-
 enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts, const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
@@ -41,12 +25,12 @@ enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts, const struct v2v_
     V2V_TRY(V2V_ALLOC(shifts->dy, "shifts", count));
     V2V_TRY(V2V_ALLOC(shifts->dx, "shifts", count));
     for (int64_t i = 0; i < count; i++) {
-        double energy = 0, moment_y = 0, moment_x = 0;
-        slice_moments(&energy, &moment_y, &moment_x, psf->data + i * psf->height * psf->width,
-                      psf->height, psf->width);
-        if (energy > 0) {
-            shifts->dy[i] = shift_of(moment_y, energy, psf->height);
-            shifts->dx[i] = shift_of(moment_x, energy, psf->width);
+        double moment[3];
+        v2v_slice_moments(moment, psf->data + i * psf->height * psf->width, psf->height,
+                          psf->width);
+        if (moment[0] > 0) {
+            shifts->dy[i] = shift_of(moment[1], moment[0], psf->height);
+            shifts->dx[i] = shift_of(moment[2], moment[0], psf->width);
         }
     }
 done:
@@ -99,11 +83,11 @@ static int64_t mirror_of(const struct v2v_psf_file *psf, int axis)
 {
     double total = 0, total_moment = 0;
     for (int64_t i = 0; i < psf->views * psf->slices; i++) {
-        double energy = 0, moment[2] = {0, 0};
-        slice_moments(&energy, &moment[0], &moment[1], psf->data + i * psf->height * psf->width,
-                      psf->height, psf->width);
-        total += energy;
-        total_moment += moment[axis];
+        double moment[3];
+        v2v_slice_moments(moment, psf->data + i * psf->height * psf->width, psf->height,
+                          psf->width);
+        total += moment[0];
+        total_moment += moment[1 + axis];
     }
     return total > 0 ? (int64_t)nearbyint(2 * total_moment / total) : 0;
 }

@@ -45,16 +45,20 @@ enum v2v_status v2v_zernike_print(char *text, size_t bytes, const struct v2v_zer
     return V2V_OK;
 }
 
-/* R(n,m) = sum over k of (-1)^k (n-k)! / (k! ((n+m)/2-k)! ((n-m)/2-k)!) r^(n-2k) */
+/* R(n,m) = r^m * sum over k of c_k (r^2)^((n-m)/2-k), c_0 = n over (n-m)/2, and each c_k from the
+ * one before. */
 static double radial(int n, int m, double r)
 {
-    double sum = 0.0;
-    for (int k = 0; k <= (n - m) / 2; k++) {
-        const double term = tgamma(n - k + 1) / (tgamma(k + 1) * tgamma((n + m) / 2 - k + 1) *
-                                                 tgamma((n - m) / 2 - k + 1));
-        sum += (k % 2 == 0 ? term : -term) * pow(r, n - 2 * k);
+    const int few = (n - m) / 2, many = (n + m) / 2;
+    double c = 1.0, sum = 0.0;
+    for (int k = 1; k <= few; k++) {
+        c *= (double)(many + k) / k;
     }
-    return sum;
+    for (int k = 0; k <= few; k++) {
+        sum = sum * r * r + c;
+        c *= -(double)(many - k) * (few - k) / ((k + 1.0) * (n - k));
+    }
+    return sum * pow(r, m);
 }
 
 /* Noll counts by radial order n, in it by azimuthal order m; even indices are cosines. */

@@ -2,10 +2,9 @@
 #define V2V3D_SRC_OPTICS_ZERNIKE_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/conf/config.h"
 #include <stddef.h>
 #include <stdint.h>
-
-enum { V2V_ZERNIKE_MOST = 36 };
 
 /** Coefficients of an aberration, in waves RMS, by Noll's index 1 .. V2V_ZERNIKE_MOST. */
 struct v2v_zernike {

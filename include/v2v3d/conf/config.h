@@ -82,6 +82,9 @@ struct v2v_input_settings {
  *  that repeats itself; frequencies beyond 1/(2 pixels) fold. */
 enum v2v_optics_sampling { V2V_OPTICS_SAMPLING_BAND, V2V_OPTICS_SAMPLING_PIXEL };
 
+/** The largest of Noll's indices that an aberration may have: radial orders 0 .. 7. */
+enum { V2V_ZERNIKE_MOST = 36 };
+
 /** What `psf simulate` divides by. */
 enum v2v_optics_normalize {
     V2V_OPTICS_NORMALIZE_VIEW,
@@ -95,15 +98,14 @@ enum v2v_optics_normalize {
 struct v2v_optics_settings {
     int64_t rings; /**< rings of tilted views about the central one */
     int64_t views_per_ring;
-    char tilts
-        [V2V_CONFIG_TEXT_BYTES]; /**< "y x, y x, ..", of the pupil's radius, a pair a view; "": the
-                                            rings */
-    double numerical_aperture;   /**< of the objective: bounds the tilt */
-    double needle_aperture;      /**< of one sub-aperture */
-    double beam_radius;          /**< of a Gaussian beam where its intensity falls to 1/e^2, of the
+    /** "y x, y x, ..", of the pupil's radius, a pair a view; "": the rings */
+    char tilts[V2V_CONFIG_TEXT_BYTES];
+    double numerical_aperture; /**< of the objective: bounds the tilt */
+    double needle_aperture;    /**< of one sub-aperture */
+    double beam_radius;        /**< of a Gaussian beam where its intensity falls to 1/e^2, of the
                              sub-aperture's; 0: uniform */
-    double pinhole_um;           /**< radius, in the sample; 0: none */
-    double pinhole_defocus_um;   /**< of the beam in the pinhole, in the sample */
+    double pinhole_um;         /**< radius, in the sample; 0: none */
+    double pinhole_defocus_um; /**< of the beam in the pinhole, in the sample */
     double refractive_index;
     double immersion_index;              /**< where it differs from the sample's; 0: it doesn't */
     double depth_um;                     /**< of the focus below the boundary of both indices */

@@ -37,12 +37,16 @@ enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int nor
  *  @kind Local. */
 void v2v_psf_normalize_views(struct v2v_psf_file *psf);
 
-/** Scalar wave-optics needle-beam set as in 2pSAM: see v2v_optics_settings. For each view the
- *  sub-aperture of the pupil at the view's tilt is propagated to every slice by the angular
- *  spectrum; two-photon excitation is the intensity squared. View 0 is the untilted one; rings
- *  follow, from the inner to the outer.
- *  @kind Local. @return V2V_OK | V2V_E_CONFIG (sub-aperture outside the pupil; sampling too coarse)
- *  | V2V_E_MEMORY */
+/** Likewise every slice of a view that is not dark. @kind Local. */
+void v2v_psf_normalize_slices(struct v2v_psf_file *psf);
+
+/** Set by scalar wave optics: see v2v_optics_settings. For each view the sub-aperture of the pupil
+ *  at the view's tilt is propagated to every slice by the angular spectrum; two-photon excitation
+ *  is the intensity squared. Views are those of the list of tilts; or the untilted one and rings,
+ *  from the inner to the outer.
+ *  @kind Local. @return V2V_OK | V2V_E_CONFIG (sub-aperture or a tilt outside the pupil, a list
+ *  that cannot be read, a shift out of the PSF, sampling too coarse) | V2V_E_MEMORY
+ *  @source REFERENCE.md 15 */
 enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
                                  const struct v2v_optics_settings *settings) V2V_MUST_CHECK;
 

@@ -32,9 +32,9 @@ void v2v_psf_likeness_fini(struct v2v_psf_likeness *likeness);
  *  depends on spacing / pixel^2 alone.
  *  @kind   Local, OpenMP threads
  *  @param  settings in: where to begin; out: fitted, with a list of tilts
- *  @param  modes [count] Noll indices of aberrations to fit
- *  @return V2V_OK | V2V_E_CONFIG (as v2v_psf_simulate; a mode that does not exist) | V2V_E_INPUT
- *          (the set is not square) | V2V_E_MEMORY
+ *  @param  modes [count] Noll indices of aberrations to fit, 1 .. V2V_ZERNIKE_MOST
+ *  @return V2V_OK | V2V_E_CONFIG (as v2v_psf_simulate) | V2V_E_INPUT (the set is not square) |
+ *          V2V_E_INTERNAL (the optimiser fails) | V2V_E_MEMORY
  *  @cost   about 2000 * 13 slices of a view, each as by v2v_psf_simulate; deterministic */
 enum v2v_status v2v_psf_fit(struct v2v_optics_settings *settings, const struct v2v_psf_file *psf,
                             const int64_t *modes, int64_t count) V2V_MUST_CHECK;

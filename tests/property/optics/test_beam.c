@@ -170,6 +170,31 @@ static void defocus_polynomial_moves_the_focus(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* Two indices: the paraxial focus lies depth * (k / k' - 1) deeper, here two slices. What is left
+ * is spherical aberration of 0.004 waves at the edge. */
+static void index_mismatch_moves_the_focus(void **state)
+{
+    struct v2v_optics_settings optics = wide_field();
+    struct v2v_psf_file psf, moved;
+    (void)state;
+    optics.size = 65;
+    assert_ok(v2v_psf_simulate(&psf, &optics));
+    optics.immersion_index = 1.0;
+    optics.depth_um = 8.0 / (1.33 / 1.0 - 1);
+    assert_ok(v2v_psf_simulate(&moved, &optics));
+    const double peak = slice_of(&psf, 0, 4)[32 * 65 + 32];
+    assert_true(fabs(slice_of(&moved, 0, 6)[32 * 65 + 32] / peak - 1) <= 0.01);
+    assert_true(slice_of(&moved, 0, 4)[32 * 65 + 32] < 0.9 * peak);
+    v2v_psf_file_fini(&moved);
+    optics.immersion_index = 1.33;
+    assert_ok(v2v_psf_simulate(&moved, &optics));
+    for (int64_t i = 0; i < 9 * 65 * 65; i++) {
+        assert_true(fabs((double)moved.data[i] - psf.data[i]) <= 1e-6 * peak); /* float */
+    }
+    v2v_psf_file_fini(&moved);
+    v2v_psf_file_fini(&psf);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -180,6 +205,7 @@ int main(void)
         cmocka_unit_test(depth_mirrors_a_tilted_beam),
         cmocka_unit_test(finer_samples_change_nothing),
         cmocka_unit_test(defocus_polynomial_moves_the_focus),
+        cmocka_unit_test(index_mismatch_moves_the_focus),
     };
     return cmocka_run_group_tests_name("optics.beam", tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/optics/psf_fit.h"
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static struct v2v_optics_settings truth(void)
@@ -22,6 +23,8 @@ static struct v2v_optics_settings truth(void)
                                         .sampling = V2V_OPTICS_SAMPLING_PIXEL};
 }
 
+/* The model is exact, so that only where the optimiser stops keeps a fit from 1: rounds end when
+ * they gain 1e-6, after which curved valleys may hold a thousand times that. */
 static double least_correlation(const struct v2v_optics_settings *fitted,
                                 const struct v2v_psf_file *psf)
 {
@@ -39,7 +42,9 @@ static double least_correlation(const struct v2v_optics_settings *fitted,
     return least;
 }
 
-/* Of sizes that are not stated a set without a pinhole shows what the paraxial field depends on. */
+/* Of sizes that are not stated a set without a pinhole shows what the paraxial field depends on.
+ * That is known as well as the rays here are paraxial: tan(theta) of the steepest, 0.42, less its
+ * sine is 8 % of it, of which the fit takes up a part. */
 static void fit_finds_what_a_set_was_made_with(void **state)
 {
     const struct v2v_optics_settings optics = truth();
@@ -77,6 +82,7 @@ static void fit_keeps_stated_sizes_and_finds_aberrations(void **state)
     assert_true(fitted.pixel_size_um == 0.5 && fitted.slice_spacing_um == 1.0);
     assert_true(least_correlation(&fitted, &psf) > 0.999);
     assert_memory_equal(fitted.zernike, "5:0.0", 5);
+    assert_true(fabs(strtod(fitted.zernike + 2, NULL) - 0.08) < 0.008); /* a tenth of it */
     v2v_psf_file_fini(&psf);
 }
 

@@ -64,6 +64,23 @@ static void every_view_sums_to_one(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+static void every_slice_sums_to_one_if_asked(void **state)
+{
+    struct v2v_optics_settings optics = small_optics();
+    struct v2v_psf_file psf;
+    (void)state;
+    optics.normalize = V2V_OPTICS_NORMALIZE_SLICE;
+    assert_ok(v2v_psf_simulate(&psf, &optics));
+    for (int64_t i = 0; i < psf.views * psf.slices; i++) {
+        double sum = 0;
+        for (int64_t p = 0; p < 41 * 41; p++) {
+            sum += psf.data[i * 41 * 41 + p];
+        }
+        assert_true(fabs(sum - 1) <= 1e-6);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
 /* A beam tilted by theta, sin(theta) = tilt aperture / refractive index, walks z * tan(theta). */
 static void tilted_views_walk_as_the_tangent_of_their_angle(void **state)
 {
@@ -209,6 +226,11 @@ static void impossible_optics_are_refused(void **state)
     optics.numerical_aperture = 1.33; /* light along the slice */
     assert_refused(optics, V2V_E_CONFIG);
     optics = small_optics();
+    optics.shift = 21; /* beyond pixel 40 */
+    assert_refused(optics, V2V_E_CONFIG);
+    optics.shift = -21;
+    assert_refused(optics, V2V_E_CONFIG);
+    optics = small_optics();
     optics.pixel_size_um = 100; /* 41 pixels of 220 samples each */
     assert_refused(optics, V2V_E_CONFIG);
 }
@@ -225,6 +247,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_view_sums_to_one),
+        cmocka_unit_test(every_slice_sums_to_one_if_asked),
         cmocka_unit_test(tilted_views_walk_as_the_tangent_of_their_angle),
         cmocka_unit_test(opposite_azimuths_are_turned_by_180_degrees),
         cmocka_unit_test(untilted_view_is_symmetric),
@@ -233,5 +256,5 @@ int main(void)
         cmocka_unit_test(impossible_optics_are_refused),
         cmocka_unit_test(simulation_short_of_memory_is_refused),
     };
-    return cmocka_run_group_tests_name("optics.needle_beam", tests, NULL, NULL);
+    return cmocka_run_group_tests_name("optics.psf_simulate", tests, NULL, NULL);
 }

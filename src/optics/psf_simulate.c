@@ -1,9 +1,8 @@
 #include "optics/beam.h"
-#include "optics/views.h"
+#include "optics/tilts.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/psf.h"
-#include <math.h>
 #include <omp.h>
 
 /* What one sample a pixel leaves unresolved is said, not refused: a given set may be made so. */
@@ -16,24 +15,6 @@ static void warn_of_folding(const struct v2v_optics_settings *settings)
                 "optics: the pupil passes up to %.3g cycles/um, one sample a pixel of %.3g um "
                 "resolves %.3g: finer structure folds (optics.sampling: band does not)",
                 pupil, settings->pixel_size_um, resolved);
-    }
-}
-
-/* Brings sums to 1, in place. */
-static void normalize(struct v2v_psf_file *psf, int how)
-{
-    const int64_t pixels = psf->height * psf->width;
-    if (how == V2V_OPTICS_NORMALIZE_VIEW) {
-        v2v_psf_normalize_views(psf);
-    }
-    for (int64_t i = 0; how == V2V_OPTICS_NORMALIZE_SLICE && i < psf->views * psf->slices; i++) {
-        double sum = 0;
-        for (int64_t p = 0; p < pixels; p++) {
-            sum += psf->data[i * pixels + p];
-        }
-        for (int64_t p = 0; sum > 0 && p < pixels; p++) {
-            psf->data[i * pixels + p] = (float)(psf->data[i * pixels + p] / sum);
-        }
     }
 }
 
@@ -61,9 +42,13 @@ enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int64_t i = 0; i < tilts.views * slices; i++) {
         v2v_beam_slice(psf->data + i * size * size, beam, scratch, tilts.at[i / slices],
-                       v2v_slice_depth(settings, i % slices));
+                       i % slices);
     }
-    normalize(psf, settings->normalize);
+    if (settings->normalize == V2V_OPTICS_NORMALIZE_VIEW) {
+        v2v_psf_normalize_views(psf);
+    } else if (settings->normalize == V2V_OPTICS_NORMALIZE_SLICE) {
+        v2v_psf_normalize_slices(psf);
+    }
 done:
     v2v_beam_scratch_destroy(&scratch);
     v2v_beam_destroy(&beam);

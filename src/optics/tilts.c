@@ -1,4 +1,4 @@
-#include "optics/views.h"
+#include "optics/tilts.h"
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
@@ -109,10 +109,4 @@ enum v2v_status v2v_tilts_print(struct v2v_optics_settings *settings, const stru
         }
     }
     return V2V_OK;
-}
-
-double v2v_slice_depth(const struct v2v_optics_settings *settings, int64_t z)
-{
-    const double middle = 0.5 * (double)(settings->slices - 1);
-    return ((double)z - middle - settings->focus_slice) * settings->slice_spacing_um;
 }

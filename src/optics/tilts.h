@@ -1,5 +1,5 @@
-#ifndef V2V3D_SRC_OPTICS_VIEWS_H
-#define V2V3D_SRC_OPTICS_VIEWS_H
+#ifndef V2V3D_SRC_OPTICS_TILTS_H
+#define V2V3D_SRC_OPTICS_TILTS_H
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
@@ -22,8 +22,5 @@ void v2v_tilts_fini(struct v2v_tilts *tilts);
 /** The settings' list of them. @kind Local. @return V2V_OK | V2V_E_CONFIG: too long a list */
 enum v2v_status v2v_tilts_print(struct v2v_optics_settings *settings,
                                 const struct v2v_tilts *tilts) V2V_MUST_CHECK;
-
-/** um from the focus to slice z. @kind Local. */
-double v2v_slice_depth(const struct v2v_optics_settings *settings, int64_t z);
 
 #endif

@@ -1,24 +1,7 @@
-#include "optics/likeness.h"
+#include "optics/moments.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/psf_fit.h"
 #include <math.h>
-
-void v2v_slice_centroid(double figures[3], const float *slice, int64_t height, int64_t width)
-{
-    figures[0] = figures[1] = figures[2] = 0;
-    for (int64_t y = 0; y < height; y++) {
-        for (int64_t x = 0; x < width; x++) {
-            const double value = slice[y * width + x];
-            figures[0] += value;
-            figures[1] += value * (double)y;
-            figures[2] += value * (double)x;
-        }
-    }
-    if (figures[0] > 0) {
-        figures[1] /= figures[0];
-        figures[2] /= figures[0];
-    }
-}
 
 static double correlation_of(const float *a, const float *b, int64_t count)
 {
@@ -46,10 +29,10 @@ enum v2v_status v2v_psf_compare(struct v2v_psf_likeness *likeness, const struct 
             correlation_of(a->data + v * samples, b->data + v * samples, samples);
         for (int64_t i = v * a->slices; i < (v + 1) * a->slices; i++) {
             double p[3], q[3];
-            v2v_slice_centroid(p, a->data + i * pixels, a->height, a->width);
-            v2v_slice_centroid(q, b->data + i * pixels, b->height, b->width);
+            v2v_slice_moments(p, a->data + i * pixels, a->height, a->width);
+            v2v_slice_moments(q, b->data + i * pixels, b->height, b->width);
             if (p[0] > 0 && q[0] > 0) {
-                const double apart = hypot(p[1] - q[1], p[2] - q[2]);
+                const double apart = hypot(p[1] / p[0] - q[1] / q[0], p[2] / p[0] - q[2] / q[0]);
                 likeness->centroid[v] = fmax(likeness->centroid[v], apart);
             }
         }
