@@ -83,6 +83,25 @@ extern const struct v2v_command v2v_command_weights_init;
     {                                                                                              \
         .name = (word), .kind = V2V_OPTION_FLAG, .at = offsetof(type, field), .help = (text)       \
     }
+#define V2V_OPTION_NOISE(type, field, usual)                                                       \
+    {                                                                                              \
+        .name = "noise", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "KIND",    \
+        .help = "none; gaussian:S, S times the level (99.5th percentile of the clean views); "     \
+                "poisson:N, N photons at the level; camera:N[:GAIN[:OFFSET[:READ]]], uint16 "      \
+                "counts of them (1, 100, 1.6)",                                                    \
+        .initial = (usual)                                                                         \
+    }
+#define V2V_OPTION_SEED(type, field)                                                               \
+    {                                                                                              \
+        .name = "seed", .kind = V2V_OPTION_INTEGER, .at = offsetof(type, field), .value = "N",     \
+        .help = "of scenes and noise", .initial = "1", .least = 0, .most = 1e15                    \
+    }
+#define V2V_SCENE_KINDS "neurons, vessels, cells, microglia, beads, filaments, dense, mixed"
+#define V2V_OPTION_SIZE(type, field)                                                               \
+    {                                                                                              \
+        .name = "size", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "HxW",      \
+        .help = "pixels of a scene's frames, or N for NxN; default: 512"                           \
+    }
 #define V2V_OPTION_FRAME(type, field, text)                                                        \
     {                                                                                              \
         .name = "frame", .kind = V2V_OPTION_INTEGER, .at = offsetof(type, field), .value = "T",    \

@@ -98,7 +98,13 @@ static enum v2v_status write_scene(const struct v2v_demo *demo)
     const struct v2v_session *session = demo->session;
     const struct v2v_config *config = &session->config;
     struct v2v_volume_writer *writer = NULL;
-    float *scene = NULL;
+    float *volume = NULL;
+    struct v2v_scene scene = {.slices = config->optics.slices,
+                              .height = config->demo.size,
+                              .width = config->demo.size,
+                              .slice_um = 1,
+                              .pixel_um = 1,
+                              .seed = (uint64_t)config->demo.seed};
     char path[V2V_PATH_BYTES];
     struct v2v_volume_info info = {.frames = 1,
                                    .slices = config->optics.slices,
@@ -110,20 +116,17 @@ static enum v2v_status write_scene(const struct v2v_demo *demo)
         v2v_par_part(info.slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
     V2V_TRY(v2v_demo_path(path, demo, "truth.h5"));
     V2V_TRY(v2v_step_output(session, path, NULL, 0));
-    rc = V2V_ALLOC(scene, "demo.scene", v2v_mem_product(info.slices, info.height, info.width));
-    if (rc == V2V_OK) {
-        rc = v2v_scene_fill(scene, info.slices, info.height, info.width,
-                            (uint64_t)config->demo.seed);
-    }
+    V2V_TRY(v2v_scene_find(&scene.kind, "mixed"));
+    rc = V2V_ALLOC(volume, "demo.scene", v2v_mem_product(mine.count, info.height, info.width));
     V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_scene_draw(volume, &scene, 0, mine.first, mine.count);
     V2V_TRY(
         v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, session->world));
-    V2V_TRY(v2v_step_write_slices(session, writer, scene + mine.first * info.height * info.width, 0,
-                                  mine));
+    V2V_TRY(v2v_step_write_slices(session, writer, volume, 0, mine));
     V2V_TRY(v2v_volume_finish(&writer));
 done:
     v2v_volume_abandon(&writer);
-    v2v_mem_free(scene);
+    v2v_mem_free(volume);
     return rc;
 }
 

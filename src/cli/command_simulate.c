@@ -3,39 +3,43 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/sim/recording.h"
 #include <inttypes.h>
+#include <string.h>
 
 struct arguments {
     struct v2v_common common;
-    const char *psf, *calibration, *volume, *output, *noise;
+    const char *psf, *calibration, *volume, *scene, *output, *clean, *truth, *noise, *size;
     int64_t seed, frames;
+    double motion;
 };
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct arguments, psf, 1),
-    V2V_OPTION_FILE(struct arguments, volume, "volume", 1,
-                    "scene; integers are read as fractions of their type's maximum"),
-    V2V_OPTION_OUTPUT(struct arguments, output, "recording to write"),
-    {.name = "noise",
+    V2V_OPTION_FILE(struct arguments, volume, "volume", 0,
+                    "what is seen; integers are read as fractions of their type's maximum"),
+    {.name = "scene",
      .kind = V2V_OPTION_TEXT,
-     .at = offsetof(struct arguments, noise),
+     .at = offsetof(struct arguments, scene),
      .value = "KIND",
-     .help = "none; gaussian:S, S times the level (99.5th percentile of the clean views); "
-             "poisson:N, N photons at the level",
-     .initial = "none"},
-    {.name = "seed",
-     .kind = V2V_OPTION_INTEGER,
-     .at = offsetof(struct arguments, seed),
-     .value = "N",
-     .help = "of the noise",
-     .initial = "1",
-     .least = 0,
-     .most = 1e15},
+     .help = "or a scene that is drawn: " V2V_SCENE_KINDS},
+    V2V_OPTION_OUTPUT(struct arguments, output, "recording to write"),
+    V2V_OPTION_FILE(struct arguments, clean, "clean", 0, "the recording without noise, to write"),
+    V2V_OPTION_FILE(struct arguments, truth, "truth", 0, "the scene's volume, to write"),
+    V2V_OPTION_NOISE(struct arguments, noise, "none"),
+    V2V_OPTION_SEED(struct arguments, seed),
     {.name = "frames",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, frames),
      .value = "T",
-     .help = "frames to make, the volume's over and over; default: the volume's",
+     .help = "frames to make, the volume's over and over; default: the volume's, of a scene 1",
      .least = 1,
+     .most = 1e6},
+    V2V_OPTION_SIZE(struct arguments, size),
+    {.name = "motion",
+     .kind = V2V_OPTION_NUMBER,
+     .at = offsetof(struct arguments, motion),
+     .value = "UM",
+     .help = "of a scene: way of every structure from frame to frame",
+     .least = 0,
      .most = 1e6},
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
@@ -44,34 +48,109 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
+static enum v2v_status check(const struct arguments *given)
+{
+    const int is_scene = given->scene != NULL;
+    if (is_scene == (given->volume != NULL)) {
+        return V2V_FAIL(V2V_E_USAGE, "give either --volume or --scene");
+    }
+    if (!is_scene && (given->truth != NULL || given->size != NULL || given->motion > 0)) {
+        return V2V_FAIL(V2V_E_USAGE, "--truth, --size and --motion are for a --scene");
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status check_outputs(const struct arguments *given,
+                                     const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *const outputs[] = {given->output, given->clean, given->truth};
+    const char *const inputs[] = {given->psf, given->volume, given->calibration};
+    for (size_t i = 0; i < sizeof outputs / sizeof outputs[0]; i++) {
+        if (outputs[i] != NULL) {
+            V2V_TRY(v2v_step_output(session, outputs[i], inputs,
+                                    (int64_t)(sizeof inputs / sizeof inputs[0])));
+        }
+        for (size_t k = 0; k < i; k++) {
+            if (outputs[i] != NULL && outputs[k] != NULL && strcmp(outputs[i], outputs[k]) == 0) {
+                V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: named for two outputs", outputs[i]));
+            }
+        }
+    }
+done:
+    return rc;
+}
+
+/* Record the volume or scene. */
+static enum v2v_status record(struct v2v_simulation *simulation, const struct v2v_session *session,
+                              const struct v2v_psf_file *psf, int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_simulator *simulator = NULL;
+    const struct v2v_calibration *calibration =
+        session->calibration.views > 0 ? &session->calibration : NULL;
+    V2V_TRY(v2v_simulator_create(&simulator, psf, height, width, calibration, session->world));
+    V2V_TRY(v2v_simulator_record(simulator, simulation));
+    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " frames of %" PRId64 " views, noise level %g",
+            simulation->output, simulation->frames, psf->views, simulation->noise.level);
+done:
+    v2v_simulator_destroy(&simulator);
+    return rc;
+}
+
+static enum v2v_status of_volume(struct v2v_simulation *simulation, const struct arguments *given,
+                                 const struct v2v_session *session, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_step_volume(session, &simulation->volume, given->volume, psf));
+    const struct v2v_volume_info *info = v2v_volume_info(simulation->volume);
+    const struct v2v_recording_info recording = v2v_step_recording_of(info, psf);
+    simulation->pixel_size_um = recording.pixel_size_um;
+    simulation->frame_interval_s = recording.frame_interval_s;
+    simulation->frames = given->frames > 0 ? given->frames : info->frames;
+    V2V_TRY(record(simulation, session, psf, info->height, info->width));
+done:
+    v2v_volume_close(&simulation->volume);
+    return rc;
+}
+
+static enum v2v_status of_scene(struct v2v_simulation *simulation, const struct arguments *given,
+                                const struct v2v_session *session, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_scene scene = {.motion_um = given->motion, .seed = (uint64_t)given->seed};
+    V2V_TRY(v2v_scene_find(&scene.kind, given->scene));
+    V2V_TRY(v2v_step_scene(&scene, simulation, session, psf, given->size));
+    simulation->scene = &scene;
+    simulation->frames = given->frames > 0 ? given->frames : 1;
+    V2V_TRY(record(simulation, session, psf, scene.height, scene.width));
+done:
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
-    struct v2v_volume *volume = NULL;
-    struct v2v_noise noise;
-    V2V_TRY(v2v_noise_parse(&noise, given->noise));
-    V2V_TRY(v2v_step_output(session, given->output,
-                            (const char *const[]){given->psf, given->volume, given->calibration},
-                            3));
+    struct v2v_simulation simulation = {.seed = (uint64_t)given->seed,
+                                        .output = given->output,
+                                        .clean = given->clean,
+                                        .truth = given->truth};
+    V2V_TRY(check(given));
+    V2V_TRY(v2v_noise_parse(&simulation.noise, given->noise));
+    V2V_TRY(check_outputs(given, session));
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
-    V2V_TRY(v2v_step_volume(session, &volume, given->volume, &psf));
-    int64_t frames = given->frames > 0 ? given->frames : v2v_volume_info(volume)->frames;
-    V2V_TRY(v2v_simulate_recording(
-        given->output, volume, &psf, &noise, (uint64_t)given->seed, frames,
-        session->calibration.views > 0 ? &session->calibration : NULL, session->world));
-    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " frames of %" PRId64 " views, noise %s, level %g",
-            given->output, frames, psf.views, given->noise, noise.level);
+    V2V_TRY(given->scene != NULL ? of_scene(&simulation, given, session, &psf)
+                                 : of_volume(&simulation, given, session, &psf));
 done:
-    v2v_volume_close(&volume);
     v2v_psf_file_fini(&psf);
     return rc;
 }
 
 const struct v2v_command v2v_command_simulate = {.name = "simulate",
-                                                 .summary = "noisy recording of a volume",
+                                                 .summary = "noisy recording of a volume or scene",
                                                  .options = options,
                                                  .bytes = sizeof(struct arguments),
                                                  .run = run};

@@ -323,6 +323,35 @@ struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *vo
                                        .frame_interval_s = volume->frame_interval_s};
 }
 
+static enum v2v_status parse_size(int64_t *height, int64_t *width, const char *size)
+{
+    enum v2v_status rc = V2V_OK;
+    static const char what[] = "--size HxW";
+    const int64_t most = 65536;
+    char first[32];
+    const int digits = (int)strcspn(size, "x");
+    V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits < 31 ? digits : 31, size));
+    V2V_TRY(v2v_text_to_i64(height, first, 1, most, what, V2V_E_USAGE));
+    V2V_TRY(v2v_text_to_i64(width, size[digits] == 'x' ? size + digits + 1 : first, 1, most, what,
+                            V2V_E_USAGE));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *simulation,
+                               const struct v2v_session *session, const struct v2v_psf_file *psf,
+                               const char *size)
+{
+    const struct v2v_input_settings *told = &session->config.input;
+    simulation->pixel_size_um = stated(told->pixel_size_um, psf->pixel_size_um);
+    simulation->slice_spacing_um = stated(told->slice_spacing_um, psf->slice_spacing_um);
+    simulation->frame_interval_s = told->frame_interval_s;
+    scene->slices = psf->slices;
+    scene->pixel_um = stated(simulation->pixel_size_um, 1.0);
+    scene->slice_um = stated(simulation->slice_spacing_um, 1.0);
+    return parse_size(&scene->height, &scene->width, size != NULL ? size : "512");
+}
+
 enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
                                      int comments)
 {

@@ -12,6 +12,7 @@
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/nn/network.h"
 #include "v2v3d/par/time.h"
+#include "v2v3d/sim/recording.h"
 
 /** Is this the rank that prints? @kind Local */
 int v2v_step_on_root(const struct v2v_session *session);
@@ -92,6 +93,14 @@ struct v2v_volume_info v2v_step_volume_of(const struct v2v_session *session,
 /** Frame and voxel size of a recording made from a volume. @kind Local */
 struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *volume,
                                                 const struct v2v_psf_file *psf);
+
+/** Size and voxels of a scene: frames of `size` ("HxW" or "N"; NULL: 512) by the PSFs' slices. The
+ *  recording states what --pixel-size and --slice-spacing or the PSFs say; where nothing does,
+ *  voxels are drawn as cubes of a micrometre, and nothing is stated.
+ *  @kind Local. @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *simulation,
+                               const struct v2v_session *session, const struct v2v_psf_file *psf,
+                               const char *size) V2V_MUST_CHECK;
 
 /** Attributes that tell how a volume was made; the texts live until _fini. */
 enum { V2V_PROVENANCE_MOST = 16 };

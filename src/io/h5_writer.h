@@ -1,4 +1,5 @@
-/** float32 datasets [t,m,y,x] written by all ranks of a communicator into one HDF5 file.
+/** Datasets [t,m,y,x] of float32, or of whole numbers 0 .. 65535 as uint16, written by all ranks of
+ *  a communicator into one HDF5 file.
  *
  *  Rank 0 alone creates the file with everything that describes it and all its space (so that no
  *  rank can disagree about metadata), then all ranks open it and write images, each by itself: an
@@ -23,6 +24,7 @@ struct v2v_volume_storage;
 struct v2v_h5_plan {
     const char *dataset[V2V_H5_WRITER_SETS]; /**< names; NULL where there is none */
     int64_t shape[4];                        /**< [t,m,y,x] of each */
+    int is_uint16;                           /**< in the file; in memory they are float32 */
     int with_done;                           /**< a dataset /done [t], at first 0 */
     const char *task; /**< what `describe` writes as the attribute of this name: with it and /done
                            the file has checksums [t], and can be gone on with; or NULL */

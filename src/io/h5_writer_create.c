@@ -20,7 +20,8 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
         sets += plan->dataset[i] != NULL;
     }
     const int64_t *shape = plan->shape;
-    const int64_t image = v2v_mem_product(shape[2], shape[3], (int64_t)sizeof(float) * sets);
+    const int64_t number = plan->is_uint16 ? sizeof(uint16_t) : sizeof(float);
+    const int64_t image = v2v_mem_product(shape[2], shape[3], number * sets);
     const int64_t bytes = v2v_mem_product(shape[0], shape[1], image);
     V2V_ASSERT(shape[0] > 0 && shape[1] > 0 && image > 0);
     if (bytes < 0) {
@@ -42,9 +43,11 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
 /* One image a chunk, all space taken at once, nothing filled in: every image is written by exactly
  * one rank. */
 static enum v2v_status create_images(hid_t file, const char *path, const char *name,
-                                     const int64_t shape[4])
+                                     const struct v2v_h5_plan *plan)
 {
     enum v2v_status rc = V2V_OK;
+    const int64_t *shape = plan->shape;
+    const hid_t type = plan->is_uint16 ? H5T_STD_U16LE : H5T_IEEE_F32LE;
     const hsize_t extent[4] = {(hsize_t)shape[0], (hsize_t)shape[1], (hsize_t)shape[2],
                                (hsize_t)shape[3]};
     const hsize_t chunk[4] = {1, 1, extent[2], extent[3]};
@@ -54,8 +57,7 @@ static enum v2v_status create_images(hid_t file, const char *path, const char *n
     if (H5Pset_chunk(creation, 4, chunk) < 0 ||
         H5Pset_alloc_time(creation, H5D_ALLOC_TIME_EARLY) < 0 ||
         H5Pset_fill_time(creation, H5D_FILL_TIME_NEVER) < 0 ||
-        (set = H5Dcreate2(file, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, creation, H5P_DEFAULT)) <
-            0) {
+        (set = H5Dcreate2(file, name, type, space, H5P_DEFAULT, creation, H5P_DEFAULT)) < 0) {
         rc = V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created");
     }
     rc = v2v_h5_close_written(rc, &set, path, name);
@@ -97,7 +99,7 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
                           v2v_mem_product(plan->shape[2], plan->shape[3], sizeof(float))));
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {
-            V2V_TRY(create_images(file, writer->path, plan->dataset[i], plan->shape));
+            V2V_TRY(create_images(file, writer->path, plan->dataset[i], plan));
         }
     }
     if (plan->with_done) {

@@ -38,6 +38,7 @@ enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const
     const struct v2v_h5_plan plan = {
         .dataset = {v2v_h5_views.dataset},
         .shape = {info->frames, info->views, info->height, info->width},
+        .is_uint16 = info->is_uint16,
         .describe = describe,
         .context = info,
     };

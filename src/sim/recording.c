@@ -5,124 +5,236 @@
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
 
-struct job {
+struct v2v_simulator {
+    const struct v2v_comm *comm;
     struct v2v_projector *projector;
-    struct v2v_recording_writer *writer;
+    const struct v2v_calibration *calibration; /* NULL: none */
     struct v2v_part slices;                    /* of this rank, to project */
     int64_t row_pixels;                        /* of a view, of this rank */
     struct v2v_part mine;                      /* views of this rank, to write */
-    int64_t views, pixels;                     /* pixels of one view */
-    float *slab;                               /* [slices of this rank,y,x] */
-    float *rows;                               /* [v, rows of this rank, x] */
-    float *clean;                              /* [v,y,x] */
-    float *noisy;                              /* [views of this rank,y,x] */
-    float *scratch;                            /* [y,x] */
-    const struct v2v_calibration *calibration; /* NULL: none */
+    int64_t depth, views, height, width;
+    int64_t pixels; /* of one view */
+    float *slab;    /* [slices of this rank,y,x] */
+    float *rows;    /* [v, rows of this rank, x] */
+    float *clean;   /* [v,y,x] */
+    float *noisy;   /* [views of this rank,y,x] */
+    float *scratch; /* [y,x] */
 };
 
-static enum v2v_status check(const struct v2v_volume_info *info, const struct v2v_psf_file *psf,
-                             int64_t frames)
+/* The files that a simulation writes; NULL where it does not. */
+struct outputs {
+    struct v2v_recording_writer *noisy, *clean;
+    struct v2v_volume_writer *truth;
+};
+
+/* Local: memory for a planned simulator. */
+static enum v2v_status take_memory(struct v2v_simulator *simulator)
 {
-    if (frames < 1) {
-        return V2V_FAIL(V2V_E_USAGE, "a recording of %lld frames", (long long)frames);
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = simulator->pixels, views = simulator->views;
+    V2V_TRY(V2V_ALLOC(simulator->slab, "sim.slices", simulator->slices.count * pixels));
+    V2V_TRY(V2V_ALLOC(simulator->rows, "sim.views", views * simulator->row_pixels));
+    V2V_TRY(V2V_ALLOC(simulator->clean, "sim.views", views * pixels));
+    V2V_TRY(V2V_ALLOC(simulator->scratch, "sim.distorted", pixels));
+    V2V_TRY(V2V_ALLOC(simulator->noisy, "sim.noisy", simulator->mine.count * pixels));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_simulator_create(struct v2v_simulator **simulator,
+                                     const struct v2v_psf_file *psf, int64_t height, int64_t width,
+                                     const struct v2v_calibration *calibration,
+                                     const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_simulator *fresh = NULL;
+    *simulator = NULL;
+    if (calibration != NULL) {
+        V2V_TRY(v2v_calibration_check(calibration, psf->views, height, width,
+                                      "the volume's projection"));
     }
-    if (info->slices != psf->slices) {
+    V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "sim.simulator", 1)));
+    fresh->comm = comm;
+    fresh->calibration = calibration;
+    fresh->depth = psf->slices;
+    fresh->views = psf->views;
+    fresh->height = height;
+    fresh->width = width;
+    fresh->pixels = height * width;
+    V2V_TRY(v2v_projector_create(&fresh->projector, psf, height, width, V2V_SPLIT_SLICES, comm));
+    const struct v2v_projector_share share = v2v_projector_share(fresh->projector);
+    fresh->slices = share.slices;
+    fresh->row_pixels = share.view_rows.count * width;
+    fresh->mine = v2v_par_part(psf->views, v2v_comm_size(comm), v2v_comm_rank(comm));
+    V2V_TRY(v2v_par_agree(comm, take_memory(fresh)));
+    *simulator = fresh;
+    fresh = NULL;
+done:
+    v2v_simulator_destroy(&fresh);
+    return rc;
+}
+
+void v2v_simulator_destroy(struct v2v_simulator **simulator)
+{
+    struct v2v_simulator *old = *simulator;
+    if (old == NULL) {
+        return;
+    }
+    v2v_mem_free(old->noisy);
+    v2v_mem_free(old->scratch);
+    v2v_mem_free(old->clean);
+    v2v_mem_free(old->rows);
+    v2v_mem_free(old->slab);
+    v2v_projector_destroy(&old->projector);
+    v2v_mem_free(old);
+    *simulator = NULL;
+}
+
+static enum v2v_status check(const struct v2v_simulator *simulator,
+                             const struct v2v_simulation *simulation)
+{
+    const int64_t slices = simulation->volume != NULL ? v2v_volume_info(simulation->volume)->slices
+                                                      : simulation->scene->slices;
+    if (simulation->frames < 1) {
+        return V2V_FAIL(V2V_E_USAGE, "a recording of %lld frames", (long long)simulation->frames);
+    }
+    if (slices != simulator->depth) {
         return V2V_FAIL(V2V_E_INPUT, "the volume has %lld slices, the PSF set %lld",
-                        (long long)info->slices, (long long)psf->slices);
+                        (long long)slices, (long long)simulator->depth);
     }
     return V2V_OK;
 }
 
-/** Local: memory for a planned job. */
-static enum v2v_status job_take(struct job *job)
+/* Frames that differ: the others show them again. */
+static int64_t count_sources(const struct v2v_simulation *simulation)
+{
+    const int64_t frames = simulation->frames;
+    const int64_t own = simulation->volume != NULL ? v2v_volume_info(simulation->volume)->frames
+                        : simulation->scene->motion_um > 0 ? frames
+                                                           : 1;
+    return own < frames ? own : frames;
+}
+
+static enum v2v_status open_outputs(struct outputs *outputs, const struct v2v_simulator *simulator,
+                                    const struct v2v_simulation *simulation)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(V2V_ALLOC(job->slab, "sim.slices", job->slices.count * job->pixels));
-    V2V_TRY(V2V_ALLOC(job->rows, "sim.views", job->views * job->row_pixels));
-    V2V_TRY(V2V_ALLOC(job->clean, "sim.views", job->views * job->pixels));
-    V2V_TRY(V2V_ALLOC(job->scratch, "sim.distorted", job->pixels));
-    V2V_TRY(V2V_ALLOC(job->noisy, "sim.noisy", job->mine.count * job->pixels));
+    const int is_camera = simulation->noise.kind == V2V_NOISE_CAMERA;
+    struct v2v_recording_info info = {.frames = simulation->frames,
+                                      .views = simulator->views,
+                                      .height = simulator->height,
+                                      .width = simulator->width,
+                                      .pixel_size_um = simulation->pixel_size_um,
+                                      .frame_interval_s = simulation->frame_interval_s,
+                                      .offset = is_camera ? simulation->noise.offset : 0,
+                                      .is_uint16 = is_camera};
+    const struct v2v_volume_info truth = {.frames = count_sources(simulation),
+                                          .slices = simulator->depth,
+                                          .height = simulator->height,
+                                          .width = simulator->width,
+                                          .pixel_size_um = simulation->pixel_size_um,
+                                          .slice_spacing_um = simulation->slice_spacing_um,
+                                          .frame_interval_s = simulation->frame_interval_s};
+    V2V_TRY(v2v_recording_create(&outputs->noisy, simulation->output, &info, simulator->comm));
+    info.is_uint16 = 0;
+    if (simulation->clean != NULL) {
+        V2V_TRY(v2v_recording_create(&outputs->clean, simulation->clean, &info, simulator->comm));
+    }
+    if (simulation->truth != NULL) {
+        V2V_TRY(v2v_volume_create(&outputs->truth, simulation->truth, &truth, 1u << V2V_VOLUME_MEAN,
+                                  NULL, 0, simulator->comm));
+    }
 done:
     return rc;
 }
 
-/** Collective(comm): all ranks hold the clean views of the volume's frame t. */
-static enum v2v_status project_frame(struct job *job, struct v2v_volume *volume, int64_t t,
-                                     const struct v2v_comm *comm)
+static enum v2v_status finish_outputs(struct outputs *outputs)
 {
+    enum v2v_status rc = V2V_OK;
+    if (outputs->truth != NULL) {
+        V2V_TRY(v2v_volume_finish(&outputs->truth));
+    }
+    if (outputs->clean != NULL) {
+        V2V_TRY(v2v_recording_finish(&outputs->clean));
+    }
+    V2V_TRY(v2v_recording_finish(&outputs->noisy));
+done:
+    return rc;
+}
+
+/* All ranks hold the clean views of source frame t; its volume is written where asked. */
+static enum v2v_status project_frame(struct v2v_simulator *simulator,
+                                     const struct v2v_simulation *simulation,
+                                     struct v2v_volume_writer *truth, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_part slices = simulator->slices;
     v2v_watchdog_beat("projecting a frame");
-    enum v2v_status rc =
-        v2v_volume_read(volume, job->slab, t, job->slices.first, job->slices.count);
-    V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_projector_forward(job->projector, job->rows, job->slab, NULL, job->views, 1.0f);
-    v2v_projector_gather_views(job->projector, job->clean, job->rows, job->views);
-    if (job->calibration != NULL) {
-        v2v_calibration_distort(job->clean, job->scratch, job->calibration);
+    if (simulation->volume != NULL) {
+        rc = v2v_volume_read(simulation->volume, simulator->slab, t, slices.first, slices.count);
+    } else {
+        v2v_scene_draw(simulator->slab, simulation->scene, t, slices.first, slices.count);
+    }
+    V2V_TRY(v2v_par_agree(simulator->comm, rc));
+    if (truth != NULL) {
+        V2V_TRY(v2v_volume_write(truth, V2V_VOLUME_MEAN, simulator->slab, t, slices.first,
+                                 slices.count));
+        V2V_TRY(v2v_volume_mark_done(truth, t, simulator->comm));
+    }
+    v2v_projector_forward(simulator->projector, simulator->rows, simulator->slab, NULL,
+                          simulator->views, 1.0f);
+    v2v_projector_gather_views(simulator->projector, simulator->clean, simulator->rows,
+                               simulator->views);
+    if (simulator->calibration != NULL) {
+        v2v_calibration_distort(simulator->clean, simulator->scratch, simulator->calibration);
     }
 done:
     return rc;
 }
 
-/** Collective(comm): each rank adds the noise of its views and writes them. */
-static enum v2v_status write_frame(struct job *job, const struct v2v_noise *noise, uint64_t seed,
-                                   int64_t t)
-{
-    int64_t first = job->mine.first * job->pixels;
-    v2v_watchdog_beat("writing a frame");
-    v2v_noise_apply(job->noisy, job->clean + first, job->mine.count * job->pixels, noise, seed, t,
-                    first);
-    return v2v_recording_write(job->writer, job->noisy, t, job->mine.first, job->mine.count);
-}
-
-enum v2v_status v2v_simulate_recording(const char *output, struct v2v_volume *volume,
-                                       const struct v2v_psf_file *psf, struct v2v_noise *noise,
-                                       uint64_t seed, int64_t frames,
-                                       const struct v2v_calibration *calibration,
-                                       const struct v2v_comm *comm)
+/* Each rank writes its views of frame t, noisy and clean. */
+static enum v2v_status write_frame(struct v2v_simulator *simulator, const struct outputs *outputs,
+                                   const struct v2v_simulation *simulation, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    struct job job = {.calibration = calibration};
-    const struct v2v_volume_info *info = v2v_volume_info(volume);
-    V2V_TRY(check(info, psf, frames)); /* the same arguments, so the same verdict, on all ranks */
-    if (calibration != NULL) {
-        V2V_TRY(v2v_calibration_check(calibration, psf->views, info->height, info->width,
-                                      "the volume's projection"));
+    const struct v2v_noise *noise = &simulation->noise;
+    const struct v2v_part mine = simulator->mine;
+    const int64_t first = mine.first * simulator->pixels, count = mine.count * simulator->pixels;
+    v2v_watchdog_beat("writing a frame");
+    v2v_noise_apply(simulator->noisy, simulator->clean + first, count, noise, simulation->seed, t,
+                    first);
+    V2V_TRY(v2v_recording_write(outputs->noisy, simulator->noisy, t, mine.first, mine.count));
+    if (outputs->clean != NULL) {
+        v2v_noise_expected(simulator->noisy, simulator->clean + first, count, noise);
+        V2V_TRY(v2v_recording_write(outputs->clean, simulator->noisy, t, mine.first, mine.count));
     }
-    V2V_TRY(v2v_projector_create(&job.projector, psf, info->height, info->width, V2V_SPLIT_SLICES,
-                                 comm));
-    job.views = psf->views;
-    job.pixels = info->height * info->width;
-    const struct v2v_projector_share share = v2v_projector_share(job.projector);
-    job.slices = share.slices;
-    job.row_pixels = share.view_rows.count * info->width;
-    job.mine = v2v_par_part(psf->views, v2v_comm_size(comm), v2v_comm_rank(comm));
-    V2V_TRY(v2v_par_agree(comm, job_take(&job)));
-
-    struct v2v_recording_info out = {.frames = frames,
-                                     .views = psf->views,
-                                     .height = info->height,
-                                     .width = info->width,
-                                     .pixel_size_um = info->pixel_size_um > 0 ? info->pixel_size_um
-                                                                              : psf->pixel_size_um,
-                                     .frame_interval_s = info->frame_interval_s};
-    V2V_TRY(v2v_recording_create(&job.writer, output, &out, comm));
-    for (int64_t source = 0; source < info->frames && source < frames; source++) {
-        V2V_TRY(project_frame(&job, volume, source, comm));
-        if (source == 0) {
-            V2V_TRY(v2v_par_agree(comm, v2v_noise_level(noise, job.clean, job.views * job.pixels)));
-        }
-        for (int64_t t = source; t < frames; t += info->frames) {
-            V2V_TRY(write_frame(&job, noise, seed, t));
-        }
-    }
-    V2V_TRY(v2v_recording_finish(&job.writer));
 done:
-    v2v_recording_abandon(&job.writer);
-    v2v_mem_free(job.noisy);
-    v2v_mem_free(job.scratch);
-    v2v_mem_free(job.clean);
-    v2v_mem_free(job.rows);
-    v2v_mem_free(job.slab);
-    v2v_projector_destroy(&job.projector);
+    return rc;
+}
+
+enum v2v_status v2v_simulator_record(struct v2v_simulator *simulator,
+                                     struct v2v_simulation *simulation)
+{
+    enum v2v_status rc = V2V_OK;
+    struct outputs outputs = {0};
+    V2V_TRY(check(simulator, simulation)); /* the same arguments, so the same verdict, everywhere */
+    V2V_TRY(open_outputs(&outputs, simulator, simulation));
+    const int64_t sources = count_sources(simulation);
+    for (int64_t source = 0; source < sources; source++) {
+        V2V_TRY(project_frame(simulator, simulation, outputs.truth, source));
+        if (source == 0) {
+            rc = v2v_noise_level(&simulation->noise, simulator->clean,
+                                 simulator->views * simulator->pixels);
+            V2V_TRY(v2v_par_agree(simulator->comm, rc));
+        }
+        for (int64_t t = source; t < simulation->frames; t += sources) {
+            V2V_TRY(write_frame(simulator, &outputs, simulation, t));
+        }
+    }
+    V2V_TRY(finish_outputs(&outputs));
+done:
+    v2v_volume_abandon(&outputs.truth);
+    v2v_recording_abandon(&outputs.clean);
+    v2v_recording_abandon(&outputs.noisy);
     return rc;
 }

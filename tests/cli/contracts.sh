@@ -62,6 +62,40 @@ grep -q '^frame' stdout && fail "info looks at a frame that there is not: $(cat 
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
+# Scenes: every kind that the help names; the same on any ranks; still or moving; a camera.
+kinds=$("$program" simulate --help | grep -oE 'drawn: [a-z, ]*')
+kinds=${kinds#drawn: }
+read -r -a kinds <<<"${kinds//,/}"
+[ "${#kinds[@]}" -eq 8 ] || fail "other kinds of scenes in the help than eight: ${kinds[*]}"
+for kind in "${kinds[@]}"; do
+    works simulate --scene "$kind" --psf one/psf.h5 --seed 3 --size 40x48 -o "scene_$kind.h5"
+    works info "scene_$kind.h5"
+    says 'recording, 1 frames, 5 views of 40 x 48'
+done
+works simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise gaussian:0.2 --size 64 \
+    -o still.h5 --truth still_truth.h5
+works info still_truth.h5
+says 'volume, 1 frames, 7 slices of 64 x 64'
+works simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise camera:500 --size 64 \
+    --motion 1 -o moving.h5 --truth moving_truth.h5 --clean moving_clean.h5
+works info moving_truth.h5
+says 'volume, 4 frames'
+works info moving.h5 --json
+says '"offset": 100'
+works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
+"$program" simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise gaussian:0.2 \
+    --size 64 -o still_alone.h5 --truth still_truth_alone.h5 2>stderr || fail "$(cat stderr)"
+same still_truth.h5 still_truth_alone.h5 /volume
+same still.h5 still_alone.h5 /views 1e-5
+refuses 2 'either --volume or --scene' simulate --psf one/psf.h5 -o out.h5
+refuses 2 'either --volume or --scene' simulate --psf one/psf.h5 --volume one/truth.h5 \
+    --scene cells -o out.h5
+refuses 2 "scene 'axons' is none of: neurons" simulate --psf one/psf.h5 --scene axons -o out.h5
+refuses 2 '--size HxW' simulate --psf one/psf.h5 --scene cells --size 40x -o out.h5
+refuses 2 '--truth, --size and --motion' simulate --psf one/psf.h5 --volume one/truth.h5 \
+    --motion 1 -o out.h5
+refuses 2 'out.h5: named for two' simulate --psf one/psf.h5 --scene cells -o out.h5 --truth out.h5
+
 works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld.h5 --iterations 2 --stop fixed
 works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_slabs.h5 --iterations 2 \
     --set parallel.split=slabs --set parallel.transform=own

@@ -16,6 +16,7 @@ struct v2v_recording_info {
     int64_t before, after;                  /**< frames that a cut left out on either side */
     double pixel_size_um, frame_interval_s; /**< 0: not stated */
     double offset;                          /**< counts at no light; 0: none, or not stated */
+    int is_uint16; /**< of one to write: whole numbers 0 .. 65535; of one that is read: 0 */
 };
 
 struct v2v_recording;
@@ -61,8 +62,9 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
 /** @kind Collective(comm of open); accepts NULL. */
 void v2v_recording_close(struct v2v_recording **recording);
 
-/** A recording to write: `/views` [t,v,y,x] float32, chunk = one view of one frame, attrs as in
- *  src/io/README.md; appears under `path` at v2v_recording_finish. @kind Collective(comm) */
+/** A recording to write: `/views` [t,v,y,x] float32 (or uint16, as info says), chunk = one view of
+ *  one frame, attrs as in src/io/README.md; appears under `path` at v2v_recording_finish.
+ *  @kind Collective(comm) */
 struct v2v_recording_writer;
 enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,
                                      const struct v2v_recording_info *info,

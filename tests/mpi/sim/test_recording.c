@@ -61,6 +61,18 @@ static struct v2v_volume *scene_file(const char *folder)
     return volume;
 }
 
+/** Record what `simulation` says, in frames of this size. */
+static enum v2v_status record(struct v2v_simulation *simulation, const struct v2v_psf_file *psfs)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_simulator *simulator = NULL;
+    V2V_TRY(v2v_simulator_create(&simulator, psfs, HEIGHT, WIDTH, NULL, test_world()));
+    V2V_TRY(v2v_simulator_record(simulator, simulation));
+done:
+    v2v_simulator_destroy(&simulator);
+    return rc;
+}
+
 /** What one rank alone would record. */
 static void expect(float expected[FRAMES][SAMPLES], struct v2v_noise *noise, uint64_t seed)
 {
@@ -81,23 +93,27 @@ static void simulate_and_compare(const char *text)
 {
     static float expected[FRAMES][SAMPLES], recorded[SAMPLES];
     const struct v2v_input_settings settings = {.views = VIEWS};
-    struct v2v_noise noise, twin;
+    struct v2v_noise twin;
     struct v2v_recording *recording = NULL;
     char path[1024];
     const char *folder = test_folder(test_world());
-    struct v2v_volume *volume = scene_file(folder);
-    assert_ok(v2v_noise_parse(&noise, text));
-    twin = noise;
+    struct v2v_simulation simulation = {.volume = scene_file(folder),
+                                        .seed = 5,
+                                        .frames = FRAMES,
+                                        .pixel_size_um = 0.5,
+                                        .output = path};
+    assert_ok(v2v_noise_parse(&simulation.noise, text));
+    twin = simulation.noise;
     snprintf(path, sizeof path, "%s/recording.h5", folder);
-    assert_ok(v2v_simulate_recording(path, volume, &psf, &noise, 5, FRAMES, NULL, test_world()));
-    v2v_volume_close(&volume);
+    assert_ok(record(&simulation, &psf));
+    v2v_volume_close(&simulation.volume);
     expect(expected, &twin, 5);
 
     assert_ok(v2v_recording_open(&recording, path, &settings, test_world()));
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     assert_int_equal(info->frames, FRAMES);
     assert_int_equal(info->views, VIEWS);
-    assert_true(info->pixel_size_um == 0.5); /* the volume doesn't say, the PSFs do */
+    assert_true(info->pixel_size_um == 0.5);
     for (int64_t t = 0; t < FRAMES; t++) {
         assert_ok(v2v_recording_read(recording, recorded, t));
         /* The ranks' sums over slices come in another order: two float32 transforms of at most ten
@@ -120,21 +136,79 @@ static void any_number_of_ranks_draws_the_same_gaussian_noise(void **state)
     simulate_and_compare("gaussian:0.2");
 }
 
-static void a_volume_of_other_slices_is_refused_everywhere(void **state)
+static void any_number_of_ranks_counts_the_same_photons(void **state)
 {
     (void)state;
-    struct v2v_noise noise = {0};
+    simulate_and_compare("poisson:1000");
+}
+
+/** Frame t of the truth and of the clean views that were written. */
+static void expect_scene(const struct v2v_scene *drawn, const struct v2v_simulation *simulation,
+                         struct v2v_volume *truth, struct v2v_recording *clean, int64_t t)
+{
+    static float expected[VOXELS], volume[VOXELS], views[SAMPLES], read[SAMPLES];
+    struct v2v_projector *projector = NULL;
+    v2v_scene_draw(expected, drawn, t, 0, SLICES);
+    assert_ok(v2v_volume_read(truth, volume, t, 0, SLICES));
+    assert_memory_equal(volume, expected, sizeof volume);
+    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, expected, NULL, VIEWS, 1.0f);
+    v2v_noise_expected(views, views, SAMPLES, &simulation->noise);
+    assert_ok(v2v_recording_read(clean, read, t));
+    assert_true(test_relative_l2(read, views, SAMPLES) < 1e-6); /* as above */
+    v2v_projector_destroy(&projector);
+}
+
+static void a_moving_scene_gives_its_truth_and_clean_views(void **state)
+{
+    (void)state;
+    char noisy[1024], clean[1024], truth[1024];
+    const char *folder = test_folder(test_world());
+    const struct v2v_input_settings settings = {.views = VIEWS};
+    struct v2v_volume *volume = NULL;
+    struct v2v_recording *recording = NULL;
+    struct v2v_scene drawn = {.slices = SLICES,
+                              .height = HEIGHT,
+                              .width = WIDTH,
+                              .slice_um = 1,
+                              .pixel_um = 1,
+                              .motion_um = 1,
+                              .seed = 3};
+    struct v2v_simulation simulation = {
+        .scene = &drawn, .seed = 3, .frames = 3, .output = noisy, .clean = clean, .truth = truth};
+    assert_ok(v2v_scene_find(&drawn.kind, "cells"));
+    assert_ok(v2v_noise_parse(&simulation.noise, "camera:200"));
+    snprintf(noisy, sizeof noisy, "%s/noisy.h5", folder);
+    snprintf(clean, sizeof clean, "%s/clean.h5", folder);
+    snprintf(truth, sizeof truth, "%s/truth.h5", folder);
+    assert_ok(record(&simulation, &psf));
+    assert_ok(v2v_recording_open(&recording, noisy, &settings, test_world()));
+    assert_true(v2v_recording_info(recording)->offset == 100);
+    v2v_recording_close(&recording);
+    assert_ok(v2v_volume_open(&volume, truth, NULL, test_world()));
+    assert_ok(v2v_recording_open(&recording, clean, &settings, test_world()));
+    assert_int_equal(v2v_volume_info(volume)->frames, 3);
+    for (int64_t t = 0; t < 3; t++) {
+        expect_scene(&drawn, &simulation, volume, recording, t);
+    }
+    v2v_volume_close(&volume);
+    v2v_recording_close(&recording);
+}
+
+static void what_does_not_fit_is_refused_everywhere(void **state)
+{
+    (void)state;
     char path[1024];
     const char *folder = test_folder(test_world());
-    struct v2v_volume *volume = scene_file(folder);
+    struct v2v_simulation simulation = {
+        .volume = scene_file(folder), .seed = 5, .frames = 1, .output = path};
     struct v2v_psf_file fewer = psf;
     fewer.slices--;
     snprintf(path, sizeof path, "%s/recording.h5", folder);
-    assert_int_equal(v2v_simulate_recording(path, volume, &fewer, &noise, 5, 1, NULL, test_world()),
-                     V2V_E_INPUT);
-    assert_int_equal(v2v_simulate_recording(path, volume, &psf, &noise, 5, 0, NULL, test_world()),
-                     V2V_E_USAGE);
-    v2v_volume_close(&volume);
+    assert_int_equal(record(&simulation, &fewer), V2V_E_INPUT);
+    simulation.frames = 0;
+    assert_int_equal(record(&simulation, &psf), V2V_E_USAGE);
+    v2v_volume_close(&simulation.volume);
 }
 
 int main(int argc, char **argv)
@@ -143,7 +217,9 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         WITH(any_number_of_ranks_records_clean_views_alike),
         WITH(any_number_of_ranks_draws_the_same_gaussian_noise),
-        WITH(a_volume_of_other_slices_is_refused_everywhere),
+        WITH(any_number_of_ranks_counts_the_same_photons),
+        WITH(a_moving_scene_gives_its_truth_and_clean_views),
+        WITH(what_does_not_fit_is_refused_everywhere),
     };
     return test_mpi_main(tests, argc, argv);
 }

@@ -52,6 +52,15 @@ static void specifications_are_parsed_strictly(void **state)
         {"poisson:inf", V2V_E_USAGE, 0, 0},
         {"Poisson:5", V2V_E_USAGE, 0, 0},
         {"none:1", V2V_E_USAGE, 0, 0},
+        {"camera:500", V2V_OK, V2V_NOISE_CAMERA, 500},
+        {"camera:500:0.5:200:2", V2V_OK, V2V_NOISE_CAMERA, 500},
+        {"camera", V2V_E_USAGE, 0, 0},
+        {"camera:", V2V_E_USAGE, 0, 0},
+        {"camera:500:", V2V_E_USAGE, 0, 0},
+        {"camera:500:0", V2V_E_USAGE, 0, 0},
+        {"camera:500:1:65536", V2V_E_USAGE, 0, 0},
+        {"camera:500:1:100:-1", V2V_E_USAGE, 0, 0},
+        {"camera:500:1:100:1:1", V2V_E_USAGE, 0, 0},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct v2v_noise noise;
@@ -85,7 +94,7 @@ static void level_is_the_percentile_and_darkness_is_refused(void **state)
 static void gaussian_noise_has_its_mean_and_deviation(void **state)
 {
     (void)state;
-    const struct v2v_noise noise = {V2V_NOISE_GAUSSIAN, 0.2, 5};
+    const struct v2v_noise noise = {.kind = V2V_NOISE_GAUSSIAN, .amount = 0.2, .level = 5};
     const double sigma = 0.2 * 5;
     double mean, variance;
     fill_clean(3);
@@ -101,7 +110,7 @@ static void poisson_noise_has_its_mean_and_variance(void **state)
     (void)state;
     /* 40 photons at level 5: below and above the samplers' switch at a mean of 30. */
     static const float values[] = {0.5f, 5, 20};
-    const struct v2v_noise noise = {V2V_NOISE_POISSON, 40, 5};
+    const struct v2v_noise noise = {.kind = V2V_NOISE_POISSON, .amount = 40, .level = 5};
     for (int i = 0; i < 3; i++) {
         double mean, variance, unit = 5.0 / 40, photons = values[i] / unit;
         fill_clean(values[i]);
@@ -115,10 +124,66 @@ static void poisson_noise_has_its_mean_and_variance(void **state)
     }
 }
 
+static void a_camera_is_told_by_up_to_four_numbers(void **state)
+{
+    (void)state;
+    struct v2v_noise noise;
+    assert_ok(v2v_noise_parse(&noise, "camera:500"));
+    assert_true(noise.gain == 1 && noise.offset == 100 && noise.read == 1.6);
+    assert_ok(v2v_noise_parse(&noise, "camera:500:0.5:200:2"));
+    assert_true(noise.gain == 0.5 && noise.offset == 200 && noise.read == 2);
+}
+
+static void a_cameras_counts_have_their_mean_and_variance(void **state)
+{
+    (void)state;
+    static const float values[] = {0, 0.5f, 5, 20};
+    const struct v2v_noise noise = {
+        .kind = V2V_NOISE_CAMERA, .amount = 40, .gain = 3, .offset = 100, .read = 1.5, .level = 5};
+    for (int i = 0; i < 4; i++) {
+        const double photons = values[i] * 40 / 5;
+        /* Poisson, read noise, and rounding. */
+        const double expected = 9 * (photons + 1.5 * 1.5) + 1.0 / 12;
+        double mean, variance;
+        fill_clean(values[i]);
+        v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
+        for (int64_t k = 0; k < COUNT; k++) {
+            assert_true(noisy[k] == rintf(noisy[k]));
+        }
+        v2v_noise_expected(clean, clean, COUNT, &noise);
+        assert_true(fabs((double)clean[0] - (100 + 3 * photons)) < 1e-4);
+        moments(&mean, &variance);
+        /* Five standard deviations of the estimates, as for Poisson numbers. */
+        assert_true(fabs(mean) < 5 * sqrt(expected / COUNT));
+        assert_true(fabs(variance - expected) <
+                    5 * sqrt((81 * photons + 2 * expected * expected) / COUNT));
+    }
+}
+
+static void a_camera_saturates_on_both_sides(void **state)
+{
+    (void)state;
+    struct v2v_noise noise = {.kind = V2V_NOISE_CAMERA, .amount = 1e6, .gain = 1, .level = 1};
+    fill_clean(1);
+    v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
+    for (int64_t i = 0; i < COUNT; i++) {
+        assert_true(noisy[i] == V2V_NOISE_MOST_COUNTS);
+    }
+    noise.read = 10;
+    fill_clean(0);
+    v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
+    int64_t dark = 0;
+    for (int64_t i = 0; i < COUNT; i++) {
+        assert_true(noisy[i] >= 0);
+        dark += noisy[i] == 0;
+    }
+    assert_true(dark > COUNT / 2); /* half of the read noise is below 0, and some is rounded */
+}
+
 static void darkness_stays_dark_under_poisson_noise(void **state)
 {
     (void)state;
-    const struct v2v_noise noise = {V2V_NOISE_POISSON, 40, 5};
+    const struct v2v_noise noise = {.kind = V2V_NOISE_POISSON, .amount = 40, .level = 5};
     fill_clean(-1);
     v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
     for (int64_t i = 0; i < COUNT; i++) {
@@ -133,7 +198,7 @@ static void frames_and_seeds_draw_unrelated_noise(void **state)
         uint64_t seed;
         int64_t t;
     } cases[] = {{5, 1}, {6, 0}};
-    const struct v2v_noise noise = {V2V_NOISE_GAUSSIAN, 1, 1};
+    const struct v2v_noise noise = {.kind = V2V_NOISE_GAUSSIAN, .amount = 1, .level = 1};
     fill_clean(0);
     v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
     for (int k = 0; k < 2; k++) {
@@ -149,8 +214,8 @@ static void frames_and_seeds_draw_unrelated_noise(void **state)
 static void noise_does_not_depend_on_how_samples_are_split(void **state)
 {
     (void)state;
-    static const char *const texts[] = {"gaussian:0.3", "poisson:100", "none"};
-    for (int k = 0; k < 3; k++) {
+    static const char *const texts[] = {"gaussian:0.3", "poisson:100", "camera:100", "none"};
+    for (int k = 0; k < 4; k++) {
         struct v2v_noise noise;
         assert_ok(v2v_noise_parse(&noise, texts[k]));
         noise.level = 2;
@@ -164,25 +229,6 @@ static void noise_does_not_depend_on_how_samples_are_split(void **state)
     }
 }
 
-/** The example of scene.h. */
-static enum v2v_status example(const float *views, int64_t count, uint64_t seed, int64_t frame)
-{
-    enum v2v_status rc = V2V_OK;
-    struct v2v_noise noise;
-    V2V_TRY(v2v_noise_parse(&noise, "gaussian:0.2"));
-    V2V_TRY(v2v_noise_level(&noise, views, count));
-    v2v_noise_apply(noisy, views, count, &noise, seed, frame, 0);
-done:
-    return rc;
-}
-
-static void the_headers_example_runs(void **state)
-{
-    (void)state;
-    fill_clean(1);
-    assert_ok(example(clean, COUNT, 1, 0));
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -190,10 +236,12 @@ int main(void)
         cmocka_unit_test(level_is_the_percentile_and_darkness_is_refused),
         cmocka_unit_test(gaussian_noise_has_its_mean_and_deviation),
         cmocka_unit_test(poisson_noise_has_its_mean_and_variance),
+        cmocka_unit_test(a_camera_is_told_by_up_to_four_numbers),
+        cmocka_unit_test(a_cameras_counts_have_their_mean_and_variance),
+        cmocka_unit_test(a_camera_saturates_on_both_sides),
         cmocka_unit_test(darkness_stays_dark_under_poisson_noise),
         cmocka_unit_test(frames_and_seeds_draw_unrelated_noise),
         cmocka_unit_test(noise_does_not_depend_on_how_samples_are_split),
-        cmocka_unit_test(the_headers_example_runs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
