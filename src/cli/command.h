@@ -46,6 +46,7 @@ extern const struct v2v_command v2v_command_bench;
 extern const struct v2v_command v2v_command_calibrate;
 extern const struct v2v_command v2v_command_check;
 extern const struct v2v_command v2v_command_convert;
+extern const struct v2v_command v2v_command_dataset;
 extern const struct v2v_command v2v_command_deconvolve;
 extern const struct v2v_command v2v_command_demo;
 extern const struct v2v_command v2v_command_evaluate;

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 int v2v_file_exists(const char *path)
@@ -127,6 +128,28 @@ enum v2v_status v2v_file_check_output(const char *path, int force, const char *c
         }
     }
     V2V_TRY(check_parent(path));
+done:
+    return rc;
+}
+
+enum v2v_status v2v_file_check_room(const char *path, int64_t bytes)
+{
+    enum v2v_status rc = V2V_OK;
+    struct statvfs disk;
+    char folder[V2V_PATH_BYTES];
+    if (bytes < 0) {
+        return V2V_FAIL(V2V_E_IO, "%s: its size passes 2^63 bytes", path);
+    }
+    V2V_TRY(v2v_text_format(folder, sizeof folder, "%s", path));
+    char *slash = strrchr(folder, '/');
+    if (slash != NULL) {
+        slash[slash == folder] = '\0';
+    }
+    if (statvfs(slash != NULL ? folder : ".", &disk) == 0 &&
+        (double)bytes > (double)disk.f_bavail * (double)disk.f_frsize) {
+        rc = V2V_FAIL(V2V_E_IO, "%s: needs %.3g GB, the disk has %.3g GB left", path,
+                      (double)bytes * 1e-9, (double)disk.f_bavail * (double)disk.f_frsize * 1e-9);
+    }
 done:
     return rc;
 }

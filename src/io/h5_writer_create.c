@@ -7,14 +7,11 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include <string.h>
-#include <sys/statvfs.h>
 
-/* 0: shape and name are fine and the disk has room for the data. */
+/* Is the shape fine, and has the disk room for the data? */
 static enum v2v_status check_space(const struct v2v_h5_writer *writer,
                                    const struct v2v_h5_plan *plan)
 {
-    struct statvfs disk;
-    char folder[V2V_PATH_BYTES];
     int64_t sets = 0;
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         sets += plan->dataset[i] != NULL;
@@ -24,20 +21,7 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
     const int64_t image = v2v_mem_product(shape[2], shape[3], number * sets);
     const int64_t bytes = v2v_mem_product(shape[0], shape[1], image);
     V2V_ASSERT(shape[0] > 0 && shape[1] > 0 && image > 0);
-    if (bytes < 0) {
-        return V2V_FAIL(V2V_E_IO, "%s: its size passes 2^63 bytes", writer->path);
-    }
-    memcpy(folder, writer->path, sizeof folder);
-    char *slash = strrchr(folder, '/');
-    if (slash != NULL) {
-        slash[slash == folder] = '\0';
-    }
-    if (statvfs(slash != NULL ? folder : ".", &disk) == 0 &&
-        (double)bytes > (double)disk.f_bavail * (double)disk.f_frsize) {
-        return V2V_FAIL(V2V_E_IO, "%s: needs %.3g GB, the disk has %.3g GB left", writer->path,
-                        (double)bytes * 1e-9, (double)disk.f_bavail * (double)disk.f_frsize * 1e-9);
-    }
-    return V2V_OK;
+    return v2v_file_check_room(writer->path, bytes);
 }
 
 /* One image a chunk, all space taken at once, nothing filled in: every image is written by exactly

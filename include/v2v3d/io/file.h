@@ -63,6 +63,10 @@ enum v2v_status v2v_file_unchanged(enum v2v_status rc, const struct v2v_file_sta
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
                                       int64_t count) V2V_MUST_CHECK;
 
+/** Has the disk of `path`, which need not exist but in whose folder it is to be, room for so many
+ *  bytes (-1: a product that left int64_t)? @kind Local. @return V2V_OK | V2V_E_IO */
+enum v2v_status v2v_file_check_room(const char *path, int64_t bytes) V2V_MUST_CHECK;
+
 /** The name under which an output is written until it is complete: path + ".v2v3d-part"; and what
  *  is made of that file in a pass over it: path + ".v2v3d-packed". Names that end so, or in
  *  ".v2v3d-lock", are this program's alone.
