@@ -132,6 +132,11 @@ const struct v2v_key v2v_key_table[] = {
     BOOL(model, winograd, 1, "3 x 3 convolutions by Winograd where it is faster"),
     BOOL(model, merge, 1, "merge the first convolution's taps that read the same pixel"),
     REAL(model, volume_scale, 1e-12, 1e12, 1.0, "volume = this * the network's output"),
+    WORD(model, view_split, V2V_VIEWS_EVEN_ODD,
+         "v2v: views of the two volumes; all: both see and are judged by all",
+         "even-odd", "random", "all"),
+    WHOLE(model, view_seed, 0, BILLION, 1, "v2v: of random halves"),
+    BOOL(model, align, 1, "v2v: shift features as the PSFs say"),
     BOOL(model, homogeneous, 0, "views s times as bright give s times the volume, frame by frame"),
 
     WHOLE(backconv, width, 1, 1024, 32, "channels between the three convolutions"),
@@ -170,6 +175,7 @@ const struct v2v_key v2v_key_table[] = {
     NUMBER(recon, skip, skip, V2V_NUMBER_NONE, 0.0, 1.0,
            "light, of the brightest, below which nothing is computed; tv, unrolled: change of it "
            "since the last whole frame"),
+    WORD(recon, combine, V2V_COMBINE_MEAN, "v2v: what becomes of the two volumes", "mean", "max"),
     WHOLE(recon, refresh, 1, BILLION, 20, "with skip over time: from one whole frame to the next"),
     AUTO(recon, strength, 0.0, 1.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),

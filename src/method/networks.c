@@ -134,7 +134,10 @@ enum v2v_status v2v_network_describe(struct v2v_weights_info *info, const struct
     *info = (struct v2v_weights_info){.views = views, .slices = slices, .step = step};
     V2V_TRY(v2v_network_find(&ops, config->model.method));
     V2V_TRY(v2v_text_format(info->method, sizeof info->method, "%s", ops->name));
-    V2V_TRY(v2v_text_format(info->split, sizeof info->split, "%s", ops->split));
+    rc = ops->split != NULL
+             ? v2v_text_format(info->split, sizeof info->split, "%s", ops->split)
+             : v2v_config_get(info->split, sizeof info->split, config, "model.view_split");
+    V2V_TRY(rc);
     for (int i = 0; ops->keys[i] != NULL; i++) {
         char value[64];
         V2V_TRY(v2v_config_get(value, sizeof value, config, ops->keys[i]));

@@ -12,6 +12,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
+#include <math.h>
 #include <stdio.h>
 
 enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
@@ -55,6 +56,7 @@ struct v2v_recon {
     const struct v2v_scaling *scaling;
     struct v2v_volume_writer *writer;
     const struct v2v_monitor *monitor;
+    int combine;   /* enum v2v_combine */
     int branches;  /* are written, too */
     int64_t *todo; /* [frames] those that are not done yet, in order */
     int64_t frames;
@@ -215,6 +217,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .height = problem->height,
                            .width = problem->width,
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
+                           .combine = problem->config->recon.combine,
                            .refresh = problem->config->recon.refresh,
                            .level = 1.0};
     V2V_TRY(lay_out(made, &work, problem, frames, world));
@@ -360,14 +363,29 @@ done:
     return rc;
 }
 
+/** Collective(pair): the larger of two outputs, voxel by voxel. */
+static const float *take_larger(struct v2v_recon *recon)
+{
+    const int64_t count = recon->slices * recon->own_rows * recon->width;
+    const float *first = recon->cut[0] != NULL ? recon->cut[0] : recon->cut[1];
+    const float *second = first == recon->cut[0] ? recon->cut[1] : NULL;
+    if (recon->grid.branch_size == 2) {
+        v2v_par_exchange_f32(recon->grid.pair, recon->mean, first, count,
+                             1 - recon->grid.branch_rank);
+        second = recon->mean;
+    }
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        recon->mean[i] = fmaxf(first[i], second[i]);
+    }
+    return recon->mean;
+}
+
 /** Collective(pair): the result, which both ranks of a pair hold: the mean of two outputs, or the
  *  one. Halves are added, so that nothing overflows, and x + y = y + x: one rank and two give the
  *  same bits. */
 static const float *average(struct v2v_recon *recon)
 {
-    if (recon->outputs == 1) {
-        return recon->cut[0];
-    }
     int64_t count = recon->slices * recon->own_rows * recon->width;
     const float *first = recon->cut[0] != NULL ? recon->cut[0] : recon->cut[1];
     const float *second = first == recon->cut[0] ? recon->cut[1] : NULL;
@@ -380,6 +398,15 @@ static const float *average(struct v2v_recon *recon)
         v2v_par_sum_f32(recon->grid.pair, recon->mean, count);
     }
     return recon->mean;
+}
+
+/** Collective(pair): the result of a frame. */
+static const float *combine(struct v2v_recon *recon)
+{
+    if (recon->outputs == 1) {
+        return recon->cut[0];
+    }
+    return recon->combine == V2V_COMBINE_MAX ? take_larger(recon) : average(recon);
 }
 
 /** Collective(shard): slices of a volume that this rank writes; `rows` itself if they are whole. */
@@ -437,7 +464,7 @@ static enum v2v_status put_frame(struct v2v_recon *recon, int64_t t)
     if (t >= 0) {
         own = recon->own;
         half = v2v_par_part(own.count, grid->branch_size, grid->branch_rank);
-        slices = make_slices(recon, average(recon)) + half.first * recon->height * recon->width;
+        slices = make_slices(recon, combine(recon)) + half.first * recon->height * recon->width;
     }
     rc = v2v_volume_put_later(recon->writer, V2V_VOLUME_MEAN, slices, frame, own.first + half.first,
                               half.count);

@@ -2,6 +2,7 @@
 
 #include "v2v/strips.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/random.h"
 #include "v2v3d/op/tile_conv.h"
 #include "v2v3d/v2v/schema.h"
 
@@ -9,12 +10,35 @@
 
 enum { BRANCHES = V2V_BRANCHES };
 
+/* Streams of this purpose. */
+static const uint64_t split_stream = (uint64_t)'V' << 56;
+
 static const char *const prefix[BRANCHES] = {"unet1", "unet2"};
 
-int64_t v2v_branch_views(int32_t *list, int64_t views, int branch)
+/* Is view v of branch 0 by chance? As many are as of even ones: of those left, each as likely. */
+static int64_t draw_half(int32_t *list, const struct v2v_model_spec *spec, int branch)
+{
+    int64_t count = 0, wanted = (spec->views + 1) / BRANCHES;
+    for (int64_t v = 0; v < spec->views; v++) {
+        const int64_t left = spec->views - v;
+        const int is_first =
+            v2v_random_below((uint64_t)spec->split_seed, split_stream, (uint64_t)v, left) < wanted;
+        wanted -= is_first;
+        if (is_first == (branch == 0)) {
+            list[count++] = (int32_t)v;
+        }
+    }
+    return count;
+}
+
+int64_t v2v_branch_views(int32_t *list, const struct v2v_model_spec *spec, int branch)
 {
     int64_t count = 0;
-    for (int64_t v = branch; v < views; v += BRANCHES) {
+    if (spec->split == V2V_VIEWS_RANDOM) {
+        return draw_half(list, spec, branch);
+    }
+    const int is_all = spec->split == V2V_VIEWS_ALL;
+    for (int64_t v = is_all ? 0 : branch; v < spec->views; v += is_all ? 1 : BRANCHES) {
         list[count++] = (int32_t)v;
     }
     return count;
@@ -25,7 +49,7 @@ static enum v2v_status list_views(struct v2v_model *model)
     enum v2v_status rc = V2V_OK;
     for (int b = 0; b < BRANCHES; b++) {
         V2V_TRY(V2V_ALLOC(model->views[b], "model.views", model->spec.views));
-        model->view_count[b] = v2v_branch_views(model->views[b], model->spec.views, b);
+        model->view_count[b] = v2v_branch_views(model->views[b], &model->spec, b);
     }
 done:
     return rc;
@@ -98,7 +122,7 @@ static enum v2v_status add_twins(struct v2v_model *model, int64_t local)
     for (int b = 0; b < BRANCHES; b++) {
         if (v2v_model_holds(model, b)) {
             V2V_TRY(v2v_encoder_twin(&slab->encoder[b], first->encoder[b]));
-            V2V_TRY(v2v_unet_twin(&slab->unet[b], first->unet[b], &model->shifts));
+            V2V_TRY(v2v_unet_twin(&slab->unet[b], first->unet[b], &model->alignment));
         }
     }
 done:
@@ -143,6 +167,7 @@ enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_mode
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_model *self = NULL;
+    struct v2v_shifts alignment = {0};
     if (shifts->views != spec->views || shifts->slices != spec->slices) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "the network takes %lld views and %lld slices, the PSF set has %lld and "
@@ -155,8 +180,14 @@ enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_mode
                          (long long)spec->views));
     }
     V2V_ASSERT(v2v_comm_size(spec->shard) == 1 || v2v_comm_size(spec->shard) == spec->slabs);
-    V2V_TRY(create(&self, spec, shifts));
-    self->ring = v2v_shifts_reach(shifts) + 1;
+    V2V_TRY(v2v_shifts_copy(&alignment, shifts));
+    for (int64_t i = 0; spec->unaligned && i < shifts->views * shifts->slices; i++) {
+        alignment.dy[i] = alignment.dx[i] = 0;
+    }
+    V2V_TRY(create(&self, spec, &alignment));
+    self->ring = v2v_shifts_reach(&alignment) + 1;
+    self->alignment = alignment;
+    alignment = (struct v2v_shifts){0};
     V2V_TRY(v2v_shifts_copy(&self->shifts, shifts));
     for (int64_t local = 1; local < self->held; local++) {
         V2V_TRY(add_twins(self, local));
@@ -170,6 +201,7 @@ enum v2v_status v2v_model_create(struct v2v_model **model, const struct v2v_mode
             (struct v2v_parameters){.fields = &self->fields, .weights = self->weights};
     }
 done:
+    v2v_shifts_fini(&alignment);
     if (rc != V2V_OK) {
         v2v_model_destroy(&self);
     }
@@ -234,6 +266,7 @@ void v2v_model_destroy(struct v2v_model **model)
         v2v_mem_free(self->round[b]);
     }
     v2v_shifts_fini(&self->shifts);
+    v2v_shifts_fini(&self->alignment);
     void *memory[] = {self->slab,      self->features,    self->dfeatures, self->weights,
                       self->gradients, self->encoder_sum, self->scratch};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {

@@ -370,6 +370,9 @@ void v2v_model_backward(struct v2v_model *model, const float *dvolume1, const fl
         if (!v2v_model_holds(model, b)) {
             continue;
         }
+        if (b > 0 && model->spec.split == V2V_VIEWS_ALL) { /* else they are of other views */
+            clear_feature_gradients(model);
+        }
         run_branch_back(model, b, dvolume[b]);
         for (int64_t local = 0; local < model->held; local++) {
             encode_back(model, local, b);

@@ -42,7 +42,8 @@ struct v2v_model {
     struct v2v_slabs *slabs;
     int32_t *views[V2V_BRANCHES]; /* network order */
     int64_t view_count[V2V_BRANCHES];
-    struct v2v_shifts shifts; /* a copy */
+    struct v2v_shifts shifts;    /* a copy: where light is seen */
+    struct v2v_shifts alignment; /* of features: those, or none */
     double computed_part;
     void (*ready)(void *context, int64_t first, int64_t count); /* watches gradients; or NULL */
     void *ready_context;

@@ -13,8 +13,9 @@ enum { BRANCHES = 2 };
  * structures falls by 0.01 dB at most. */
 #define SKIP_AUTO 0.055
 
-static const char *const keys[] = {"model.width", "model.features", "model.volume_scale",
-                                   "model.homogeneous", NULL};
+static const char *const keys[] = {
+    "model.width",      "model.features",  "model.volume_scale", "model.homogeneous",
+    "model.view_split", "model.view_seed", "model.align",        NULL};
 
 static struct v2v_model_spec spec_of(const struct v2v_network_spec *spec)
 {
@@ -28,6 +29,9 @@ static struct v2v_model_spec spec_of(const struct v2v_network_spec *spec)
                                    .precision = spec->precision,
                                    .every_slice = !spec->config->model.merge,
                                    .volume_scale = spec->config->model.volume_scale,
+                                   .split = spec->config->model.view_split,
+                                   .split_seed = spec->config->model.view_seed,
+                                   .unaligned = !spec->config->model.align,
                                    .skip = spec->skip,
                                    .slabs = spec->slabs,
                                    .shard = spec->shard};
@@ -96,7 +100,7 @@ static enum v2v_status create(struct v2v_network *network, const struct v2v_netw
     for (int b = 0; b < BRANCHES; b++) {
         struct v2v_output *output = &network->output[b];
         V2V_TRY(V2V_ALLOC(output->held_out, "network.views", spec->views));
-        output->count = v2v_branch_views(output->held_out, spec->views, 1 - b);
+        output->count = v2v_branch_views(output->held_out, &own, 1 - b);
     }
 done:
     v2v_shifts_fini(&shifts);
@@ -164,7 +168,6 @@ const struct v2v_network_ops v2v_network_v2v = {
     .name = "v2v",
     .meaning = "shared encoder, alignment by the PSFs and a U-Net for each half of the views",
     .keys = keys,
-    .split = "even-odd",
     .outputs = BRANCHES,
     .skip_auto = SKIP_AUTO,
     .traits = V2V_TRAIT_SKIPS | V2V_TRAIT_BF16 | V2V_TRAIT_SLABS,

@@ -253,6 +253,16 @@ for gain in auto 1000; do
     grep -q "$outside" stdout && known=1000 || known=auto
     [ "$gain" = "$known" ] || fail "evaluate with the gain $gain: $(cat stdout)"
 done
+# Ablations: settings that weights carry, and that reconstruction takes from them.
+for setting in model.view_split=all model.view_split=random model.align=false loss.fft=0 loss.dc=0; do
+    works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ablated --force --set "$setting" \
+        --set model.view_seed=3
+    works reconstruct --psf psf.h5 --weights ablated/weights.h5 --input recording.h5 -o ablated.h5 --force
+    works weights info ablated/weights.h5
+    case $setting in model.*) says "${setting/=/: }" ;; esac
+    says 'model.view_seed: 3'
+done
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input recording.h5 -o larger.h5 --set recon.combine=max
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o levelled --set model.homogeneous=true
 quiet_on levelled/weights.h5 --gain 1000
 

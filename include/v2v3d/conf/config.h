@@ -48,6 +48,11 @@ enum v2v_split {
  *  faster; training, where it isn't asked, takes the own one. */
 enum v2v_transform { V2V_TRANSFORM_AUTO, V2V_TRANSFORM_OWN, V2V_TRANSFORM_FFTW3_MPI };
 enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
+/** Which views the two volumes of the paper's network see: halves, each judged by the other one; or
+ *  both all, judged by what they see. */
+enum v2v_view_split { V2V_VIEWS_EVEN_ODD, V2V_VIEWS_RANDOM, V2V_VIEWS_ALL };
+/** What becomes of several volumes of a frame. */
+enum v2v_combine { V2V_COMBINE_MEAN, V2V_COMBINE_MAX };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 /** Of the convolutions. BF16: on processors with the instructions, else float32; BF16_ALWAYS: also
  *  where they are emulated. */
@@ -160,6 +165,7 @@ struct v2v_recon_settings {
     int64_t refresh;            /**< with skip, frames from one whole frame to the next */
     struct v2v_number strength; /**< unrolled: part of the correction that is made, 0 .. 1 */
     int64_t neighbours;         /**< frames on either side that a frame is fused with */
+    int combine;                /**< enum v2v_combine */
 };
 
 /** When a deconvolution ends: after all iterations, or when views that are held out are predicted
@@ -221,6 +227,9 @@ struct v2v_config {
         int backend;                        /**< enum v2v_backend */
         int winograd, merge;                /**< how the network's convolutions are computed */
         double volume_scale;                /**< volume = this * the network's output */
+        int view_split;                     /**< enum v2v_view_split */
+        int64_t view_seed;                  /**< of V2V_VIEWS_RANDOM */
+        int align;                          /**< bool: features are shifted as the PSFs say */
         int homogeneous;                    /**< bool: every frame is brought to one level and its
                                                  volume back, io/scaling.h */
     } model;

@@ -125,7 +125,7 @@ struct v2v_network_ops {
     const char *meaning;     /**< one line, for --help */
     const char *const *keys; /**< "section.key" .., NULL: settings that its parameters' shapes and
                                   its function depend on; weight files carry them */
-    const char *split;       /**< which views which volume sees, in a word */
+    const char *split; /**< which views which volume sees, in a word; NULL: model.view_split says */
     int outputs;
     unsigned traits;  /**< V2V_TRAIT_.. */
     double skip_auto; /**< the tolerance of skipping that is called auto */

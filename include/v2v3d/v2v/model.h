@@ -49,6 +49,9 @@ struct v2v_model_spec {
     int every_slice;     /**< 1: the first convolution takes every slice by itself, as the
                               reference does; 0: taps that read the same pixel are merged */
     double volume_scale; /**< volume = this * the network's output */
+    int split;           /**< enum v2v_view_split */
+    int64_t split_seed;  /**< of V2V_VIEWS_RANDOM */
+    int unaligned;       /**< 1: features are not shifted before the first convolution */
     double skip;         /**< tiles whose light is below this part of the brightest are not
                               computed; 0: all are. By Winograd, or in bf16 where
                               v2v_tile_conv_usable, and not in training */

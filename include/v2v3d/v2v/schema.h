@@ -15,9 +15,10 @@ extern "C" {
 enum v2v_status v2v_model_schema(struct v2v_fields *fields,
                                  const struct v2v_model_spec *spec) V2V_MUST_CHECK;
 
-/** Views of branch 0 (0,2,4,..) or 1 (1,3,5,..) of `views`. @kind Local.
- *  @param list [at least views] out. @return their number */
-int64_t v2v_branch_views(int32_t *list, int64_t views, int branch);
+/** Views that branch 0 or 1 sees, as spec->split says: 0,2,4,.. and 1,3,5,..; as many drawn by
+ *  spec->split_seed, and the others; or all, twice. @kind Local.
+ *  @param list [spec->views] out, ascending. @return their number */
+int64_t v2v_branch_views(int32_t *list, const struct v2v_model_spec *spec, int branch);
 
 #ifdef __cplusplus
 }

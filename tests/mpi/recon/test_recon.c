@@ -267,15 +267,17 @@ static void assert_dataset(const char *path, const char *dataset, const float *r
 
 static void assert_volumes(const char *path, int slabs)
 {
-    static float mean[FRAMES * VOXELS];
+    static float result[FRAMES * VOXELS];
     for (int64_t i = 0; i < FRAMES * VOXELS; i++) {
-        mean[i] = 0.5f * (&expected[0][0][0])[i] + 0.5f * (&expected[1][0][0])[i];
+        const float first = (&expected[0][0][0])[i], second = (&expected[1][0][0])[i];
+        result[i] = config.recon.combine == V2V_COMBINE_MAX ? fmaxf(first, second)
+                                                            : 0.5f * first + 0.5f * second;
     }
     if (method->is_learned) {
         assert_dataset(path, "/branch1", &expected[0][0][0], slabs);
         assert_dataset(path, "/branch2", &expected[1][0][0], slabs);
     }
-    assert_dataset(path, "/volume", method->is_learned ? mean : &expected[0][0][0], slabs);
+    assert_dataset(path, "/volume", method->is_learned ? result : &expected[0][0][0], slabs);
     int64_t count = 0;
     double *done = test_h5_read(path, "/done", &count);
     assert_int_equal(count, FRAMES);
@@ -307,6 +309,17 @@ static void branches_shared_by_ranks_give_one_ranks_volumes(void **state)
         skip();
     }
     compare(2, 1);
+}
+
+static void the_larger_voxel_of_two_branches_is_taken_where_asked(void **state)
+{
+    (void)state;
+    config.recon.combine = V2V_COMBINE_MAX;
+    compare(1, 1);
+    if (v2v_comm_size(test_world()) >= 2) {
+        compare(2, 1);
+    }
+    config.recon.combine = V2V_COMBINE_MEAN;
 }
 
 /* Two pieces of 32 rows, the second one with padding: a third rank has none. */
@@ -510,6 +523,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         WITH_ALL(frames_shared_by_ranks_give_one_ranks_volumes),
         WITH(branches_shared_by_ranks_give_one_ranks_volumes, learned),
+        WITH(the_larger_voxel_of_two_branches_is_taken_where_asked, learned),
         WITH_ALL(rows_shared_by_ranks_give_one_ranks_volumes),
         WITH_ALL(a_nan_of_one_rank_ends_all_and_names_the_frame),
         WITH(a_recording_that_changes_meanwhile_makes_no_volume, learned),

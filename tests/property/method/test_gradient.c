@@ -33,6 +33,9 @@ static const struct way ways[] = {
     {"OpenBLAS", {"model.backend=openblas", "model.winograd=false"}, V2V_NETWORK_ALL, 32, 0, 1},
     {"the first output", {NULL}, 1, 32, 0, 1},
     {"the last output", {NULL}, 2, 32, 0, 2},
+    {"random halves", {"model.view_split=random"}, V2V_NETWORK_ALL, 32, 0, 1},
+    {"all views", {"model.view_split=all"}, V2V_NETWORK_ALL, 32, 0, 1},
+    {"unaligned", {"model.align=false"}, V2V_NETWORK_ALL, 32, 0, 1},
     {"two slabs", {NULL}, V2V_NETWORK_ALL, 64, 2, 1}};
 
 /* What kinks a network is tried with. Biases lifted by 4, several deviations of the sums that they

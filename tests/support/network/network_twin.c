@@ -376,7 +376,7 @@ enum v2v_status v2v_network_twin(double *const *volume, const struct v2v_model_s
     twin.table = v2v_net_unet;
     for (int b = 0; b < BRANCHES; b++) {
         twin.prefix = prefix[b];
-        twin.branch_views = v2v_branch_views(list, spec->views, b);
+        twin.branch_views = v2v_branch_views(list, spec, b);
         V2V_TRY(run_unet(volume[b], &twin, &features, list));
     }
 done:

@@ -90,7 +90,7 @@ enum v2v_status v2v_work_of_layer(struct v2v_work *work, const struct v2v_net_la
     int32_t *list = NULL;
     *work = (struct v2v_work){0};
     V2V_TRY(V2V_ALLOC(list, "bench.views", spec->views));
-    int64_t branch_views = v2v_branch_views(list, spec->views, branch);
+    int64_t branch_views = v2v_branch_views(list, spec, branch);
     if (layer == v2v_net_unet) {
         V2V_TRY(add_first(work, spec, shifts, list, branch_views, pixels));
     } else {
