@@ -1,3 +1,4 @@
+#include "cli/psf_picture.h"
 #include "cli/psf_report.h"
 #include "cli/steps.h"
 
@@ -44,17 +45,20 @@ const struct v2v_command v2v_command_psf_simulate = {
 
 struct info_arguments {
     struct v2v_common common;
-    const char *psf;
+    const char *psf, *picture;
 };
 
-static const struct v2v_option info_options[] = {{.name = "psf",
-                                                  .kind = V2V_OPTION_OPERAND,
-                                                  .at = offsetof(struct info_arguments, psf),
-                                                  .value = "PSF",
-                                                  .help = "folder of psf_1.tif .. or HDF5 /psf",
-                                                  .required = 1},
-                                                 V2V_OPTION_NORMALIZE,
-                                                 {0}};
+static const struct v2v_option info_options[] = {
+    {.name = "psf",
+     .kind = V2V_OPTION_OPERAND,
+     .at = offsetof(struct info_arguments, psf),
+     .value = "PSF",
+     .help = "folder of psf_1.tif .. or HDF5 /psf",
+     .required = 1},
+    V2V_OPTION_FILE(struct info_arguments, picture, "picture", 0,
+                    "projections of every view, .png to write"),
+    V2V_OPTION_NORMALIZE,
+    {0}};
 
 /* Sums of 1 would tell nothing. */
 static const char *const info_preset[] = {"psf.normalize=none", NULL};
@@ -65,10 +69,16 @@ static enum v2v_status info(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
     struct v2v_shifts shifts = {0};
+    if (given->picture != NULL) {
+        V2V_TRY(v2v_step_output(session, given->picture, &given->psf, 1));
+    }
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_shifts_from_psf(&shifts, &psf));
     if (v2v_step_on_root(session)) {
         rc = v2v_psf_report(stdout, given->psf, &psf, &shifts);
+        if (rc == V2V_OK && given->picture != NULL) {
+            rc = v2v_psf_picture(given->picture, &psf);
+        }
     }
 done:
     v2v_shifts_fini(&shifts);
@@ -78,7 +88,7 @@ done:
 
 const struct v2v_command v2v_command_psf_info = {
     .name = "psf info",
-    .summary = "support, energy by slice, centroids and shifts of a PSF set",
+    .summary = "support, energy by slice, centroids, shifts and pictures of a PSF set",
     .options = info_options,
     .bytes = sizeof(struct info_arguments),
     .preset = info_preset,

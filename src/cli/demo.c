@@ -221,7 +221,7 @@ static enum v2v_status draw_comparison(const struct v2v_demo *demo, const struct
     for (int i = 1; i < PARTS; i++) {
         V2V_TRY(v2v_picture_frame(&parts[i], volumes[i - 1], 0, zoom, 0.0, high));
     }
-    V2V_TRY(v2v_picture_row(&canvas, parts, labels, PARTS));
+    V2V_TRY(v2v_picture_grid(&canvas, parts, labels, PARTS, PARTS, 2));
     V2V_TRY(v2v_demo_path(path, demo, "comparison.png"));
     V2V_TRY(v2v_png_write(path, canvas.rgb, canvas.height, canvas.width, 3));
 done:

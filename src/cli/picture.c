@@ -1,9 +1,10 @@
 #include "cli/picture.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include <string.h>
 
-enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2, ZOOM = 2 };
+enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2 };
 static const uint32_t white = 0xffffff;
 
 int v2v_picture_z_zoom(const struct v2v_volume_info *info)
@@ -37,32 +38,50 @@ done:
     return rc;
 }
 
-/* A part with each pixel repeated ZOOM x ZOOM. */
-static void blit(struct v2v_canvas *canvas, const struct v2v_canvas *part, int64_t y0, int64_t x0)
+/* A part with each pixel repeated zoom x zoom. */
+static void blit(struct v2v_canvas *canvas, const struct v2v_canvas *part, int64_t y0, int64_t x0,
+                 int zoom)
 {
-    for (int64_t y = 0; y < part->height * ZOOM; y++) {
+    for (int64_t y = 0; y < part->height * zoom; y++) {
         uint8_t *to = canvas->rgb + ((y0 + y) * canvas->width + x0) * 3;
-        for (int64_t x = 0; x < part->width * ZOOM; x++) {
-            memcpy(to + x * 3, part->rgb + (y / ZOOM * part->width + x / ZOOM) * 3, 3);
+        for (int64_t x = 0; x < part->width * zoom; x++) {
+            memcpy(to + x * 3, part->rgb + (y / zoom * part->width + x / zoom) * 3, 3);
         }
     }
 }
 
-enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
-                                const char *const *labels, int64_t count)
+/* Where column c begins: each is as wide as the widest of its parts. */
+static int64_t column_at(const struct v2v_canvas *parts, int64_t count, int64_t columns, int64_t c,
+                         int zoom)
+{
+    int64_t x = GAP;
+    for (int64_t before = 0; before < c; before++) {
+        int64_t widest = 0;
+        for (int64_t i = before; i < count; i += columns) {
+            widest = v2v_larger(widest, parts[i].width);
+        }
+        x += widest * zoom + GAP;
+    }
+    return x;
+}
+
+enum v2v_status v2v_picture_grid(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
+                                 const char *const *labels, int64_t count, int64_t columns,
+                                 int zoom)
 {
     enum v2v_status rc = V2V_OK;
-    int64_t height = 0, width = GAP;
+    int64_t highest = 0;
     for (int64_t i = 0; i < count; i++) {
-        height = parts[i].height > height ? parts[i].height : height;
-        width += parts[i].width * ZOOM + GAP;
+        highest = v2v_larger(highest, parts[i].height);
     }
-    V2V_TRY(v2v_canvas_init(canvas, height * ZOOM + LABEL_ROWS + GAP, width));
-    int64_t x = GAP;
+    const int64_t row = highest * zoom + LABEL_ROWS;
+    V2V_TRY(v2v_canvas_init(canvas, v2v_parts(count, columns) * row + GAP,
+                            column_at(parts, count, columns, columns, zoom)));
     for (int64_t i = 0; i < count; i++) {
-        v2v_canvas_text(canvas, GAP / 2, x, labels[i], LABEL_ZOOM, white);
-        blit(canvas, &parts[i], LABEL_ROWS, x);
-        x += parts[i].width * ZOOM + GAP;
+        const int64_t y = i / columns * row;
+        const int64_t x = column_at(parts, count, columns, i % columns, zoom);
+        v2v_canvas_text(canvas, y + GAP / 2, x, labels[i], LABEL_ZOOM, white);
+        blit(canvas, &parts[i], y + LABEL_ROWS, x, zoom);
     }
 done:
     return rc;

@@ -12,8 +12,10 @@ int v2v_picture_z_zoom(const struct v2v_volume_info *info);
 enum v2v_status v2v_picture_frame(struct v2v_canvas *canvas, struct v2v_volume *volume, int64_t t,
                                   int z_zoom, double low, double high) V2V_MUST_CHECK;
 
-/** `count` pictures in a row, twice as large, each under its label. @kind Local */
-enum v2v_status v2v_picture_row(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
-                                const char *const *labels, int64_t count) V2V_MUST_CHECK;
+/** `count` pictures in rows of `columns`, each `zoom` times as large, under its label.
+ *  @kind Local */
+enum v2v_status v2v_picture_grid(struct v2v_canvas *canvas, const struct v2v_canvas *parts,
+                                 const char *const *labels, int64_t count, int64_t columns,
+                                 int zoom) V2V_MUST_CHECK;
 
 #endif

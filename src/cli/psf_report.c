@@ -108,6 +108,50 @@ static void print_slices(FILE *stream, const struct slice_figures *figures, int6
     }
 }
 
+/* Views of which one may be there twice: correlation of their PSFs. */
+static void print_views_alike(FILE *stream, const struct v2v_psf_file *psf)
+{
+    const double alike = 0.999;
+    const int64_t count = psf->slices * psf->height * psf->width;
+    for (int64_t v = 0; v < psf->views; v++) {
+        const float *one = psf->data + v * count;
+        for (int64_t w = v + 1; w < psf->views; w++) {
+            const float *other = psf->data + w * count;
+            double product = 0.0, squares = 0.0, others = 0.0;
+#pragma omp parallel for simd reduction(+ : product, squares, others) schedule(static)
+            for (int64_t i = 0; i < count; i++) {
+                product += (double)one[i] * other[i];
+                squares += (double)one[i] * one[i];
+                others += (double)other[i] * other[i];
+            }
+            if (product > alike * sqrt(squares * others)) {
+                fprintf(stream,
+                        "warning: views %" PRId64 " and %" PRId64
+                        " are alike (correlation %.4f): is one there twice?\n",
+                        v, w, product / sqrt(squares * others));
+            }
+        }
+    }
+}
+
+/* Light that is centred elsewhere than the PSFs displaces the volume. */
+static void print_centre(FILE *stream, const struct slice_figures *figures, int64_t count)
+{
+    const double least = 0.5; /* pixels */
+    double energy = 0.0, y = 0.0, x = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        energy += figures[i].energy;
+        y += figures[i].energy * figures[i].y;
+        x += figures[i].energy * figures[i].x;
+    }
+    if (fabs(y) > least * energy || fabs(x) > least * energy) {
+        fprintf(stream,
+                "warning: off-centre: the light of all views is centred %+.2f, %+.2f pixels (y, x) "
+                "from the PSFs' centre; volumes will lie as far the other way\n",
+                y / energy, x / energy);
+    }
+}
+
 static void print_warnings(FILE *stream, const struct slice_figures *figures,
                            const struct v2v_psf_file *psf)
 {
@@ -118,6 +162,8 @@ static void print_warnings(FILE *stream, const struct slice_figures *figures,
         energy += figures[i].energy;
         dark += figures[i].energy <= 0.0;
     }
+    print_centre(stream, figures, count);
+    print_views_alike(stream, psf);
     if (dark > 0) {
         fprintf(stream, "warning: %" PRId64 " of %" PRId64 " slices are without energy\n", dark,
                 count);

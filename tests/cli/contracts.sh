@@ -11,6 +11,14 @@ mv volume.h5 one/truth.h5
 works psf simulate -c tiny.yaml -o one/psf.h5
 works psf info one/psf.h5
 says '5 views, 7 slices of 31 x 31 pixels'
+grep -q 'off-centre\|alike' stdout && fail "a centred set of different views: $(cat stdout)"
+works psf info one/psf.h5 --picture psf.png
+[ "$(head -c 4 psf.png | tail -c 3)" = PNG ] || fail 'psf.png is no picture'
+refuses 2 'psf.png: exists' psf info one/psf.h5 --picture psf.png
+works psf simulate -c tiny.yaml --set optics.shift=2 --set 'optics.tilts=0 0, 0.2 0, 0.2 0' -o one/odd.h5
+works psf info one/odd.h5
+says 'off-centre: the light of all views is centred \+[12].[0-9]*, \+2.[0-9]* pixels'
+says 'views 1 and 2 are alike .correlation 1.0000'
 works info one/psf.h5
 says 'PSFs, 5 views'
 works psf fit --psf one/psf.h5 -c tiny.yaml -o fitted.yaml
