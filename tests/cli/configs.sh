@@ -17,4 +17,11 @@ for line in 'width: 128' 'steps: 160000' 'crop: 128' 'batch: 1' 'learning_rate: 
     'decay: 0.3' 'decay_at: 120000' 'profile: paper'; do
     grep -q "^  $line " paper.yaml || fail "paper.yaml: no $line"
 done
+# Those of optics make PSFs.
+for optics in '2psam 13 views, 39 slices of 128' 'fourier 7 views, 39 slices of 95' \
+    'widefield 1 views, 21 slices of 95'; do
+    works psf simulate -c "${optics%% *}.yaml" -o psf.h5 --force
+    works psf info psf.h5
+    says "${optics#* }"
+done
 finish
