@@ -56,11 +56,16 @@ static const struct v2v_option options[] = {
 static enum v2v_status find_kinds(int **kinds, int64_t *count, const struct v2v_words *named)
 {
     enum v2v_status rc = V2V_OK;
+    const int64_t most = 32;
     int all = 0;
     while (v2v_scene_name(all) != NULL) {
         all++;
     }
     *count = named->count > 0 ? named->count : all;
+    if (*count > most) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--scenes: %" PRId64 " kinds, %" PRId64 " at most", *count,
+                         most));
+    }
     V2V_TRY(V2V_ALLOC(*kinds, "cli.scenes", *count));
     for (int i = 0; i < *count; i++) {
         (*kinds)[i] = i;
@@ -90,6 +95,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     dataset.kinds = kinds;
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_step_scene(&dataset.scene, &dataset.simulation, session, &psf, given->size));
+    for (int64_t i = 0; i < dataset.kind_count; i++) {
+        dataset.scene.kind = kinds[i];
+        V2V_TRY(v2v_scene_check(&dataset.scene));
+    }
     v2v_step_announce(session);
     V2V_TRY(v2v_dataset_make(&report, &dataset, &psf, session->world));
     if (v2v_step_on_root(session)) {

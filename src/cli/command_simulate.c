@@ -54,6 +54,13 @@ static enum v2v_status check(const struct arguments *given)
     if (is_scene == (given->volume != NULL)) {
         return V2V_FAIL(V2V_E_USAGE, "give either --volume or --scene");
     }
+    static const char *const of_files[] = {"input.slices", "input.channel", "input.dataset"};
+    for (size_t i = 0; is_scene && i < sizeof of_files / sizeof of_files[0]; i++) {
+        if (v2v_options_set(&given->common, of_files[i])) {
+            return V2V_FAIL(V2V_E_USAGE, "%s says how a --volume is read; a --scene is drawn",
+                            of_files[i]);
+        }
+    }
     if (!is_scene && (given->truth != NULL || given->size != NULL || given->motion > 0)) {
         return V2V_FAIL(V2V_E_USAGE, "--truth, --size and --motion are for a --scene");
     }
@@ -121,6 +128,7 @@ static enum v2v_status of_scene(struct v2v_simulation *simulation, const struct 
     struct v2v_scene scene = {.motion_um = given->motion, .seed = (uint64_t)given->seed};
     V2V_TRY(v2v_scene_find(&scene.kind, given->scene));
     V2V_TRY(v2v_step_scene(&scene, simulation, session, psf, given->size));
+    V2V_TRY(v2v_scene_check(&scene));
     simulation->scene = &scene;
     simulation->frames = given->frames > 0 ? given->frames : 1;
     V2V_TRY(record(simulation, session, psf, scene.height, scene.width));

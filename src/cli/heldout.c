@@ -152,12 +152,13 @@ done:
 }
 
 /* What volumes_make settles of a network whose outputs see halves. */
-static enum v2v_status settle_network(struct trial *trial)
+static enum v2v_status settle_network(struct trial *trial, int *saw_all)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_config *config = &trial->session->config;
     const struct v2v_network_ops *network = NULL;
     V2V_TRY(v2v_network_find(&network, config->model.method));
+    *saw_all = network->split == NULL && config->model.view_split == V2V_VIEWS_ALL;
     V2V_TRY(v2v_precision_agree(&trial->problem.precision, config->recon.precision,
                                 trial->session->world));
     trial->problem.skip = v2v_volumes_skip(&config->recon.skip, network->skip_auto);
@@ -182,10 +183,11 @@ enum v2v_status v2v_heldout_of(struct v2v_heldout *heldout, const char *psf, con
                                          .precision = V2V_PRECISION_F32};
     V2V_TRY(read(&trial, input));
     if (ops->has_gain) {
-        if (session->config.model.view_split == V2V_VIEWS_ALL) {
-            goto done; /* it saw them all */
+        int saw_all = 0;
+        V2V_TRY(settle_network(&trial, &saw_all));
+        if (saw_all) {
+            goto done;
         }
-        V2V_TRY(settle_network(&trial));
         V2V_TRY(judge_outputs(&trial));
     } else {
         const int64_t folds = v2v_left_out_folds(trial.psf.views);

@@ -4,7 +4,7 @@
 #include "v2v3d/base/memory.h"
 #include <string.h>
 
-enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2 };
+enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2, LETTER = 6 };
 static const uint32_t white = 0xffffff;
 
 int v2v_picture_z_zoom(const struct v2v_volume_info *info)
@@ -50,17 +50,18 @@ static void blit(struct v2v_canvas *canvas, const struct v2v_canvas *part, int64
     }
 }
 
-/* Where column c begins: each is as wide as the widest of its parts. */
-static int64_t column_at(const struct v2v_canvas *parts, int64_t count, int64_t columns, int64_t c,
-                         int zoom)
+/* Where column c begins: each is as wide as the widest of its parts and labels. */
+static int64_t column_at(const struct v2v_canvas *parts, const char *const *labels, int64_t count,
+                         int64_t columns, int64_t c, int zoom)
 {
     int64_t x = GAP;
     for (int64_t before = 0; before < c; before++) {
         int64_t widest = 0;
         for (int64_t i = before; i < count; i += columns) {
-            widest = v2v_larger(widest, parts[i].width);
+            const int64_t letters = (int64_t)strlen(labels[i]) * LETTER * LABEL_ZOOM;
+            widest = v2v_larger(widest, v2v_larger(parts[i].width * zoom, letters));
         }
-        x += widest * zoom + GAP;
+        x += widest + GAP;
     }
     return x;
 }
@@ -76,10 +77,10 @@ enum v2v_status v2v_picture_grid(struct v2v_canvas *canvas, const struct v2v_can
     }
     const int64_t row = highest * zoom + LABEL_ROWS;
     V2V_TRY(v2v_canvas_init(canvas, v2v_parts(count, columns) * row + GAP,
-                            column_at(parts, count, columns, columns, zoom)));
+                            column_at(parts, labels, count, columns, columns, zoom)));
     for (int64_t i = 0; i < count; i++) {
         const int64_t y = i / columns * row;
-        const int64_t x = column_at(parts, count, columns, i % columns, zoom);
+        const int64_t x = column_at(parts, labels, count, columns, i % columns, zoom);
         v2v_canvas_text(canvas, y + GAP / 2, x, labels[i], LABEL_ZOOM, white);
         blit(canvas, &parts[i], y + LABEL_ROWS, x, zoom);
     }

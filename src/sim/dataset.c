@@ -1,5 +1,6 @@
 #include "v2v3d/sim/dataset.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -8,18 +9,23 @@
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/json.h"
 
+#include <dirent.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 static const char *const parts[] = {"train", "validation", "test"};
+enum { PARTS = sizeof parts / sizeof parts[0] };
 
 /* The folder while it is worked in; rank 0 alone fills it. */
 struct workplace {
     char settings_path[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
     char *settings; /* one line; free() */
     int lock;
+    int is_new;    /* the folder is this run's */
+    int has_begun; /* so is what lies in it */
 };
 
 int64_t v2v_dataset_seed(int64_t seed, int64_t n)
@@ -51,7 +57,7 @@ static enum v2v_status print_settings(char **line, const struct v2v_dataset *dat
 {
     enum v2v_status rc = V2V_OK;
     size_t bytes = 0, length = 0;
-    char scenes[256] = "";
+    char scenes[512] = "";
     const struct v2v_scene *scene = &dataset->scene;
     for (int64_t i = 0; i < dataset->kind_count && length < sizeof scenes; i++) {
         length += (size_t)snprintf(scenes + length, sizeof scenes - length, "%s%s",
@@ -86,7 +92,7 @@ static enum v2v_status print_settings(char **line, const struct v2v_dataset *dat
 static enum v2v_status compare_settings(const struct workplace *workplace,
                                         const struct v2v_dataset *dataset)
 {
-    char line[1024] = "";
+    char line[2048] = "";
     FILE *stream = fopen(workplace->settings_path, "re");
     const int is_read = stream != NULL && fgets(line, sizeof line, stream) != NULL;
     if (stream != NULL) {
@@ -99,12 +105,90 @@ static enum v2v_status compare_settings(const struct workplace *workplace,
     return V2V_OK;
 }
 
+/* Is it NNNNNN_truth.h5, _clean.h5 or _noisy.h5? */
+static int is_scene_file(const char *name)
+{
+    static const char *const whats[] = {"_truth.h5", "_clean.h5", "_noisy.h5"};
+    const size_t digits = strspn(name, "0123456789");
+    int is_one = 0;
+    for (size_t i = 0; i < sizeof whats / sizeof whats[0]; i++) {
+        is_one |= digits >= 6 && strcmp(name + digits, whats[i]) == 0;
+    }
+    return is_one;
+}
+
+/* Rank-0: scene files of a part of the data set: counted, and removed if asked. */
+static enum v2v_status go_through(int64_t *count, const struct v2v_dataset *dataset,
+                                  const char *part, int remove_them)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    DIR *folder = NULL;
+    V2V_TRY(v2v_text_format(path, sizeof path, "%s/%s", dataset->folder, part));
+    folder = opendir(path);
+    for (struct dirent *entry; folder != NULL && (entry = readdir(folder)) != NULL;) {
+        if (!is_scene_file(entry->d_name)) {
+            continue;
+        }
+        *count += 1;
+        V2V_TRY(
+            v2v_text_format(path, sizeof path, "%s/%s/%s", dataset->folder, part, entry->d_name));
+        if (remove_them && unlink(path) != 0) {
+            V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: can't be removed: %s", path, strerror(errno)));
+        }
+    }
+done:
+    if (folder != NULL) {
+        (void)closedir(folder);
+    }
+    return rc;
+}
+
+static enum v2v_status go_through_all(int64_t *count, const struct v2v_dataset *dataset,
+                                      int remove_them)
+{
+    enum v2v_status rc = V2V_OK;
+    *count = 0;
+    for (size_t i = 0; i < PARTS && rc == V2V_OK; i++) {
+        rc = go_through(count, dataset, parts[i], remove_them);
+    }
+    return rc;
+}
+
+/* Rank-0: may this run work on what the folder holds? */
+static enum v2v_status check_content(const struct workplace *workplace,
+                                     const struct v2v_dataset *dataset)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t scenes = 0;
+    if (dataset->force) {
+        return V2V_OK;
+    }
+    V2V_TRY(go_through_all(&scenes, dataset, 0));
+    if (v2v_file_exists(workplace->settings_path)) {
+        if (!dataset->resume) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                             "%s: holds a data set already; --resume goes on with it, --force "
+                             "makes it anew",
+                             dataset->folder));
+        }
+        V2V_TRY(compare_settings(workplace, dataset));
+    } else if (scenes > 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "%s: holds scenes of unknown settings: there is no dataset.json; --force "
+                         "removes them",
+                         dataset->folder));
+    }
+done:
+    return rc;
+}
+
 /* Is the scene to be made? What a data set with these settings has of it is complete. */
 static enum v2v_status check_missing(int *is_missing, const struct v2v_dataset *dataset, int64_t n)
 {
     char path[V2V_PATH_BYTES];
     const enum v2v_status rc = path_of(path, dataset, n, "noisy");
-    *is_missing = dataset->force || rc != V2V_OK || !v2v_file_exists(path);
+    *is_missing = rc != V2V_OK || !v2v_file_exists(path);
     return rc;
 }
 
@@ -121,64 +205,76 @@ static enum v2v_status check_room(const struct workplace *workplace,
     for (int64_t n = 0; n < dataset->count; n++) {
         int is_missing = 0;
         V2V_TRY(check_missing(&is_missing, dataset, n));
-        count += is_missing;
+        count += is_missing || dataset->force;
     }
     V2V_TRY(v2v_file_check_room(workplace->settings_path, v2v_mem_product(each, count, 1)));
 done:
     return rc;
 }
 
-/* Rank-0: folders that were made for nothing; others are not empty, and stay. */
-static void discard_folders(const struct v2v_dataset *dataset)
-{
-    char path[V2V_PATH_BYTES];
-    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
-        if (v2v_text_format(path, sizeof path, "%s/%s", dataset->folder, parts[i]) == V2V_OK) {
-            rmdir(path);
-        }
-    }
-    rmdir(dataset->folder);
-}
-
-/* Rank-0: make the folders, lock them, and see what they hold. */
+/* Rank-0: lock the folder, and see what it holds. */
 static enum v2v_status enter(struct workplace *workplace, const struct v2v_dataset *dataset,
                              const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
-    char path[V2V_PATH_BYTES];
-    const int is_new = !v2v_file_exists(dataset->folder);
     if (v2v_file_exists(dataset->folder) && !v2v_file_is_folder(dataset->folder)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: is a file, not a folder", dataset->folder));
     }
     V2V_TRY(v2v_text_format(workplace->settings_path, sizeof workplace->settings_path,
                             "%s/dataset.json", dataset->folder));
     V2V_TRY(print_settings(&workplace->settings, dataset, psf));
-    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
-        V2V_TRY(v2v_text_format(path, sizeof path, "%s/%s", dataset->folder, parts[i]));
-        V2V_TRY(v2v_file_make_folder(path));
-    }
+    workplace->is_new = !v2v_file_exists(dataset->folder);
+    V2V_TRY(v2v_file_make_folder(dataset->folder));
     rc = v2v_file_lock_output(&workplace->lock, workplace->lock_name, workplace->settings_path);
     if (rc == V2V_E_BUSY) {
         rc = V2V_FAIL(rc, "%s: another run works in this folder", dataset->folder);
     }
     V2V_TRY(rc);
-    if (v2v_file_exists(workplace->settings_path) && !dataset->force) {
-        if (!dataset->resume) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE,
-                             "%s: holds a data set already; --resume goes on with it, --force "
-                             "makes it anew",
-                             dataset->folder));
-        }
-        V2V_TRY(compare_settings(workplace, dataset));
-    }
+    V2V_TRY(check_content(workplace, dataset));
     V2V_TRY(check_room(workplace, dataset, psf->views));
+done:
+    return rc;
+}
+
+/* Rank-0: from here on the folder is this data set's. Scenes of another one go before its settings
+ * do: at no time are there scenes under settings that are not theirs. */
+static enum v2v_status begin(const struct workplace *workplace, const struct v2v_dataset *dataset)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    int64_t removed = 0;
+    if (dataset->force) {
+        V2V_TRY(go_through_all(&removed, dataset, 1));
+    }
+    for (size_t i = 0; i < PARTS; i++) {
+        V2V_TRY(v2v_text_format(path, sizeof path, "%s/%s", dataset->folder, parts[i]));
+        V2V_TRY(v2v_file_make_folder(path));
+    }
     V2V_TRY(v2v_file_write_text(workplace->settings_path, workplace->settings));
 done:
-    if (rc != V2V_OK && is_new) {
-        v2v_file_unlock_output(&workplace->lock, workplace->lock_name);
-        discard_folders(dataset);
-    }
     return rc;
+}
+
+/* Rank-0, which holds the lock: after a failure, what holds no scene goes. Folders that are not
+ * empty stay. */
+static void leave(struct workplace *workplace, const struct v2v_dataset *dataset, int has_failed)
+{
+    char path[V2V_PATH_BYTES];
+    int64_t scenes = 0;
+    const int is_empty = has_failed && workplace->lock >= 0 &&
+                         go_through_all(&scenes, dataset, 0) == V2V_OK && scenes == 0;
+    if (is_empty && workplace->has_begun) {
+        unlink(workplace->settings_path);
+        for (size_t i = 0; i < PARTS; i++) {
+            if (v2v_text_format(path, sizeof path, "%s/%s", dataset->folder, parts[i]) == V2V_OK) {
+                rmdir(path);
+            }
+        }
+    }
+    v2v_file_unlock_output(&workplace->lock, workplace->lock_name);
+    if (is_empty && workplace->is_new) {
+        rmdir(dataset->folder);
+    }
 }
 
 /* Local. */
@@ -202,8 +298,8 @@ static enum v2v_status make_scene(struct v2v_simulator *simulator,
     V2V_TRY(path_of(truth, dataset, n, "truth"));
     rc = v2v_simulator_record(simulator, &simulation);
     if (rc == V2V_E_INPUT) {
-        rc = V2V_FAIL(rc, "scene %lld, %s: %s", (long long)n, v2v_scene_name(scene.kind),
-                      v2v_status_message());
+        rc = V2V_FAIL(rc, "scene %lld, %s: %s; another --seed, --size or choice of --scenes helps",
+                      (long long)n, v2v_scene_name(scene.kind), v2v_status_message());
     }
 done:
     return rc;
@@ -211,7 +307,7 @@ done:
 
 /* This rank's scene of a round. */
 static enum v2v_status make_one(struct v2v_simulator *simulator, const struct v2v_dataset *dataset,
-                                int64_t n, struct v2v_dataset_report *mine)
+                                int64_t n, int is_last, struct v2v_dataset_report *mine)
 {
     enum v2v_status rc = V2V_OK;
     int is_missing = 0;
@@ -224,7 +320,7 @@ static enum v2v_status make_one(struct v2v_simulator *simulator, const struct v2
     }
     mine->made += is_missing;
     mine->kept += !is_missing;
-    if (v2v_stop_requested()) {
+    if (v2v_stop_requested() && !is_last) {
         V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request; go on with --resume"));
     }
 done:
@@ -240,8 +336,10 @@ static enum v2v_status make_all(struct v2v_dataset_report *mine, const struct v2
     v2v_progress_begin(&progress, "scenes", 0, dataset->count);
     for (int64_t i = 0; i < dataset->count; i += ranks) {
         const int64_t n = i + v2v_comm_rank(comm);
-        V2V_TRY(v2v_par_agree(comm, make_one(simulator, dataset, n, mine)));
-        v2v_progress_step(&progress, i + ranks < dataset->count ? i + ranks : dataset->count, NULL);
+        const int64_t done_then = v2v_smaller(i + ranks, dataset->count);
+        const int is_last = done_then == dataset->count;
+        V2V_TRY(v2v_par_agree(comm, make_one(simulator, dataset, n, is_last, mine)));
+        v2v_progress_step(&progress, done_then, NULL);
     }
 done:
     v2v_progress_end(&progress);
@@ -266,13 +364,20 @@ enum v2v_status v2v_dataset_make(struct v2v_dataset_report *report,
     rc = v2v_simulator_create(&simulator, psf, dataset->scene.height, dataset->scene.width, NULL,
                               NULL);
     V2V_TRY(v2v_par_agree(comm, rc));
+    if (v2v_comm_rank(comm) == 0) {
+        workplace.has_begun = 1;
+        rc = begin(&workplace, dataset);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
     V2V_TRY(make_all(report, dataset, simulator, comm));
     v2v_par_sum_i64(comm, &report->made, 1);
     v2v_par_sum_i64(comm, &report->kept, 1);
     report->seconds = v2v_clock_now() - began;
 done:
     v2v_simulator_destroy(&simulator);
-    v2v_file_unlock_output(&workplace.lock, workplace.lock_name);
+    if (v2v_comm_rank(comm) == 0) {
+        leave(&workplace, dataset, rc != V2V_OK);
+    }
     free(workplace.settings);
     return rc;
 }

@@ -123,7 +123,9 @@ struct v2v_tube v2v_drawing_tube(struct v2v_drawing *drawing, struct v2v_tube tu
         const double radius = tube.radius * (1 + 0.15 * sin(beads + 0.35 * s));
         v2v_drawing_ellipsoid(drawing, tube.at, (struct v2v_point){radius, radius, radius},
                               tube.brightness, 0);
-        const struct v2v_point turn = {0.4 * normal(drawing), normal(drawing), normal(drawing)};
+        struct v2v_point turn = {.z = 0.4 * normal(drawing)};
+        turn.y = normal(drawing);
+        turn.x = normal(drawing);
         tube.direction = unit(v2v_point_plus(tube.direction, tube.bend, turn));
         tube.at = v2v_point_plus(tube.at, step, tube.direction);
     }

@@ -9,6 +9,12 @@
 
 static const double level_percentile = 99.5;
 
+/* Of the brightest sample: what transforms leave where there is no light is 1e-7 of it. */
+static const double round_off = 1e-5;
+
+/* That a Poisson number can be drawn of. */
+static const double most_photons = 1e15;
+
 /* Streams of this purpose: 'N' in the top byte, the frame number below. */
 static const uint64_t noise_stream = (uint64_t)'N' << 56;
 static const uint64_t read_noise = (uint64_t)1 << 48; /* further up, a camera's */
@@ -93,16 +99,45 @@ done:
     return rc;
 }
 
+static double brightest(const float *clean, int64_t count)
+{
+    float most = 0;
+    for (int64_t i = 0; i < count; i++) {
+        most = fmaxf(most, clean[i]);
+    }
+    return (double)most;
+}
+
 enum v2v_status v2v_noise_level(struct v2v_noise *noise, const float *clean, int64_t count)
 {
-    enum v2v_status rc = v2v_percentile(&noise->level, clean, count, level_percentile);
-    if (rc == V2V_OK && noise->kind != V2V_NOISE_NONE && !(noise->level > 0)) {
-        rc = V2V_FAIL(V2V_E_INPUT,
-                      "noise is relative to the views' %.1fth percentile, which is %g: the scene "
-                      "is too dark or too sparse",
-                      level_percentile, noise->level);
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_percentile(&noise->level, clean, count, level_percentile));
+    if (noise->kind != V2V_NOISE_NONE && !(noise->level > round_off * brightest(clean, count))) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "noise is relative to the views' %.1fth percentile, which is %g: the "
+                         "scene is too dark or too sparse",
+                         level_percentile, noise->level));
     }
+done:
     return rc;
+}
+
+/* Photons at this brightness of the clean views, in the mean. */
+static double photons_of(const struct v2v_noise *noise, double clean)
+{
+    return clean > 0 ? clean / (noise->level / noise->amount) : 0;
+}
+
+enum v2v_status v2v_noise_check(const struct v2v_noise *noise, const float *clean, int64_t count)
+{
+    const double photons =
+        noise->kind == V2V_NOISE_POISSON ? photons_of(noise, brightest(clean, count)) : 0;
+    return photons <= most_photons
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_INPUT,
+                          "the brightest sample would have %g photons, of which %g "
+                          "can be drawn at most: fewer for the noise",
+                          photons, most_photons);
 }
 
 static float gaussian(const struct v2v_noise *noise, float clean, uint64_t seed, uint64_t stream,
@@ -110,12 +145,6 @@ static float gaussian(const struct v2v_noise *noise, float clean, uint64_t seed,
 {
     double sigma = noise->amount * noise->level;
     return (float)(clean + sigma * v2v_random_normal(seed, stream, index));
-}
-
-/* Photons at this brightness of the clean views, in the mean. */
-static double photons_of(const struct v2v_noise *noise, float clean)
-{
-    return clean > 0 ? clean / (noise->level / noise->amount) : 0;
 }
 
 static float poisson(const struct v2v_noise *noise, float clean, uint64_t seed, uint64_t stream,
@@ -129,7 +158,7 @@ static float poisson(const struct v2v_noise *noise, float clean, uint64_t seed, 
 static float camera(const struct v2v_noise *noise, float clean, uint64_t seed, uint64_t stream,
                     uint64_t index)
 {
-    const double mean = photons_of(noise, clean);
+    const double mean = fmin(photons_of(noise, clean), most_photons);
     const double photons = (double)v2v_random_poisson(seed, stream, index, mean);
     const double read = noise->read * v2v_random_normal(seed, stream + read_noise, index);
     const double counts = rint(noise->offset + noise->gain * (photons + read));

@@ -220,13 +220,16 @@ enum v2v_status v2v_simulator_record(struct v2v_simulator *simulator,
     V2V_TRY(check(simulator, simulation)); /* the same arguments, so the same verdict, everywhere */
     V2V_TRY(open_outputs(&outputs, simulator, simulation));
     const int64_t sources = count_sources(simulation);
+    const int64_t samples = simulator->views * simulator->pixels;
     for (int64_t source = 0; source < sources; source++) {
         V2V_TRY(project_frame(simulator, simulation, outputs.truth, source));
         if (source == 0) {
-            rc = v2v_noise_level(&simulation->noise, simulator->clean,
-                                 simulator->views * simulator->pixels);
-            V2V_TRY(v2v_par_agree(simulator->comm, rc));
+            rc = v2v_noise_level(&simulation->noise, simulator->clean, samples);
         }
+        if (rc == V2V_OK) {
+            rc = v2v_noise_check(&simulation->noise, simulator->clean, samples);
+        }
+        V2V_TRY(v2v_par_agree(simulator->comm, rc));
         for (int64_t t = source; t < simulation->frames; t += sources) {
             V2V_TRY(write_frame(simulator, &outputs, simulation, t));
         }

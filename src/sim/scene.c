@@ -169,11 +169,40 @@ enum v2v_status v2v_scene_find(int *kind, const char *name)
     return V2V_FAIL(V2V_E_USAGE, "scene '%s' is none of: %s", name, names);
 }
 
+/* In micrometres. */
+static struct v2v_point size_of(const struct v2v_scene *scene)
+{
+    return (struct v2v_point){(double)scene->slices * scene->slice_um,
+                              (double)scene->height * scene->pixel_um,
+                              (double)scene->width * scene->pixel_um};
+}
+
+static double count_of(const struct structure *structure, struct v2v_point size)
+{
+    return structure->volume_um3 > 0
+               ? fmax(1, rint(size.z * size.y * size.x / structure->volume_um3))
+               : 1;
+}
+
+enum v2v_status v2v_scene_check(const struct v2v_scene *scene)
+{
+    const double most = 1e5; /* minutes */
+    const struct v2v_point size = size_of(scene);
+    double count = 0;
+    for (const struct structure *s = kinds[scene->kind].structures; s->draw != NULL; s++) {
+        count += count_of(s, size);
+    }
+    return count <= most
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_USAGE,
+                          "a scene of %g x %g x %g um would have %g structures, %g at most are "
+                          "drawn: are pixel size (%g um) and slice spacing (%g um) right?",
+                          size.z, size.y, size.x, count, most, scene->pixel_um, scene->slice_um);
+}
+
 static void draw_all(struct v2v_drawing *drawing, const struct structure *structure)
 {
-    const double volume = drawing->size.z * drawing->size.y * drawing->size.x;
-    const int64_t count =
-        structure->volume_um3 > 0 ? (int64_t)fmax(1, rint(volume / structure->volume_um3)) : 1;
+    const int64_t count = (int64_t)count_of(structure, drawing->size);
     for (int64_t i = 0; i < count; i++) {
         v2v_drawing_next(drawing);
         structure->draw(drawing);
@@ -196,9 +225,7 @@ void v2v_scene_draw(float *volume, const struct v2v_scene *scene, int64_t t, int
                                       .first = first + z,
                                       .count = count - z < band ? count - z : band,
                                       .t = t,
-                                      .size = {(double)scene->slices * scene->slice_um,
-                                               (double)scene->height * scene->pixel_um,
-                                               (double)scene->width * scene->pixel_um}};
+                                      .size = size_of(scene)};
         for (const struct structure *s = kinds[scene->kind].structures; s->draw != NULL; s++) {
             draw_all(&drawing, s);
         }

@@ -54,6 +54,25 @@ works dataset --psf psf.h5 --count 2 --scenes beads cells --noise camera:800 --s
 works info set/train/000001_noisy.h5 --json
 says '"offset": 100'
 
+# Never scenes of other settings than dataset.json says: not after --force with a smaller count, not
+# after one that was stopped, not where dataset.json is gone.
+works "${common[@]}" --count 12 -o mixed
+works "${common[@]}" --seed 5 --count 3 -o mixed --force
+[ "$(find mixed -name '*.h5' | wc -l)" -eq 9 ] || fail "scenes of another seed are left: $(find mixed)"
+works "${common[@]}" --seed 5 --count 12 -o mixed --resume
+says 'mixed: 9 scenes made, 3 kept'
+rm mixed/dataset.json
+refuses 2 'mixed: holds scenes of unknown settings' "${common[@]}" --count 2 -o mixed
+refuses 2 'mixed: holds scenes of unknown settings' "${common[@]}" --count 2 -o mixed --resume
+mkdir empty
+echo mine >empty/mine
+refuses 65 'scene 0, beads: noise is relative.*; another --seed' dataset --psf psf.h5 --count 2 \
+    --scenes beads --size 512 --pixel-size 0.15 --slice-spacing 0.15 -o out
+refuses 2 'would have .* structures' dataset --psf psf.h5 --count 2 --pixel-size 1000 -o empty
+refuses 2 'would have .* structures' simulate --psf psf.h5 --scene beads --slice-spacing 1000000 -o out.h5
+refuses 2 'input.slices says how a --volume is read' simulate --psf psf.h5 --scene beads --slices 9 -o out.h5
+[ "$(ls -A empty)" = mine ] || fail "a refused run left $(ls -A empty)"
+
 echo mine >file
 refuses 2 'file: is a file' "${common[@]}" --count 1 -o file
 refuses 2 "scene 'axons' is none of" "${common[@]}" --count 1 --scenes axons -o out

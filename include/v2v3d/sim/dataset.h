@@ -22,7 +22,7 @@ struct v2v_dataset {
     struct v2v_simulation simulation; /**< noise and what to state, likewise */
     const char *noise;                /**< as it was written, for the settings */
     int resume;                       /**< keep the scenes that are complete */
-    int force;                        /**< or make all of them anew */
+    int force;                        /**< or remove all of them first */
 };
 
 /** What was done. */
@@ -40,11 +40,12 @@ int v2v_dataset_kind(const struct v2v_dataset *dataset, int64_t n);
 
 /** Make the scenes that are missing. Ranks make different scenes, each alone, and agree after each
  *  round; a signal (base/stop.h) ends it after the round. Files get their names when complete, a
- *  scene's noisy views last.
+ *  scene's noisy views last. A failure before the first scene is complete leaves the folder as it
+ *  was, but for what force removed.
  *  @kind Collective(comm). @param psf as configured; every rank holds it
- *  @return V2V_OK | V2V_STOPPED (resumable) | V2V_E_USAGE (the folder holds a data set: without
- *  resume or force; of other settings) | V2V_E_BUSY (another run makes it) | V2V_E_INPUT (a scene
- *  too dark) | V2V_E_IO | V2V_E_MEMORY; agreed
+ *  @return V2V_OK | V2V_STOPPED (resumable) | V2V_E_USAGE (the folder holds a data set, without
+ *  resume or force; of other settings; scenes without settings) | V2V_E_BUSY (another run makes it)
+ *  | V2V_E_INPUT (a scene too dark) | V2V_E_IO | V2V_E_MEMORY; agreed
  *  @cost a scene: a projection of all views on one rank */
 enum v2v_status v2v_dataset_make(struct v2v_dataset_report *report,
                                  const struct v2v_dataset *dataset, const struct v2v_psf_file *psf,

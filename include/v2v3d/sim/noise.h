@@ -28,9 +28,16 @@ struct v2v_noise {
  *  1.6). @kind Local. @return V2V_OK | V2V_E_USAGE */
 enum v2v_status v2v_noise_parse(struct v2v_noise *noise, const char *text) V2V_MUST_CHECK;
 
-/** Set the level from all clean views of a frame. @kind Local. @return V2V_OK | V2V_E_INPUT (level
- * 0 with noise) | V2V_E_MEMORY */
+/** Set the level from all clean views of a frame.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (with noise, a level that is not above 1e-5 of the
+ *  brightest sample, which is round-off) | V2V_E_MEMORY */
 enum v2v_status v2v_noise_level(struct v2v_noise *noise, const float *clean,
+                                int64_t count) V2V_MUST_CHECK;
+
+/** Can the noise of these samples be drawn?
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (more than 1e15 photons in one; a camera saturates
+ *  before) */
+enum v2v_status v2v_noise_check(const struct v2v_noise *noise, const float *clean,
                                 int64_t count) V2V_MUST_CHECK;
 
 /** expected[i], what noisy[i] is in the mean: clean[i], but for a camera, whose counts never

@@ -40,7 +40,8 @@ struct v2v_simulation {
 /** Project and add noise. The noise level is that of the first frame's clean views, for the whole
  *  recording; sample i of frame t draws number i of stream t, whatever the ranks. A frame that
  *  differs from the others is projected once. The watchdog is re-armed for every frame and stays
- *  armed; the caller disarms it. @kind Collective(comm of create).
+ *  armed; the caller disarms it. Files get their names one after the other, the recording last.
+ *  @kind Collective(comm of create).
  *  @return V2V_OK | V2V_E_USAGE (no frames) | V2V_E_INPUT (slices that are not the PSFs'; a scene
  *  too dark) | V2V_E_IO ..; agreed */
 enum v2v_status v2v_simulator_record(struct v2v_simulator *simulator,

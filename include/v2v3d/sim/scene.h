@@ -43,6 +43,9 @@ enum v2v_status v2v_scene_find(int *kind, const char *name) V2V_MUST_CHECK;
 /** The kinds in order. @kind Local. @return NULL: there are no more */
 const char *v2v_scene_name(int kind);
 
+/** Can it be drawn? @kind Local. @return V2V_OK | V2V_E_USAGE (more than 100,000 structures) */
+enum v2v_status v2v_scene_check(const struct v2v_scene *scene) V2V_MUST_CHECK;
+
 /** Slices first .. first+count-1 of frame t, in [0,1]. Numbers of structures go with the scene's
  *  volume; there is at least one of each. In a moving scene each structure goes its own straight
  *  way, turning back at V2V_SCENE_RANGE_UM.

@@ -87,6 +87,11 @@ static void level_is_the_percentile_and_darkness_is_refused(void **state)
     assert_true(noise.level == 199); /* 99.5 % of 200 steps */
     fill_clean(0);
     assert_int_equal(v2v_noise_level(&noise, clean, COUNT), V2V_E_INPUT);
+    clean[7] = 1;
+    for (int64_t i = 8; i < COUNT; i++) {
+        clean[i] = 1e-7f; /* round-off of a single sample's transform */
+    }
+    assert_int_equal(v2v_noise_level(&noise, clean, COUNT), V2V_E_INPUT);
     noise.kind = V2V_NOISE_NONE;
     assert_ok(v2v_noise_level(&noise, clean, COUNT));
 }
@@ -122,6 +127,22 @@ static void poisson_noise_has_its_mean_and_variance(void **state)
         assert_true(fabs(mean / unit) < 5 * sqrt(photons / COUNT));
         assert_true(fabs(variance / (unit * unit) - photons) < bound);
     }
+}
+
+static void photons_beyond_what_can_be_drawn_are_refused(void **state)
+{
+    (void)state;
+    struct v2v_noise noise = {.kind = V2V_NOISE_POISSON, .amount = 1e12, .level = 1};
+    fill_clean(999);
+    assert_ok(v2v_noise_check(&noise, clean, COUNT));
+    v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
+    fill_clean(1001);
+    assert_int_equal(v2v_noise_check(&noise, clean, COUNT), V2V_E_INPUT);
+    noise.kind = V2V_NOISE_CAMERA; /* which is full before */
+    noise.gain = 1e-6;
+    assert_ok(v2v_noise_check(&noise, clean, COUNT));
+    v2v_noise_apply(noisy, clean, COUNT, &noise, 5, 0, 0);
+    assert_true(noisy[0] == V2V_NOISE_MOST_COUNTS);
 }
 
 static void a_camera_is_told_by_up_to_four_numbers(void **state)
@@ -236,6 +257,7 @@ int main(void)
         cmocka_unit_test(level_is_the_percentile_and_darkness_is_refused),
         cmocka_unit_test(gaussian_noise_has_its_mean_and_deviation),
         cmocka_unit_test(poisson_noise_has_its_mean_and_variance),
+        cmocka_unit_test(photons_beyond_what_can_be_drawn_are_refused),
         cmocka_unit_test(a_camera_is_told_by_up_to_four_numbers),
         cmocka_unit_test(a_cameras_counts_have_their_mean_and_variance),
         cmocka_unit_test(a_camera_saturates_on_both_sides),
