@@ -92,11 +92,6 @@ extern const struct v2v_command v2v_command_weights_init;
                 "counts of them (1, 100, 1.6)",                                                    \
         .initial = (usual)                                                                         \
     }
-#define V2V_OPTION_SEED(type, field)                                                               \
-    {                                                                                              \
-        .name = "seed", .kind = V2V_OPTION_INTEGER, .at = offsetof(type, field), .value = "N",     \
-        .help = "of scenes and noise", .initial = "1", .least = 0, .most = 1e15                    \
-    }
 #define V2V_SCENE_KINDS "neurons, vessels, cells, microglia, beads, filaments, dense, mixed"
 #define V2V_OPTION_SIZE(type, field)                                                               \
     {                                                                                              \

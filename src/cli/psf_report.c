@@ -108,27 +108,48 @@ static void print_slices(FILE *stream, const struct slice_figures *figures, int6
     }
 }
 
-/* Views of which one may be there twice: correlation of their PSFs. */
-static void print_views_alike(FILE *stream, const struct v2v_psf_file *psf)
+/* Do the centroids of two views lie together in all slices? */
+static int lie_together(const struct slice_figures *one, const struct slice_figures *other,
+                        int64_t slices)
+{
+    const double most = 0.5; /* pixels */
+    for (int64_t z = 0; z < slices; z++) {
+        if (fabs(one[z].y - other[z].y) > most || fabs(one[z].x - other[z].x) > most) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static double correlation(const float *one, const float *other, int64_t count)
+{
+    double product = 0.0, squares = 0.0, others = 0.0;
+#pragma omp parallel for simd reduction(+ : product, squares, others) schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        product += (double)one[i] * other[i];
+        squares += (double)one[i] * one[i];
+        others += (double)other[i] * other[i];
+    }
+    return product / sqrt(squares * others);
+}
+
+/* Views of which one may be there twice. Few pairs lie together, and only those are correlated. */
+static void print_views_alike(FILE *stream, const struct slice_figures *figures,
+                              const struct v2v_psf_file *psf)
 {
     const double alike = 0.999;
-    const int64_t count = psf->slices * psf->height * psf->width;
+    const int64_t slices = psf->slices, count = slices * psf->height * psf->width;
     for (int64_t v = 0; v < psf->views; v++) {
-        const float *one = psf->data + v * count;
         for (int64_t w = v + 1; w < psf->views; w++) {
-            const float *other = psf->data + w * count;
-            double product = 0.0, squares = 0.0, others = 0.0;
-#pragma omp parallel for simd reduction(+ : product, squares, others) schedule(static)
-            for (int64_t i = 0; i < count; i++) {
-                product += (double)one[i] * other[i];
-                squares += (double)one[i] * one[i];
-                others += (double)other[i] * other[i];
+            if (!lie_together(figures + v * slices, figures + w * slices, slices)) {
+                continue;
             }
-            if (product > alike * sqrt(squares * others)) {
+            const double c = correlation(psf->data + v * count, psf->data + w * count, count);
+            if (c > alike) {
                 fprintf(stream,
                         "warning: views %" PRId64 " and %" PRId64
                         " are alike (correlation %.4f): is one there twice?\n",
-                        v, w, product / sqrt(squares * others));
+                        v, w, c);
             }
         }
     }
@@ -163,7 +184,7 @@ static void print_warnings(FILE *stream, const struct slice_figures *figures,
         dark += figures[i].energy <= 0.0;
     }
     print_centre(stream, figures, count);
-    print_views_alike(stream, psf);
+    print_views_alike(stream, figures, psf);
     if (dark > 0) {
         fprintf(stream, "warning: %" PRId64 " of %" PRId64 " slices are without energy\n", dark,
                 count);

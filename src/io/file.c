@@ -140,12 +140,8 @@ enum v2v_status v2v_file_check_room(const char *path, int64_t bytes)
     if (bytes < 0) {
         return V2V_FAIL(V2V_E_IO, "%s: its size passes 2^63 bytes", path);
     }
-    V2V_TRY(v2v_text_format(folder, sizeof folder, "%s", path));
-    char *slash = strrchr(folder, '/');
-    if (slash != NULL) {
-        slash[slash == folder] = '\0';
-    }
-    if (statvfs(slash != NULL ? folder : ".", &disk) == 0 &&
+    V2V_TRY(parent_folder(folder, path));
+    if (statvfs(folder, &disk) == 0 &&
         (double)bytes > (double)disk.f_bavail * (double)disk.f_frsize) {
         rc = V2V_FAIL(V2V_E_IO, "%s: needs %.3g GB, the disk has %.3g GB left", path,
                       (double)bytes * 1e-9, (double)disk.f_bavail * (double)disk.f_frsize * 1e-9);

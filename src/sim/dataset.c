@@ -28,16 +28,6 @@ struct workplace {
     int has_begun; /* so is what lies in it */
 };
 
-int64_t v2v_dataset_seed(int64_t seed, int64_t n)
-{
-    return seed * 1000000 + n;
-}
-
-int v2v_dataset_kind(const struct v2v_dataset *dataset, int64_t n)
-{
-    return dataset->kinds[(n + n / 10) % dataset->kind_count];
-}
-
 static const char *part_of(int64_t n)
 {
     const int64_t digit = n % 10;
@@ -164,7 +154,6 @@ static enum v2v_status check_content(const struct workplace *workplace,
     if (dataset->force) {
         return V2V_OK;
     }
-    V2V_TRY(go_through_all(&scenes, dataset, 0));
     if (v2v_file_exists(workplace->settings_path)) {
         if (!dataset->resume) {
             V2V_TRY(V2V_FAIL(V2V_E_USAGE,
@@ -173,7 +162,10 @@ static enum v2v_status check_content(const struct workplace *workplace,
                              dataset->folder));
         }
         V2V_TRY(compare_settings(workplace, dataset));
-    } else if (scenes > 0) {
+        return V2V_OK;
+    }
+    V2V_TRY(go_through_all(&scenes, dataset, 0));
+    if (scenes > 0) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
                          "%s: holds scenes of unknown settings: there is no dataset.json; --force "
                          "removes them",
@@ -285,8 +277,8 @@ static enum v2v_status make_scene(struct v2v_simulator *simulator,
     char noisy[V2V_PATH_BYTES], clean[V2V_PATH_BYTES], truth[V2V_PATH_BYTES];
     struct v2v_scene scene = dataset->scene;
     struct v2v_simulation simulation = dataset->simulation;
-    scene.kind = v2v_dataset_kind(dataset, n);
-    scene.seed = (uint64_t)v2v_dataset_seed(dataset->seed, n);
+    scene.kind = dataset->kinds[(n + n / 10) % dataset->kind_count];
+    scene.seed = (uint64_t)(dataset->seed * 1000000 + n);
     simulation.scene = &scene;
     simulation.seed = scene.seed;
     simulation.frames = 1;

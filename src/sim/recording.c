@@ -1,5 +1,6 @@
 #include "v2v3d/sim/recording.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/projector.h"
@@ -112,7 +113,7 @@ static int64_t count_sources(const struct v2v_simulation *simulation)
     const int64_t own = simulation->volume != NULL ? v2v_volume_info(simulation->volume)->frames
                         : simulation->scene->motion_um > 0 ? frames
                                                            : 1;
-    return own < frames ? own : frames;
+    return v2v_smaller(own, frames);
 }
 
 static enum v2v_status open_outputs(struct outputs *outputs, const struct v2v_simulator *simulator,

@@ -1,14 +1,77 @@
 #include "v2v3d/sim/scene.h"
 
 #include "sim/drawing.h"
+#include "v2v3d/base/bounds.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-static const struct v2v_tree dendrites = {2, 0.7, 0.3, 0.5, 0.9, 0.75, 0.9};
-static const struct v2v_tree processes = {3, 0.9, 0.5, 0.6, 1.0, 0.8, 0.9};
+struct range {
+    double least, most;
+};
+
+/** What tubes of a kind that begin anywhere have in common; lengths in micrometres. */
+struct strand {
+    double tilt; /* v2v_drawing_direction */
+    struct range radius;
+    double taper; /* part of the radius that is left at the end */
+    struct range length;
+    double bend;
+    struct range brightness;
+};
+static const struct strand fibre = {0.25, {0.6, 1.0}, 1.0, {40, 120}, 0.07, {0.25, 0.6}};
+static const struct strand trunk = {0.3, {2.5, 5}, 0.8, {60, 120}, 0.05, {0.5, 1}};
+/* Of a cytoskeleton: thin and nearly straight. */
+static const struct strand filament = {0.15, {0.4, 0.6}, 1.0, {30, 90}, 0.03, {0.4, 1}};
 static const struct v2v_tree capillaries = {3, 0.8, 0.4, 0.6, 0.9, 0.8, 1.0};
+
+/** The trees that grow out of a cell's body. */
+struct arbor {
+    int trees;
+    double tilt;
+    struct range radius;
+    double end_radius;
+    struct range length;
+    double bend, dimmer; /* dimmer: part of the body's brightness */
+    struct v2v_tree tree;
+};
+static const struct arbor dendrites = {
+    4, 0.35, {1.0, 1.5}, 0.8, {12, 28}, 0.09, 0.8, {2, 0.7, 0.3, 0.5, 0.9, 0.75, 0.9}};
+static const struct arbor processes = {
+    6, 0.6, {0.6, 0.9}, 0.5, {6, 12}, 0.15, 0.7, {3, 0.9, 0.5, 0.6, 1.0, 0.8, 0.9}};
+
+static double any_of(struct v2v_drawing *drawing, struct range range)
+{
+    return v2v_drawing_uniform(drawing, range.least, range.most);
+}
+
+static struct v2v_tube any_strand(struct v2v_drawing *drawing, const struct strand *strand)
+{
+    struct v2v_tube tube = {.at = v2v_drawing_place(drawing), .bend = strand->bend};
+    tube.direction = v2v_drawing_direction(drawing, strand->tilt);
+    tube.radius = any_of(drawing, strand->radius);
+    tube.end_radius = strand->taper * tube.radius;
+    tube.length = any_of(drawing, strand->length);
+    tube.brightness = any_of(drawing, strand->brightness);
+    return tube;
+}
+
+/* Around a body of this size. */
+static void draw_arbor(struct v2v_drawing *drawing, const struct arbor *arbor,
+                       struct v2v_point centre, double size, double brightness)
+{
+    for (int k = 0; k < arbor->trees; k++) {
+        struct v2v_tube tube = {.direction = v2v_drawing_direction(drawing, arbor->tilt),
+                                .end_radius = arbor->end_radius,
+                                .bend = arbor->bend,
+                                .brightness = arbor->dimmer * brightness};
+        tube.radius = any_of(drawing, arbor->radius);
+        tube.length = any_of(drawing, arbor->length);
+        tube.at = v2v_point_plus(centre, 0.8 * size, tube.direction);
+        v2v_drawing_tree(drawing, tube, &arbor->tree);
+    }
+}
 
 static void draw_neuron(struct v2v_drawing *drawing)
 {
@@ -19,28 +82,33 @@ static void draw_neuron(struct v2v_drawing *drawing)
     radius.z = size * v2v_drawing_uniform(drawing, 0.7, 1);
     radius.y = size * v2v_drawing_uniform(drawing, 0.8, 1.2);
     v2v_drawing_ellipsoid(drawing, centre, radius, brightness, 0.35);
-    for (int k = 0; k < 4; k++) {
-        struct v2v_tube dendrite = {.direction = v2v_drawing_direction(drawing, 0.35)};
-        dendrite.radius = v2v_drawing_uniform(drawing, 1.0, 1.5);
-        dendrite.end_radius = 0.8;
-        dendrite.length = v2v_drawing_uniform(drawing, 12, 28);
-        dendrite.bend = 0.09;
-        dendrite.brightness = 0.8 * brightness;
-        dendrite.at = v2v_point_plus(centre, 0.8 * size, dendrite.direction);
-        v2v_drawing_tree(drawing, dendrite, &dendrites);
-    }
+    draw_arbor(drawing, &dendrites, centre, size, brightness);
+}
+
+static void draw_microglia(struct v2v_drawing *drawing)
+{
+    const struct v2v_point centre = v2v_drawing_place(drawing);
+    const double brightness = v2v_drawing_uniform(drawing, 0.6, 1);
+    const double size = v2v_drawing_uniform(drawing, 2.5, 3.5);
+    v2v_drawing_ellipsoid(drawing, centre, (struct v2v_point){0.8 * size, size, 1.2 * size},
+                          brightness, 0);
+    draw_arbor(drawing, &processes, centre, size, brightness);
 }
 
 static void draw_fibre(struct v2v_drawing *drawing)
 {
-    struct v2v_tube fibre = {.at = v2v_drawing_place(drawing)};
-    fibre.direction = v2v_drawing_direction(drawing, 0.25);
-    fibre.radius = v2v_drawing_uniform(drawing, 0.6, 1.0);
-    fibre.end_radius = fibre.radius;
-    fibre.length = v2v_drawing_uniform(drawing, 40, 120);
-    fibre.bend = 0.07;
-    fibre.brightness = v2v_drawing_uniform(drawing, 0.25, 0.6);
-    v2v_drawing_tube(drawing, fibre);
+    v2v_drawing_tube(drawing, any_strand(drawing, &fibre));
+}
+
+static void draw_filament(struct v2v_drawing *drawing)
+{
+    v2v_drawing_tube(drawing, any_strand(drawing, &filament));
+}
+
+/* A vessel that forks down to capillaries. */
+static void draw_vessel_tree(struct v2v_drawing *drawing)
+{
+    v2v_drawing_tree(drawing, any_strand(drawing, &trunk), &capillaries);
 }
 
 /* A vessel crosses the whole field through a random place. */
@@ -57,19 +125,6 @@ static void draw_vessel(struct v2v_drawing *drawing)
     v2v_drawing_tube(drawing, vessel);
 }
 
-/* A vessel that forks down to capillaries. */
-static void draw_vessel_tree(struct v2v_drawing *drawing)
-{
-    struct v2v_tube trunk = {.at = v2v_drawing_place(drawing)};
-    trunk.direction = v2v_drawing_direction(drawing, 0.3);
-    trunk.radius = v2v_drawing_uniform(drawing, 2.5, 5);
-    trunk.end_radius = 0.8 * trunk.radius;
-    trunk.length = v2v_drawing_uniform(drawing, 60, 120);
-    trunk.bend = 0.05;
-    trunk.brightness = v2v_drawing_uniform(drawing, 0.5, 1);
-    v2v_drawing_tree(drawing, trunk, &capillaries);
-}
-
 /* Light in the cytoplasm, little in the nucleus. */
 static void draw_cell(struct v2v_drawing *drawing)
 {
@@ -82,44 +137,12 @@ static void draw_cell(struct v2v_drawing *drawing)
     v2v_drawing_ellipsoid(drawing, centre, radius, brightness, 0.8);
 }
 
-static void draw_microglia(struct v2v_drawing *drawing)
-{
-    const struct v2v_point centre = v2v_drawing_place(drawing);
-    const double brightness = v2v_drawing_uniform(drawing, 0.6, 1);
-    const double size = v2v_drawing_uniform(drawing, 2.5, 3.5);
-    v2v_drawing_ellipsoid(drawing, centre, (struct v2v_point){0.8 * size, size, 1.2 * size},
-                          brightness, 0);
-    for (int k = 0; k < 6; k++) {
-        struct v2v_tube process = {.direction = v2v_drawing_direction(drawing, 0.6)};
-        process.radius = v2v_drawing_uniform(drawing, 0.6, 0.9);
-        process.end_radius = 0.5;
-        process.length = v2v_drawing_uniform(drawing, 6, 12);
-        process.bend = 0.15;
-        process.brightness = 0.7 * brightness;
-        process.at = v2v_point_plus(centre, 0.8 * size, process.direction);
-        v2v_drawing_tree(drawing, process, &processes);
-    }
-}
-
 static void draw_bead(struct v2v_drawing *drawing)
 {
     const struct v2v_point centre = v2v_drawing_place(drawing);
     const double radius = v2v_drawing_uniform(drawing, 0.5, 1.0);
     v2v_drawing_ellipsoid(drawing, centre, (struct v2v_point){radius, radius, radius},
                           v2v_drawing_uniform(drawing, 0.6, 1), 0);
-}
-
-/* Of a cytoskeleton: thin and nearly straight. */
-static void draw_filament(struct v2v_drawing *drawing)
-{
-    struct v2v_tube filament = {.at = v2v_drawing_place(drawing)};
-    filament.direction = v2v_drawing_direction(drawing, 0.15);
-    filament.radius = v2v_drawing_uniform(drawing, 0.4, 0.6);
-    filament.end_radius = filament.radius;
-    filament.length = v2v_drawing_uniform(drawing, 30, 90);
-    filament.bend = 0.03;
-    filament.brightness = v2v_drawing_uniform(drawing, 0.4, 1);
-    v2v_drawing_tube(drawing, filament);
 }
 
 static void draw_neuropil(struct v2v_drawing *drawing)
@@ -223,7 +246,7 @@ void v2v_scene_draw(float *volume, const struct v2v_scene *scene, int64_t t, int
         struct v2v_drawing drawing = {.scene = scene,
                                       .slices = volume + z * pixels,
                                       .first = first + z,
-                                      .count = count - z < band ? count - z : band,
+                                      .count = v2v_smaller(count - z, band),
                                       .t = t,
                                       .size = size_of(scene)};
         for (const struct structure *s = kinds[scene->kind].structures; s->draw != NULL; s++) {

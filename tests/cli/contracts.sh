@@ -94,6 +94,7 @@ works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5
 "$program" simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise gaussian:0.2 \
     --size 64 -o still_alone.h5 --truth still_truth_alone.h5 2>stderr || fail "$(cat stderr)"
 same still_truth.h5 still_truth_alone.h5 /volume
+# Views are at most 1 or so: sums over slices in another order, of transforms of ten levels.
 same still.h5 still_alone.h5 /views 1e-5
 refuses 2 'either --volume or --scene' simulate --psf one/psf.h5 -o out.h5
 refuses 2 'either --volume or --scene' simulate --psf one/psf.h5 --volume one/truth.h5 \

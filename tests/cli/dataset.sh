@@ -33,7 +33,7 @@ says 'recording, 1 frames, 5 views of 40 x 48'
 "$program" "${common[@]}" --count 21 -o alone >stdout 2>stderr || fail "$(cat stderr)"
 matches set alone
 
-# A scene is that of `simulate`; scene 12 is of the kind (12 + 1) mod 8.
+# A scene is that of `simulate`, to the round-off of sums over ranks' slices of views of at most 1; scene 12 is of the kind (12 + 1) mod 8.
 works simulate --scene filaments --psf psf.h5 --seed 4000012 --size 40x48 --noise gaussian:0.2 -o scene.h5
 same scene.h5 set/train/000012_noisy.h5 /views 1e-5
 

@@ -11,7 +11,9 @@ extern "C" {
  *      FOLDER/dataset.json                         the settings, one line
  *      FOLDER/PART/NNNNNN_truth.h5                 the volume
  *      FOLDER/PART/NNNNNN_clean.h5, .._noisy.h5    one frame of its views, without and with noise
- *  PART is train, validation where N mod 10 is 8, test where it is 9: the same for any count. */
+ *  PART is train, validation where N mod 10 is 8, test where it is 9: the same for any count. Scene
+ *  N is what `simulate` draws with the seed 1000000 * seed + N, of the kind (N + N / 10) mod
+ *  kind_count: so each part has all of up to ten kinds. */
 struct v2v_dataset {
     const char *folder;
     int64_t count; /**< of scenes, up to a million */
@@ -30,13 +32,6 @@ struct v2v_dataset_report {
     int64_t made, kept; /**< scenes, of all ranks */
     double seconds;
 };
-
-/** The seed with which `simulate` draws scene n of a data set: seed * 1000000 + n. @kind Local. */
-int64_t v2v_dataset_seed(int64_t seed, int64_t n);
-
-/** The kind of scene n: kinds[(n + n / 10) mod kind_count], so that each part has all of up to ten
- *  kinds. @kind Local. */
-int v2v_dataset_kind(const struct v2v_dataset *dataset, int64_t n);
 
 /** Make the scenes that are missing. Ranks make different scenes, each alone, and agree after each
  *  round; a signal (base/stop.h) ends it after the round. Files get their names when complete, a

@@ -46,6 +46,7 @@ static void every_kind_has_light_within_0_and_1(void **state)
                 dark += volume[i] == 0;
                 brightest = fmaxf(brightest, volume[i]);
             }
+            /* The dimmest structure of all has 0.25; dense scenes are never dark. */
             if (!(brightest > 0.2f) || (is_dense ? dark > 0 : dark * 3 < count)) {
                 fail_msg("%s, seed %d: %g of the voxels dark, brightest %g", name, (int)seed,
                          (double)dark / (double)count, (double)brightest);
