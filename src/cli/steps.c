@@ -256,7 +256,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
     enum v2v_status rc = V2V_OK;
     const struct v2v_network_ops *ops = NULL;
     V2V_TRY(read_weights_info(session, info, &ops, path));
-    const int is_any = (ops->traits & V2V_TRAIT_LESSONS) != 0;
+    const int is_any = (ops->traits & V2V_TRAIT_ANY) != 0;
     if (!is_any && (info->views != psf->views || info->slices != psf->slices)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: made for %" PRId64 " views and %" PRId64

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/method/examples.h"
 #include "v2v3d/nn/layer.h"
 #include "v2v3d/op/activation.h"
 #include "v2v3d/par/bucket_sum.h"
@@ -423,7 +424,8 @@ const struct v2v_network_ops v2v_network_depth_net = {
     .keys = keys,
     .split = "none",
     .outputs = 1,
-    .traits = V2V_TRAIT_LESSONS,
+    .examples = &v2v_examples_lessons,
+    .traits = V2V_TRAIT_CORRECTS | V2V_TRAIT_ANY,
     .describe_work = describe_work,
     .rows_of = rows_of,
     .declare = declare,

@@ -48,7 +48,7 @@ enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops, const c
 
 const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_network_ops *network)
 {
-    return network->traits & V2V_TRAIT_LESSONS ? &v2v_estimator_unrolled : &v2v_estimator_learned;
+    return network->traits & V2V_TRAIT_CORRECTS ? &v2v_estimator_unrolled : &v2v_estimator_learned;
 }
 
 enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,

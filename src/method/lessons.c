@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/method/examples.h"
 #include "v2v3d/method/fusion.h"
 
 #include <math.h>
@@ -139,3 +140,39 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
 done:
     return rc;
 }
+
+/* ---- as examples ---- */
+
+enum { STEPS_OF_LESSON = 250 };
+
+static enum v2v_status create_examples(struct v2v_examples *examples)
+{
+    struct v2v_lessons *lessons = NULL;
+    const enum v2v_status rc = v2v_lessons_create(&lessons, examples->config, examples->psf);
+    examples->self = lessons;
+    examples->inputs = V2V_FEATURES * examples->psf->slices;
+    examples->outputs = examples->psf->slices;
+    return rc;
+}
+
+static void destroy_examples(struct v2v_examples *examples)
+{
+    struct v2v_lessons *lessons = examples->self;
+    v2v_lessons_destroy(&lessons);
+}
+
+static enum v2v_status make_example(struct v2v_examples *examples, float *images,
+                                    const struct v2v_example_source *source, int64_t t,
+                                    int64_t number)
+{
+    return v2v_lessons_make(examples->self, images, source->recording, &source->scaling, t, number);
+}
+
+const struct v2v_examples_ops v2v_examples_lessons = {
+    .name = "lessons",
+    .mirroring = V2V_MIRROR_IMAGES,
+    .steps_of_one = STEPS_OF_LESSON,
+    .create = create_examples,
+    .destroy = destroy_examples,
+    .make = make_example,
+};

@@ -22,3 +22,11 @@ void v2v_bulk_copy(float *to, const float *from, int64_t count)
         memcpy(to + i, from + i, (size_t)v2v_smaller(BLOCK, count - i) * sizeof *to);
     }
 }
+
+void v2v_bulk_scale(float *x, int64_t count, float factor)
+{
+#pragma omp parallel for simd schedule(static) if (count > BLOCK)
+    for (int64_t i = 0; i < count; i++) {
+        x[i] *= factor;
+    }
+}

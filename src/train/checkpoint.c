@@ -202,7 +202,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     const struct v2v_fields *fields = &network->schema.fields;
     struct v2v_weights_info own;
     struct v2v_config config = *trainer->config;
-    const int is_any = (trainer->ops->traits & V2V_TRAIT_LESSONS) != 0; /* views and slices */
+    const int is_any = (trainer->ops->traits & V2V_TRAIT_ANY) != 0; /* views and slices */
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
     *step = info.step;

@@ -5,7 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
-#include "v2v3d/method/lessons.h"
+#include "v2v3d/method/examples.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
 
@@ -15,16 +15,12 @@
 /* Frames kept in memory: recordings up to this many bytes are read once. */
 #define KEPT_BYTES ((int64_t)2 << 30)
 
-/* Steps from one lesson to the next; all that there are are drawn from alike. */
-enum { STEPS_OF_LESSON = 250 };
-
 enum { AXES = 2 };
 enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X, DRAWS };
 enum { DRAW_TRANSPOSE = DRAWS + DRAW_FRAME }; /* of the second candidate, which is of that frame */
 
 struct source {
-    struct v2v_recording *recording; /* borrowed */
-    struct v2v_scaling scaling;
+    struct v2v_example_source of;
     int64_t first; /* frame number of its frame 0 among all recordings' frames */
 };
 
@@ -38,14 +34,16 @@ struct v2v_sampler {
     int64_t source_count;
     int64_t frames;
     struct v2v_level_range levels;
-    struct v2v_lessons *lessons; /* what is kept and drawn from instead of frames; NULL: frames */
-    int64_t images;              /* of a sample: views, or those of a lesson */
-    int64_t height, width;       /* of a sample */
-    int64_t frame_pixels;        /* of the largest frame */
-    int flip[AXES];              /* y, x: physical and wanted */
-    int32_t *partner[AXES];      /* [image] */
-    float **slot;                /* kept frames [v,y,x], scaled, or lessons; NULL until read */
-    int64_t *slot_frame;         /* which frame or lesson a slot holds, -1 none */
+    struct v2v_examples *examples; /* kept and drawn from instead of frames; NULL: frames */
+    int64_t a_frame;               /* how many are made of a frame; of frames: 1 */
+    int64_t images;                /* of a sample: views, or those of an example */
+    int64_t height, width;         /* of a sample */
+    int64_t frame_pixels;          /* of the largest frame */
+    int flip[AXES];                /* y, x: physical and wanted */
+    int can_transpose;             /* bool: y and x may change places */
+    int32_t *partner[AXES];        /* [image] */
+    float **slot;                  /* kept frames [v,y,x], scaled, or examples; NULL until read */
+    int64_t *slot_number;          /* of the frame or example that a slot holds, -1 none */
     int64_t slots, next_slot;
     float *scratch; /* [v,height,width] */
     float *image;   /* of the largest frame, where every frame has a level of its own; else NULL */
@@ -53,7 +51,7 @@ struct v2v_sampler {
 
 static const struct v2v_recording_info *info_of(const struct source *source)
 {
-    return v2v_recording_info(source->recording);
+    return v2v_recording_info(source->of.recording);
 }
 
 static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t psf_views)
@@ -83,6 +81,37 @@ static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t ps
     return V2V_OK;
 }
 
+/* Is there what examples are made of? */
+static enum v2v_status check_sources(const struct v2v_sampler *sampler)
+{
+    const struct v2v_examples *examples = sampler->examples;
+    for (int64_t i = 0; i < sampler->source_count; i++) {
+        const struct source *source = &sampler->source[i];
+        const struct v2v_recording_info *info = info_of(source);
+        if (info->frames < examples->frames) {
+            return V2V_FAIL(V2V_E_INPUT,
+                            "recording %lld has %lld frames; learning from %s takes %lld or more",
+                            (long long)i + 1, (long long)info->frames, examples->ops->name,
+                            (long long)examples->frames);
+        }
+        if (!examples->ops->needs_truth) {
+            continue;
+        }
+        const struct v2v_volume_info *truth = v2v_volume_info(source->of.truth);
+        if (truth->slices != examples->outputs || truth->height != info->height ||
+            truth->width != info->width || (truth->frames != 1 && truth->frames != info->frames)) {
+            return V2V_FAIL(V2V_E_INPUT,
+                            "truth %lld has %lld frames of %lld x %lld x %lld voxels, its "
+                            "recording %lld of %lld x %lld pixels, the PSF set %lld slices",
+                            (long long)i + 1, (long long)truth->frames, (long long)truth->slices,
+                            (long long)truth->height, (long long)truth->width,
+                            (long long)info->frames, (long long)info->height,
+                            (long long)info->width, (long long)examples->outputs);
+        }
+    }
+    return V2V_OK;
+}
+
 static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v_train_job *job,
                                    const struct v2v_comm *comm)
 {
@@ -92,39 +121,45 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
     sampler->source_count = job->recording_count;
     for (int64_t i = 0; i < job->recording_count; i++) {
         struct source *source = &sampler->source[i];
-        source->recording = job->recordings[i];
+        struct v2v_example_source *of = &source->of;
+        of->recording = job->recordings[i];
+        of->truth = job->truths != NULL ? job->truths[i] : NULL;
         source->first = sampler->frames;
-        V2V_TRY(v2v_scaling_decide(&source->scaling, source->recording, &job->config->input, comm));
-        V2V_TRY(v2v_level_range_add(&sampler->levels, source->recording, &source->scaling, comm));
+        V2V_TRY(v2v_scaling_decide(&of->scaling, of->recording, &job->config->input, comm));
+        V2V_TRY(v2v_level_range_add(&sampler->levels, of->recording, &of->scaling, comm));
         const struct v2v_recording_info *info = info_of(source);
         int64_t pixels = info->height * info->width;
         sampler->frames += info->frames;
         sampler->frame_pixels = pixels > sampler->frame_pixels ? pixels : sampler->frame_pixels;
         v2v_log(V2V_LOG_INFO, "recording %lld: %lld frames of %lld x %lld, offset %g, gain %g",
                 (long long)i + 1, (long long)info->frames, (long long)info->height,
-                (long long)info->width, source->scaling.offset, source->scaling.gain);
+                (long long)info->width, of->scaling.offset, of->scaling.gain);
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
 done:
     return rc;
 }
 
-/* Views trade places when they are mirrored, where the PSFs allow it; volumes are mirrored as such.
- */
+/* Views trade places when they are mirrored, where the PSFs allow it; other images are mirrored as
+ * such. */
 static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    const int wanted = sampler->settings->flips && sampler->settings->crop > 0;
+    const int mirroring =
+        sampler->examples != NULL ? sampler->examples->ops->mirroring : V2V_MIRROR_VIEWS;
+    const int wanted =
+        sampler->settings->flips && sampler->settings->crop > 0 && mirroring != V2V_MIRROR_NONE;
     for (int axis = 0; axis < AXES; axis++) {
         V2V_TRY(V2V_ALLOC(sampler->partner[axis], "sampler.flips", sampler->images));
         for (int64_t i = 0; i < sampler->images; i++) {
             sampler->partner[axis][i] = (int32_t)i;
         }
         sampler->flip[axis] =
-            wanted && (sampler->lessons != NULL ||
+            wanted && (mirroring == V2V_MIRROR_IMAGES ||
                        v2v_shifts_flip_partner(sampler->partner[axis], job->psf, axis,
                                                sampler->settings->flip_tolerance));
     }
+    sampler->can_transpose = wanted && mirroring == V2V_MIRROR_IMAGES;
     v2v_log(V2V_LOG_INFO, "samples of %lld x %lld, flips: y %s, x %s", (long long)sampler->height,
             (long long)sampler->width, sampler->flip[0] ? "yes" : "no",
             sampler->flip[1] ? "yes" : "no");
@@ -132,33 +167,44 @@ done:
     return rc;
 }
 
+/* Frames or examples that there are to draw from. */
+static int64_t count_numbers(const struct v2v_sampler *sampler)
+{
+    const int64_t steps_of_one =
+        sampler->examples != NULL ? sampler->examples->ops->steps_of_one : 0;
+    return steps_of_one > 0
+               ? v2v_parts(sampler->settings->steps, steps_of_one) * sampler->settings->batch
+               : sampler->frames * sampler->a_frame;
+}
+
 static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
-                                   int64_t unit, int by_lessons)
+                                   int64_t unit, const struct v2v_examples_ops *kind)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = info_of(&sampler->source[0]);
     int64_t crop = sampler->settings->crop;
-    if (by_lessons) {
-        V2V_TRY(v2v_lessons_create(&sampler->lessons, job->config, job->psf));
+    sampler->images = job->psf->views;
+    sampler->a_frame = 1;
+    if (kind != NULL) {
+        V2V_TRY(v2v_examples_create(&sampler->examples, kind, job->config, job->psf));
+        V2V_TRY(check_sources(sampler));
+        sampler->images = sampler->examples->inputs + sampler->examples->outputs;
+        sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
-    sampler->images = by_lessons ? v2v_lessons_images(job->psf->slices) : job->psf->views;
     sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
     sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
     int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
     int64_t fit = KEPT_BYTES / bytes;
-    int64_t most =
-        by_lessons ? v2v_parts(sampler->settings->steps, STEPS_OF_LESSON) * sampler->settings->batch
-                   : sampler->frames;
-    sampler->slots = v2v_within(fit, 1, most);
+    sampler->slots = v2v_within(fit, 1, count_numbers(sampler));
     V2V_TRY(V2V_ALLOC(sampler->slot, "sampler.frames", sampler->slots));
-    V2V_TRY(V2V_ALLOC(sampler->slot_frame, "sampler.frames", sampler->slots));
+    V2V_TRY(V2V_ALLOC(sampler->slot_number, "sampler.frames", sampler->slots));
     V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",
                       v2v_mem_product(sampler->images, sampler->height, sampler->width)));
-    if (job->config->model.homogeneous && !by_lessons) {
+    if (job->config->model.homogeneous && kind == NULL) {
         V2V_TRY(V2V_ALLOC(sampler->image, "sampler.scratch", sampler->frame_pixels));
     }
     for (int64_t i = 0; i < sampler->slots; i++) {
-        sampler->slot_frame[i] = -1;
+        sampler->slot_number[i] = -1;
     }
     V2V_TRY(plan_flips(sampler, job));
 done:
@@ -166,14 +212,15 @@ done:
 }
 
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, int by_lessons, const struct v2v_comm *comm)
+                                   int64_t unit, const struct v2v_examples_ops *kind,
+                                   const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_sampler *self = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(self, "sampler", 1)));
     self->settings = &job->config->train;
     V2V_TRY(add_sources(self, job, comm));
-    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit, by_lessons)));
+    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit, kind)));
 done:
     if (rc != V2V_OK) {
         v2v_sampler_destroy(&self);
@@ -192,13 +239,13 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
         v2v_mem_free(self->slot[i]);
     }
     v2v_mem_free(self->slot);
-    v2v_mem_free(self->slot_frame);
+    v2v_mem_free(self->slot_number);
     v2v_mem_free(self->scratch);
     v2v_mem_free(self->image);
     v2v_mem_free(self->partner[0]);
     v2v_mem_free(self->partner[1]);
     v2v_mem_free(self->source);
-    v2v_lessons_destroy(&self->lessons);
+    v2v_examples_destroy(&self->examples);
     v2v_mem_free(self);
     *sampler = NULL;
 }
@@ -247,18 +294,26 @@ static const struct source *source_of(const struct v2v_sampler *sampler, int64_t
     return source;
 }
 
-/* The frame with this number among all recordings' frames, scaled, or the lesson made of it. */
-static enum v2v_status make(struct v2v_sampler *sampler, float *data, int64_t frame, int64_t lesson)
+/* What a sample is a crop of: a frame, or an example of it. */
+struct choice {
+    int64_t frame;  /* among all recordings' frames */
+    int64_t number; /* what it is kept under */
+    int64_t within; /* the example's number, for who makes it */
+};
+
+/* The frame, scaled, or the example made of it. */
+static enum v2v_status make(struct v2v_sampler *sampler, float *data, const struct choice *choice)
 {
     enum v2v_status rc = V2V_OK;
-    const struct source *source = source_of(sampler, frame);
+    const struct source *source = source_of(sampler, choice->frame);
     const struct v2v_recording_info *info = info_of(source);
-    if (sampler->lessons != NULL) {
-        return v2v_lessons_make(sampler->lessons, data, source->recording, &source->scaling,
-                                frame - source->first, lesson);
+    const int64_t t = choice->frame - source->first;
+    if (sampler->examples != NULL) {
+        return sampler->examples->ops->make(sampler->examples, data, &source->of, t,
+                                            choice->within);
     }
-    V2V_TRY(v2v_recording_read(source->recording, data, frame - source->first));
-    v2v_scaling_apply(&source->scaling, data, info->views * info->height * info->width);
+    V2V_TRY(v2v_recording_read(source->of.recording, data, t));
+    v2v_scaling_apply(&source->of.scaling, data, info->views * info->height * info->width);
     if (sampler->image != NULL) {
         (void)v2v_scaling_level(data, sampler->image, info->views, info->height, info->width);
     }
@@ -267,26 +322,25 @@ done:
 }
 
 /* The same, made when it is not kept. */
-static enum v2v_status keep(struct v2v_sampler *sampler, const float **data, int64_t frame,
-                            int64_t lesson)
+static enum v2v_status keep(struct v2v_sampler *sampler, const float **data,
+                            const struct choice *choice)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t number = sampler->lessons != NULL ? lesson : frame;
     for (int64_t i = 0; i < sampler->slots; i++) {
-        if (sampler->slot_frame[i] == number) {
+        if (sampler->slot_number[i] == choice->number) {
             *data = sampler->slot[i];
             return V2V_OK;
         }
     }
     int64_t slot = sampler->next_slot;
     sampler->next_slot = (slot + 1) % sampler->slots;
-    sampler->slot_frame[slot] = -1;
+    sampler->slot_number[slot] = -1;
     if (sampler->slot[slot] == NULL) {
         V2V_TRY(V2V_ALLOC(sampler->slot[slot], "sampler.frames",
                           sampler->images * sampler->frame_pixels));
     }
-    V2V_TRY(make(sampler, sampler->slot[slot], frame, lesson));
-    sampler->slot_frame[slot] = number;
+    V2V_TRY(make(sampler, sampler->slot[slot], choice));
+    sampler->slot_number[slot] = choice->number;
     *data = sampler->slot[slot];
 done:
     return rc;
@@ -370,15 +424,32 @@ static void transpose(float *image, int64_t side)
     }
 }
 
-/* The number of the lesson that a sample is drawn from: one more at a time, of those with which
- * this sample of every step begins, so that ranks make none that others make. */
-static int64_t choose_lesson(const struct v2v_sampler *sampler, uint64_t stream, int64_t step,
-                             int64_t index)
+/* One of those that take time to make: one more at a time, of those with which this sample of every
+ * step begins, so that ranks make none that others make. */
+static struct choice choose_of_known(const struct v2v_sampler *sampler, uint64_t stream,
+                                     int64_t step, int64_t index)
 {
+    const int64_t steps_of_one = sampler->examples->ops->steps_of_one;
     const int64_t rows = v2v_smaller(sampler->settings->batch, sampler->slots);
-    const int64_t known = v2v_smaller(step / STEPS_OF_LESSON + 1, sampler->slots / rows);
+    const int64_t known = v2v_smaller(step / steps_of_one + 1, sampler->slots / rows);
     const uint64_t seed = (uint64_t)sampler->settings->seed;
-    return rows * v2v_random_below(seed, stream, DRAW_FRAME, known) + index % rows;
+    const int64_t number = rows * v2v_random_below(seed, stream, DRAW_FRAME, known) + index % rows;
+    const uint64_t of_frame = v2v_random_fnv1a64("lessons") + (uint64_t)number;
+    return (struct choice){.frame = v2v_random_below(seed, of_frame, DRAW_FRAME, sampler->frames),
+                           .number = number,
+                           .within = number};
+}
+
+static struct choice choose(const struct v2v_sampler *sampler, uint64_t stream, int64_t step,
+                            int64_t index)
+{
+    if (sampler->examples != NULL && sampler->examples->ops->steps_of_one > 0) {
+        return choose_of_known(sampler, stream, step, index);
+    }
+    const int64_t number = v2v_random_below((uint64_t)sampler->settings->seed, stream, DRAW_FRAME,
+                                            sampler->frames * sampler->a_frame);
+    return (struct choice){
+        .frame = number / sampler->a_frame, .number = number, .within = number % sampler->a_frame};
 }
 
 enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int64_t step,
@@ -388,15 +459,11 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int
     const float *data = NULL;
     const struct v2v_train_settings *settings = sampler->settings;
     uint64_t seed = (uint64_t)settings->seed;
-    uint64_t stream = (uint64_t)(step * settings->batch + index), of_frame = stream;
-    int64_t height = sampler->height, width = sampler->width, lesson = 0;
-    if (sampler->lessons != NULL) {
-        lesson = choose_lesson(sampler, stream, step, index);
-        of_frame = v2v_random_fnv1a64("lessons") + (uint64_t)lesson;
-    }
-    int64_t frame = v2v_random_below(seed, of_frame, DRAW_FRAME, sampler->frames);
-    const struct v2v_recording_info *info = info_of(source_of(sampler, frame));
-    V2V_TRY(keep(sampler, &data, frame, lesson));
+    uint64_t stream = (uint64_t)(step * settings->batch + index);
+    int64_t height = sampler->height, width = sampler->width;
+    const struct choice choice = choose(sampler, stream, step, index);
+    const struct v2v_recording_info *info = info_of(source_of(sampler, choice.frame));
+    V2V_TRY(keep(sampler, &data, &choice));
     if (settings->crop == 0) {
         v2v_pad_reflect(images, data, sampler->images, info->height, info->width, height, width);
     } else {
@@ -412,8 +479,7 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int
                    (size_t)(sampler->images * height * width) * sizeof *images);
         }
     }
-    if (sampler->lessons != NULL && sampler->flip[0] &&
-        v2v_random_below(seed, stream, DRAW_TRANSPOSE, 2) == 1) {
+    if (sampler->can_transpose && v2v_random_below(seed, stream, DRAW_TRANSPOSE, 2) == 1) {
         for (int64_t i = 0; i < sampler->images; i++) {
             transpose(images + i * height * width, width);
         }

@@ -1,19 +1,20 @@
-/* Crops of noisy recordings, or of lessons made of them, drawn by (seed, step, sample). */
+/* Crops of noisy recordings, or of examples made of them, drawn by (seed, step, sample). */
 #ifndef V2V3D_TRAIN_SAMPLER_H
 #define V2V3D_TRAIN_SAMPLER_H
 
 #include "v2v3d/io/level.h"
 #include "v2v3d/loss/loss.h"
+#include "v2v3d/method/examples.h"
 #include "v2v3d/train/train.h"
 
 struct v2v_sampler;
 
 /* Decides offset and gain of every recording (reads them once), which flips are physical and the
- * size of a sample; whole frames are padded to a multiple of `unit`. by_lessons (bool): samples are
- * crops of lessons (method/lessons.h), each of which is made when it is first drawn from.
+ * size of a sample; whole frames are padded to a multiple of `unit`. With a kind of examples (else
+ * NULL), samples are crops of them, each of which is made when it is first drawn from.
  * Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, int by_lessons,
+                                   int64_t unit, const struct v2v_examples_ops *kind,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
 
@@ -29,11 +30,11 @@ struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
 /* Levels of the frames of all recordings. */
 const struct v2v_level_range *v2v_sampler_levels(const struct v2v_sampler *sampler);
 
-/* Images of a sample: the views, or those of a lesson. */
+/* Images of a sample: the views, or those of an example. */
 int64_t v2v_sampler_images(const struct v2v_sampler *sampler);
 
-/* Sample `index` of step `step` into images [images,height,width]. Local: reads a frame, or makes a
- * lesson, when it is not kept already. */
+/* Sample `index` of step `step` into images [images,height,width]. Local: reads a frame, or makes
+ * an example, when it is not kept already. */
 enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int64_t step,
                                  int64_t index) V2V_MUST_CHECK;
 

@@ -111,10 +111,10 @@ done:
 static enum v2v_status create_loss(struct v2v_trainer *trainer, const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
-    if (trainer->ops->traits & V2V_TRAIT_LESSONS) {
+    if (trainer->ops->examples != NULL) {
         trainer->volume_loss =
             (struct v2v_volume_loss){.settings = &job->config->loss,
-                                     .slices = job->psf->slices,
+                                     .slices = trainer->network->slices,
                                      .height = v2v_sampler_height(trainer->sampler),
                                      .width = v2v_sampler_width(trainer->sampler),
                                      .window = v2v_sampler_window(trainer->sampler)};
@@ -240,8 +240,7 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
         (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
     struct v2v_network_spec spec = describe(trainer, job);
     trainer->ops->describe_work(&work, &spec, 1, 1);
-    const int by_lessons = (trainer->ops->traits & V2V_TRAIT_LESSONS) != 0;
-    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, by_lessons, comm));
+    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, trainer->ops->examples, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
     V2V_TRY(v2v_par_agree(comm, create_network(trainer, job, precision)));
     V2V_TRY(create_buckets(trainer));
@@ -287,7 +286,7 @@ static void make_volumes(struct v2v_trainer *trainer)
 static void judge(struct v2v_trainer *trainer, double *value)
 {
     const float *volume[OUTPUTS] = {NULL};
-    if (trainer->loss == NULL) { /* the volume follows the features */
+    if (trainer->loss == NULL) { /* what is known follows what goes in */
         const float *known = trainer->images + trainer->network->inputs *
                                                    trainer->volume_loss.height *
                                                    trainer->volume_loss.width;

@@ -15,7 +15,7 @@ struct v2v_trainer {
     const struct v2v_network_ops *ops;
     struct v2v_network *network;
     struct v2v_projector *projector; /* lent to the loss and to the network */
-    struct v2v_loss *loss;           /* by views; both NULL where volumes are known */
+    struct v2v_loss *loss; /* by views; both NULL where there are examples */
     struct v2v_volume_loss volume_loss;
     float *m, *v;   /* Adam's moments, as the network's fields */
     float *average; /* running mean of the weights, likewise; NULL: not wanted */
@@ -25,7 +25,7 @@ struct v2v_trainer {
     double *tail; /* numbers of a step that all ranks must know */
     int64_t tail_count;
     int64_t *checksums; /* [rank,group] of weights */
-    float *images;      /* of a sample [image,y,x]: views, or features and the volume */
+    float *images;      /* of a sample [image,y,x]: views, or an example */
     int64_t image_floats;
     float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,rows,x] of all outputs, this rank's slab */
     int64_t voxels;                          /* of one */

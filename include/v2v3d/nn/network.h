@@ -85,13 +85,14 @@ struct v2v_network_plan {
 
 /** What a method offers and asks for. */
 enum {
-    V2V_TRAIT_PROJECTS = 1, /**< plan() needs a projector */
-    V2V_TRAIT_SKIPS = 2,    /**< spec.skip leaves out what the scene doesn't need */
-    V2V_TRAIT_BF16 = 4,     /**< spec.precision may be V2V_PRECISION_BF16 */
-    V2V_TRAIT_SLABS = 8,    /**< spec.slabs and spec.shard may be more than one */
-    V2V_TRAIT_LESSONS = 16  /**< forward takes a frame's features in the place of its views, of any
-                                 number of views and slices, and is taught by frames of which the
-                                 volume is known (method/lessons.h) */
+    V2V_TRAIT_PROJECTS = 1,  /**< plan() needs a projector */
+    V2V_TRAIT_SKIPS = 2,     /**< spec.skip leaves out what the scene doesn't need */
+    V2V_TRAIT_BF16 = 4,      /**< spec.precision may be V2V_PRECISION_BF16 */
+    V2V_TRAIT_SLABS = 8,     /**< spec.slabs and spec.shard may be more than one */
+    V2V_TRAIT_CORRECTS = 16, /**< forward takes a frame's features (method/lessons.h) in the place
+                                  of its views, and corrects the volume among them */
+    V2V_TRAIT_ANY = 32,      /**< weights serve any number of views and slices */
+    V2V_TRAIT_VIEWS = 64     /**< it makes views of views, and knows nothing of optics */
 };
 
 /** What the shapes of a network's parameters tell of it; 0: they don't. */
@@ -120,9 +121,13 @@ struct v2v_network {
     void *self;       /**< the method's own */
 };
 
+/** What it is taught by: method/examples.h. */
+struct v2v_examples_ops;
+
 struct v2v_network_ops {
-    const char *name;        /**< in configurations and weight files */
-    const char *meaning;     /**< one line, for --help */
+    const char *name;                        /**< in configurations and weight files */
+    const char *meaning;                     /**< one line, for --help */
+    const struct v2v_examples_ops *examples; /**< NULL: views that its volumes have not seen */
     const char *const *keys; /**< "section.key" .., NULL: settings that its parameters' shapes and
                                   its function depend on; weight files carry them */
     const char *split; /**< which views which volume sees, in a word; NULL: model.view_split says */

@@ -20,6 +20,7 @@
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
 #include "v2v3d/io/recording.h"
+#include "v2v3d/io/volume.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/comm.h"
 
@@ -31,6 +32,8 @@ struct v2v_train_job {
     const struct v2v_config *config;
     const struct v2v_psf_file *psf;          /**< normalised as the configuration says */
     struct v2v_recording *const *recordings; /**< all with the PSFs' view count */
+    struct v2v_volume *const *truths; /**< [recording_count] for networks that learn from them, else
+                                           NULL */
     int64_t recording_count;
     const char *folder;  /**< RUN: made when missing */
     const char *weights; /**< start from this file; NULL: train.init by train.seed */

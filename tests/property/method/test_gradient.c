@@ -95,7 +95,7 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
                        .psf = {.views = VIEWS, .slices = SLICES, .height = KERNEL, .width = KERNEL},
                        .voxels = SLICES * way->height * WIDTH};
     if ((way->slabs > 1 && (ops->traits & V2V_TRAIT_SLABS) == 0) ||
-        (ops->traits & V2V_TRAIT_LESSONS) != 0) {
+        (ops->traits & V2V_TRAIT_CORRECTS) != 0) {
         return 0;
     }
     v2v_config_defaults(&t->config);

@@ -84,7 +84,7 @@ static void no_volume_sees_the_views_that_judge_it(void **state)
     (void)state;
     for (int64_t i = 0; i < v2v_network_count(); i++) {
         struct planned made = make(v2v_network_at(i)->name, V2V_NETWORK_ALL);
-        const int by_views = (made.network->ops->traits & V2V_TRAIT_LESSONS) == 0;
+        const int by_views = (made.network->ops->traits & V2V_TRAIT_CORRECTS) == 0;
         run(&made, volume);
         for (int o = 0; o < made.network->ops->outputs && by_views; o++) {
             const struct v2v_output *output = &made.network->output[o];

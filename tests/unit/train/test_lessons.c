@@ -69,7 +69,7 @@ static struct v2v_sampler *create(struct scene *scene)
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 2, 1, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, 2, &v2v_examples_lessons, NULL));
     assert_int_equal(v2v_sampler_images(sampler), IMAGES);
     return sampler;
 }

@@ -51,7 +51,7 @@ static struct v2v_sampler *create(struct scene *scene)
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, 0, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, NULL, NULL));
     return sampler;
 }
 
@@ -238,7 +238,7 @@ static void check_refused(struct scene *scene, const char *word)
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, 0, NULL), V2V_E_INPUT);
+    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, NULL, NULL), V2V_E_INPUT);
     assert_null(sampler);
     assert_non_null(strstr(v2v_status_message(), word));
 }
@@ -280,7 +280,7 @@ static void both_recordings_are_drawn_from(void **state)
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.recordings = both;
     job.recording_count = 2;
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, 0, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, NULL, NULL));
     int from_two = 0;
     for (int64_t step = 0; step < 20; step++) {
         int64_t frame = draw(&scene, step * BATCH, DRAW_FRAME, 2 * FRAMES);
