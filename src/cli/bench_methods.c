@@ -185,7 +185,7 @@ static enum v2v_status measure_all(const struct bench *bench, const struct metho
     struct v2v_session session = *bench->session;
     const struct v2v_network_ops *network = NULL;
     if (weights != NULL) {
-        V2V_TRY(v2v_step_network(&session, &network, weights));
+        V2V_TRY(v2v_step_network(&session, &network, weights, 0));
     }
     for (int i = 0; i < count; i++) {
         struct row row = {.method = &methods[i], .weights = weights};

@@ -49,6 +49,7 @@ extern const struct v2v_command v2v_command_convert;
 extern const struct v2v_command v2v_command_dataset;
 extern const struct v2v_command v2v_command_deconvolve;
 extern const struct v2v_command v2v_command_demo;
+extern const struct v2v_command v2v_command_denoise;
 extern const struct v2v_command v2v_command_evaluate;
 extern const struct v2v_command v2v_command_info;
 extern const struct v2v_command v2v_command_init;

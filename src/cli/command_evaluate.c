@@ -93,7 +93,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                          given->uncertainty));
     }
     if (given->weights != NULL) {
-        V2V_TRY(v2v_step_network(session, &network, given->weights));
+        V2V_TRY(v2v_step_network(session, &network, given->weights, 0));
         if (!(network->traits & V2V_TRAIT_CORRECTS) && given->frames > 0) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                              "%s: the network '%s' cannot do without some of its views (--frames 0 "

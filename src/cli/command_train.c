@@ -3,6 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
@@ -13,19 +14,24 @@
 struct arguments {
     struct v2v_common common;
     const char *psf, *calibration, *weights, *folder;
-    struct v2v_words inputs;
+    struct v2v_words inputs, truths;
     int resume;
     double max_time_s;
 };
 
 static const struct v2v_option options[] = {
-    V2V_OPTION_PSF(struct arguments, psf, 1),
+    V2V_OPTION_PSF(struct arguments, psf, 0),
     {.name = "input",
      .kind = V2V_OPTION_LIST,
      .at = offsetof(struct arguments, inputs),
      .value = "FILE...",
      .help = "recordings to learn from",
      .required = 1},
+    {.name = "truth",
+     .kind = V2V_OPTION_LIST,
+     .at = offsetof(struct arguments, truths),
+     .value = "FILE...",
+     .help = "vcdnet: the recordings' true volumes, in their order; of one frame: that of all"},
     {.name = "output",
      .letter = 'o',
      .kind = V2V_OPTION_TEXT,
@@ -97,31 +103,105 @@ static void discard_empty_run(const char *folder)
     rmdir(folder); /* fails, and should, when there is more in it */
 }
 
+/* What is learnt from. */
+struct material {
+    struct v2v_psf_file psf; /* of a network without optics: the number of views alone */
+    struct v2v_recording **recordings;
+    struct v2v_volume **truths;
+    int64_t count;
+};
+
+/* Does the command line give what the network takes? Local: the same on all ranks. */
+static enum v2v_status check_network(const struct arguments *given,
+                                     const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *ops = NULL;
+    V2V_TRY(v2v_network_find(&ops, session->config.model.method));
+    const int takes_truth = ops->examples != NULL && ops->examples->needs_truth;
+    if (given->psf == NULL && !(ops->traits & V2V_TRAIT_VIEWS)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--psf FILE is missing"));
+    }
+    if (takes_truth && given->truths.count != given->inputs.count) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "the network '%s' learns from true volumes: --truth FILE, one for each of "
+                         "%" PRId64 " recordings, not %" PRId64,
+                         ops->name, given->inputs.count, given->truths.count));
+    }
+    if (!takes_truth && given->truths.count > 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--truth: the network '%s' learns from recordings alone",
+                         ops->name));
+    }
+done:
+    return rc;
+}
+
+/* Recordings, and their volumes where there are some. Collective. */
+static enum v2v_status open_material(struct material *material, const struct arguments *given,
+                                     const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_session of_truths = *session;
+    of_truths.config.input.dataset[0] = '\0'; /* which is the recordings' */
+    rc = V2V_ALLOC(material->recordings, "train.recordings", given->inputs.count);
+    if (rc == V2V_OK && given->truths.count > 0) {
+        rc = V2V_ALLOC(material->truths, "train.recordings", given->truths.count);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    material->count = given->inputs.count;
+    for (int64_t i = 0; i < given->inputs.count; i++) {
+        V2V_TRY(v2v_step_recording(session, &material->recordings[i], given->inputs.item[i],
+                                   &material->psf));
+        if (given->psf == NULL) {
+            material->psf.views = v2v_recording_info(material->recordings[0])->views;
+            material->psf.slices = 1;
+        }
+    }
+    for (int64_t i = 0; i < given->truths.count; i++) {
+        V2V_TRY(v2v_step_volume(&of_truths, &material->truths[i], given->truths.item[i],
+                                &material->psf));
+    }
+done:
+    return rc;
+}
+
+static void close_material(struct material *material)
+{
+    for (int64_t i = 0; i < material->count; i++) {
+        v2v_recording_close(&material->recordings[i]);
+        if (material->truths != NULL) {
+            v2v_volume_close(&material->truths[i]);
+        }
+    }
+    v2v_mem_free(material->recordings);
+    v2v_mem_free(material->truths);
+    v2v_psf_file_fini(&material->psf);
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    struct v2v_psf_file psf = {0};
-    struct v2v_recording **recordings = NULL;
+    struct material material = {0};
     struct v2v_train_report report = {0};
     struct v2v_weights_info info;
     int is_new_folder = v2v_step_on_root(session) && !v2v_file_exists(given->folder);
     V2V_TRY(v2v_step_calibration(session, given->calibration));
-    V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    if (given->psf != NULL) {
+        V2V_TRY(v2v_step_psf(session, &material.psf, given->psf));
+    }
     if (given->weights != NULL) {
-        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));
+        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &material.psf));
     }
     if (given->resume) {
         V2V_TRY(adopt_checkpoint(given, session));
     }
-    rc = V2V_ALLOC(recordings, "train.recordings", given->inputs.count);
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    for (int64_t i = 0; i < given->inputs.count; i++) {
-        V2V_TRY(v2v_step_recording(session, &recordings[i], given->inputs.item[i], &psf));
-    }
+    V2V_TRY(check_network(given, session));
+    V2V_TRY(open_material(&material, given, session));
     struct v2v_train_job job = {.config = &session->config,
-                                .psf = &psf,
-                                .recordings = recordings,
+                                .psf = &material.psf,
+                                .recordings = material.recordings,
+                                .truths = material.truths,
                                 .recording_count = given->inputs.count,
                                 .folder = given->folder,
                                 .weights = given->weights,
@@ -138,17 +218,13 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
             report.steps, report.last_total, report.seconds);
 done:
-    for (int64_t i = 0; recordings != NULL && i < given->inputs.count; i++) {
-        v2v_recording_close(&recordings[i]);
-    }
-    v2v_mem_free(recordings);
-    v2v_psf_file_fini(&psf);
+    close_material(&material);
     return rc;
 }
 
 const struct v2v_command v2v_command_train = {
     .name = "train",
-    .summary = "fit the network to noisy recordings, view to view",
+    .summary = "fit a network to recordings: view to view, or as the method says",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

@@ -21,9 +21,10 @@ static const struct v2v_command *const commands[] = {
     &v2v_command_psf_info,   &v2v_command_simulate,     &v2v_command_dataset,
     &v2v_command_project,    &v2v_command_weights_init, &v2v_command_weights_info,
     &v2v_command_train,      &v2v_command_reconstruct,  &v2v_command_calibrate,
-    &v2v_command_deconvolve, &v2v_command_evaluate,     &v2v_command_bench,
-    &v2v_command_convert,    &v2v_command_preview,      &v2v_command_info,
-    &v2v_command_check,      &v2v_command_init,         &v2v_command_slurm};
+    &v2v_command_deconvolve, &v2v_command_denoise,      &v2v_command_evaluate,
+    &v2v_command_bench,      &v2v_command_convert,      &v2v_command_preview,
+    &v2v_command_info,       &v2v_command_check,        &v2v_command_init,
+    &v2v_command_slurm};
 enum { COMMANDS = sizeof commands / sizeof commands[0], LONGEST_NAME = 32 };
 
 /* For MPI to start and the configuration to be read, which then decides: its own default. */

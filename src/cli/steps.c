@@ -168,7 +168,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(*recording);
     const int64_t views = info->views;
-    if (views != psf->views) {
+    if (psf->views > 0 && views != psf->views) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
     }
@@ -240,11 +240,20 @@ done:
 }
 
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
-                                 const char *path)
+                                 const char *path, int of_views)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
     V2V_TRY(read_weights_info(session, &info, ops, path));
+    if (((*ops)->traits & V2V_TRAIT_VIEWS) != 0 && !of_views) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: the network '%s' makes views (v2v3d denoise), no volume",
+                         path, (*ops)->name));
+    }
+    if (!((*ops)->traits & V2V_TRAIT_VIEWS) && of_views) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: the network '%s' makes volumes (v2v3d reconstruct), no views", path,
+                         (*ops)->name));
+    }
     V2V_TRY(adopt(session, &info, *ops, path));
 done:
     return rc;

@@ -49,7 +49,7 @@ enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_f
                              const char *path) V2V_MUST_CHECK;
 
 /** A recording, calibrated, whose view count is that of the PSFs (which TIFF input takes unless
- *  told otherwise), and whose pixel size is, where both state one, to 1 %.
+ *  told otherwise; PSFs without views: any), and whose pixel size is, where both state one, to 1 %.
  *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
@@ -60,9 +60,10 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
 /** The network that a weight file is of; the session's configuration takes it over, with a warning
- *  for every setting of it that was given otherwise. @kind Collective(world), agreed */
+ *  for every setting of it that was given otherwise. @kind Collective(world), agreed
+ *  @param of_views bool: it has to make views; else volumes */
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
-                                 const char *path) V2V_MUST_CHECK;
+                                 const char *path, int of_views) V2V_MUST_CHECK;
 
 /** What a weight file says, after it was checked against the PSFs; the session's configuration
  *  takes its network over, likewise. @kind Collective(world), agreed */

@@ -436,7 +436,7 @@ enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct 
     }
     if (ops == NULL) {
         const struct v2v_network_ops *network = NULL;
-        V2V_TRY(v2v_step_network(session, &network, given->weights));
+        V2V_TRY(v2v_step_network(session, &network, given->weights, 0));
         tools->ops = v2v_estimator_of_network(network);
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
