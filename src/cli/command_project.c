@@ -54,7 +54,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         v2v_watchdog_beat("project: a frame");
         rc = v2v_volume_read(volume, p.slices, t, p.mine.first, p.mine.count);
         V2V_TRY(v2v_par_agree(session->world, rc));
-        v2v_projection_forward(&p, info.views);
+        V2V_TRY(v2v_projection_forward(&p));
         if (scratch != NULL) {
             v2v_calibration_distort(p.views, scratch, calibration);
         }
@@ -95,7 +95,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_scaling_apply(&as_it_is, p.views, psf->views * p.pixels);
-        v2v_projection_adjoint(&p, psf->views);
+        V2V_TRY(v2v_projection_adjoint(&p));
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
         v2v_progress_step(&progress, t + 1, NULL);
     }

@@ -123,7 +123,7 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
         V2V_TRY(v2v_par_agree(work->session->world, rc));
         work->saturated += v2v_saturated_pixels(work->views, samples);
         v2v_scaling_apply(&work->scaling, work->views, samples);
-        v2v_projection_forward(p, work->psf.views);
+        V2V_TRY(v2v_projection_forward(p));
         match(work, t);
     }
 done:

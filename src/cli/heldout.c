@@ -98,9 +98,10 @@ done:
 }
 
 /* Views that output `o` did not see, as its volume [z,padded y,padded x] shows them. */
-static void judge_output(struct trial *trial, const struct v2v_estimator *estimator, int o,
-                         const float *volume, struct v2v_projection *projection)
+static enum v2v_status judge_output(struct trial *trial, const struct v2v_estimator *estimator,
+                                    int o, const float *volume, struct v2v_projection *projection)
 {
+    enum v2v_status rc = V2V_OK;
     const int64_t height = trial->problem.height, width = trial->problem.width;
     const struct v2v_output *output = &estimator->output[o];
     const int64_t folds = v2v_left_out_folds(trial->psf.views);
@@ -110,13 +111,15 @@ static void judge_output(struct trial *trial, const struct v2v_estimator *estima
                volume + (z * estimator->height + y) * estimator->width,
                (size_t)width * sizeof *volume);
     }
-    v2v_projection_forward(projection, trial->psf.views);
+    V2V_TRY(v2v_projection_forward(projection));
     for (int64_t i = 0; i < output->count; i++) {
         const int64_t v = output->held_out[i];
         if (is_judged(v % folds, folds)) {
             judge(trial, v, projection->views + v * height * width);
         }
     }
+done:
+    return rc;
 }
 
 /* All outputs of a network. */
@@ -139,7 +142,7 @@ static enum v2v_status judge_outputs(struct trial *trial)
     V2V_TRY(trial->ops->run(estimator, volume, padded, NULL));
     V2V_TRY(v2v_projection_init(&projection, trial->session, &trial->psf, height, width));
     for (int o = 0; o < MOST && volume[o] != NULL; o++) {
-        judge_output(trial, estimator, o, volume[o], &projection);
+        V2V_TRY(judge_output(trial, estimator, o, volume[o], &projection));
     }
 done:
     for (int o = 0; o < MOST; o++) {

@@ -1,18 +1,14 @@
 #include "cli/projection.h"
 
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/cost.h"
 
-static enum v2v_status take_memory(struct v2v_projection *projection, int64_t views, int64_t width)
+static enum v2v_status take_memory(struct v2v_projection *projection, int64_t views)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_projector_share share = v2v_projector_share(projection->projector);
     V2V_TRY(V2V_ALLOC(projection->slices, "cli.slices",
                       v2v_mem_product(projection->mine.count, projection->pixels, 1)));
-    V2V_TRY(V2V_ALLOC(projection->volume, "cli.volume",
-                      v2v_mem_product(share.slices.count, share.rows.count, width)));
-    V2V_TRY(V2V_ALLOC(projection->rows, "cli.views",
-                      v2v_mem_product(views, share.view_rows.count, width)));
     V2V_TRY(
         V2V_ALLOC(projection->views, "cli.views", v2v_mem_product(views, projection->pixels, 1)));
 done:
@@ -30,38 +26,36 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
         .pixels = height * width};
     V2V_TRY(v2v_projector_choose_split(&split, &session->config, psf, height, width, psf->views,
                                        session->world));
-    V2V_TRY(
-        v2v_projector_create(&projection->projector, psf, height, width, split, session->world));
-    projection->mine = v2v_projector_slices(projection->projector);
-    V2V_TRY(v2v_par_agree(session->world, take_memory(projection, psf->views, width)));
+    projection->mine =
+        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    V2V_TRY(v2v_par_agree(session->world, take_memory(projection, psf->views)));
+    V2V_TRY(v2v_grouped_create(&projection->grouped, psf, height, width, split, INT64_MAX,
+                               session->world));
+    const int64_t together = v2v_grouped_together(projection->grouped);
+    if (together < psf->views) {
+        v2v_log(V2V_LOG_INFO, "spectra of %lld views of %lld at a time fit the memory",
+                (long long)together, (long long)psf->views);
+    }
 done:
     return rc;
 }
 
 void v2v_projection_fini(struct v2v_projection *projection)
 {
-    v2v_projector_destroy(&projection->projector);
+    v2v_grouped_destroy(&projection->grouped);
     v2v_mem_free(projection->slices);
-    v2v_mem_free(projection->volume);
-    v2v_mem_free(projection->rows);
     v2v_mem_free(projection->views);
     *projection = (struct v2v_projection){0};
 }
 
-void v2v_projection_forward(struct v2v_projection *projection, int64_t views)
+enum v2v_status v2v_projection_forward(struct v2v_projection *projection)
 {
-    struct v2v_projector *projector = projection->projector;
-    v2v_projector_from_slices(projector, projection->volume, projection->slices);
-    v2v_projector_forward(projector, projection->rows, projection->volume, NULL, views,
-                          projection->scale);
-    v2v_projector_gather_views(projector, projection->views, projection->rows, views);
+    return v2v_grouped_forward(projection->grouped, projection->views, projection->slices,
+                               projection->scale);
 }
 
-void v2v_projection_adjoint(struct v2v_projection *projection, int64_t views)
+enum v2v_status v2v_projection_adjoint(struct v2v_projection *projection)
 {
-    struct v2v_projector *projector = projection->projector;
-    v2v_projector_cut_views(projector, projection->rows, projection->views, views);
-    v2v_projector_adjoint(projector, projection->volume, projection->rows, NULL, views,
-                          projection->scale);
-    v2v_projector_to_slices(projector, projection->slices, projection->volume);
+    return v2v_grouped_adjoint(projection->grouped, projection->slices, projection->views,
+                               projection->scale);
 }

@@ -3,20 +3,19 @@
 
 #include "cli/command.h"
 #include "v2v3d/io/psf_file.h"
-#include "v2v3d/optics/projector.h"
+#include "v2v3d/optics/grouped.h"
 
 /** A projector with the arrays that it works on. */
 struct v2v_projection {
-    struct v2v_projector *projector;
+    struct v2v_grouped *grouped;
     float scale;          /**< as psf.reduce says */
     struct v2v_part mine; /**< slices of this rank, as files have them */
     int64_t pixels;       /**< of a frame */
     float *slices;        /**< [mine.count,y,x] */
     float *views;         /**< [v,y,x] */
-    float *volume, *rows; /**< what the projector holds of both */
 };
 
-/** Plan for frames of [height,width], scaled as psf.reduce says.
+/** Plan for frames of [height,width], scaled as psf.reduce says. The PSFs are borrowed until the end.
  *  @kind Collective(world), agreed; v2v_projection_fini after both */
 enum v2v_status v2v_projection_init(struct v2v_projection *projection,
                                     const struct v2v_session *session,
@@ -24,8 +23,9 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
                                     int64_t width) V2V_MUST_CHECK;
 void v2v_projection_fini(struct v2v_projection *projection);
 
-/** `views`, on all ranks, from all ranks' `slices`; and the adjoint. @kind Collective(world) */
-void v2v_projection_forward(struct v2v_projection *projection, int64_t views);
-void v2v_projection_adjoint(struct v2v_projection *projection, int64_t views);
+/** `views`, on all ranks, from all ranks' `slices`; and the adjoint.
+ *  @kind Collective(world), agreed */
+enum v2v_status v2v_projection_forward(struct v2v_projection *projection) V2V_MUST_CHECK;
+enum v2v_status v2v_projection_adjoint(struct v2v_projection *projection) V2V_MUST_CHECK;
 
 #endif

@@ -3,20 +3,18 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/calibration.h"
-#include "v2v3d/optics/projector.h"
+#include "v2v3d/optics/grouped.h"
 #include "v2v3d/par/watchdog.h"
 
 struct v2v_simulator {
     const struct v2v_comm *comm;
-    struct v2v_projector *projector;
+    struct v2v_grouped *projector;
     const struct v2v_calibration *calibration; /* NULL: none */
     struct v2v_part slices;                    /* of this rank, to project */
-    int64_t row_pixels;                        /* of a view, of this rank */
     struct v2v_part mine;                      /* views of this rank, to write */
     int64_t depth, views, height, width;
     int64_t pixels; /* of one view */
     float *slab;    /* [slices of this rank,y,x] */
-    float *rows;    /* [v, rows of this rank, x] */
     float *clean;   /* [v,y,x] */
     float *noisy;   /* [views of this rank,y,x] */
     float *scratch; /* [y,x] */
@@ -34,7 +32,6 @@ static enum v2v_status take_memory(struct v2v_simulator *simulator)
     enum v2v_status rc = V2V_OK;
     const int64_t pixels = simulator->pixels, views = simulator->views;
     V2V_TRY(V2V_ALLOC(simulator->slab, "sim.slices", simulator->slices.count * pixels));
-    V2V_TRY(V2V_ALLOC(simulator->rows, "sim.views", views * simulator->row_pixels));
     V2V_TRY(V2V_ALLOC(simulator->clean, "sim.views", views * pixels));
     V2V_TRY(V2V_ALLOC(simulator->scratch, "sim.distorted", pixels));
     V2V_TRY(V2V_ALLOC(simulator->noisy, "sim.noisy", simulator->mine.count * pixels));
@@ -62,12 +59,11 @@ enum v2v_status v2v_simulator_create(struct v2v_simulator **simulator,
     fresh->height = height;
     fresh->width = width;
     fresh->pixels = height * width;
-    V2V_TRY(v2v_projector_create(&fresh->projector, psf, height, width, V2V_SPLIT_SLICES, comm));
-    const struct v2v_projector_share share = v2v_projector_share(fresh->projector);
-    fresh->slices = share.slices;
-    fresh->row_pixels = share.view_rows.count * width;
     fresh->mine = v2v_par_part(psf->views, v2v_comm_size(comm), v2v_comm_rank(comm));
+    fresh->slices = v2v_par_part(psf->slices, v2v_comm_size(comm), v2v_comm_rank(comm));
     V2V_TRY(v2v_par_agree(comm, take_memory(fresh)));
+    V2V_TRY(v2v_grouped_create(&fresh->projector, psf, height, width, V2V_SPLIT_SLICES, INT64_MAX,
+                               comm));
     *simulator = fresh;
     fresh = NULL;
 done:
@@ -84,9 +80,8 @@ void v2v_simulator_destroy(struct v2v_simulator **simulator)
     v2v_mem_free(old->noisy);
     v2v_mem_free(old->scratch);
     v2v_mem_free(old->clean);
-    v2v_mem_free(old->rows);
     v2v_mem_free(old->slab);
-    v2v_projector_destroy(&old->projector);
+    v2v_grouped_destroy(&old->projector);
     v2v_mem_free(old);
     *simulator = NULL;
 }
@@ -182,10 +177,7 @@ static enum v2v_status project_frame(struct v2v_simulator *simulator,
                                  slices.count));
         V2V_TRY(v2v_volume_mark_done(truth, t, simulator->comm));
     }
-    v2v_projector_forward(simulator->projector, simulator->rows, simulator->slab, NULL,
-                          simulator->views, 1.0f);
-    v2v_projector_gather_views(simulator->projector, simulator->clean, simulator->rows,
-                               simulator->views);
+    V2V_TRY(v2v_grouped_forward(simulator->projector, simulator->clean, simulator->slab, 1.0f));
     if (simulator->calibration != NULL) {
         v2v_calibration_distort(simulator->clean, simulator->scratch, simulator->calibration);
     }

@@ -1,0 +1,208 @@
+/* Samples of networks that are taught by examples of other kinds than lessons: what goes in and what
+ * should come out are of the same place and frame, however they are mirrored. */
+#include "small_run.h"
+
+#include "train/sampler.h"
+#include "v2v3d/base/log.h"
+
+#include <string.h>
+
+enum { CROP = 32, PIXELS = CROP * CROP, CODE = 32768, DRAWN = 60 };
+enum { OF_FRAMES = 1, GAIN = 2 };
+
+static float images[(VIEWS + SLICES) * PIXELS];
+
+/* Frame, image and place of a sample, exact in float32. */
+static float code(int t, int64_t i)
+{
+    return (float)(t * CODE + i);
+}
+
+struct place {
+    int64_t t, image, y, x;
+};
+
+static struct place decode(float value)
+{
+    const int64_t all = (int64_t)value, i = all % CODE;
+    return (struct place){all / CODE, i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
+}
+
+/* A tilt along y (views 1 and 2) and one along x (3 and 4): each axis' flip exchanges its pair. */
+static void make_symmetric(struct v2v_psf_file *psf)
+{
+    static const int tilt_y[VIEWS] = {0, 1, -1, 0, 0}, tilt_x[VIEWS] = {0, 0, 0, 1, -1};
+    memset(psf->data, 0, VIEWS * SLICES * KERNEL * KERNEL * sizeof *psf->data);
+    for (int v = 0; v < VIEWS; v++) {
+        for (int z = 0; z < SLICES; z++) {
+            int y = KERNEL / 2 + tilt_y[v] * (z - 1), x = KERNEL / 2 + tilt_x[v] * (z - 1);
+            psf->data[((v * SLICES + z) * KERNEL + y) * KERNEL + x] = 1.0f;
+        }
+    }
+}
+
+static const int64_t partner[2][VIEWS] = {{0, 2, 1, 3, 4}, {0, 1, 2, 4, 3}};
+
+static void setup(struct scene *scene)
+{
+    v2v_log_configure(V2V_LOG_WARNING, 0);
+    scene_init(scene, test_folder(NULL), 1, NULL);
+    make_symmetric(&scene->psf);
+    scene->config.input.offset = (struct v2v_number){V2V_NUMBER_NONE, 0.0};
+    scene->config.input.gain = (struct v2v_number){V2V_NUMBER_GIVEN, GAIN};
+    scene_record(scene, "recording.h5", code);
+}
+
+/* Coded as the recording is, slices in the place of views. */
+static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames, int64_t slices)
+{
+    static float volume[(SLICES + 1) * SIDE * SIDE];
+    char path[PATH];
+    struct v2v_volume_writer *writer = NULL;
+    struct v2v_volume *truth = NULL;
+    const struct v2v_volume_info info = {
+        .frames = frames, .slices = slices, .height = SIDE, .width = SIDE};
+    snprintf(path, sizeof path, "%s/truth.h5", scene->folder);
+    assert_ok(v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, scene->comm));
+    for (int t = 0; t < frames; t++) {
+        for (int64_t i = 0; i < slices * SIDE * SIDE; i++) {
+            volume[i] = code(t, i);
+        }
+        assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, volume, t, 0, slices));
+    }
+    assert_ok(v2v_volume_finish(&writer));
+    assert_ok(v2v_volume_open(&truth, path, NULL, scene->comm));
+    return truth;
+}
+
+/* The flips of a sample, as bits, told by its first view; then all pixels must agree with them.
+ * @param still the truth has one frame, for all */
+static int check_pair(int still)
+{
+    const struct place first = decode(images[0] / GAIN), last = decode(images[PIXELS - 1] / GAIN);
+    const int flip[2] = {first.y > last.y, first.x > last.x};
+    for (int64_t i = 0; i < (VIEWS + SLICES) * PIXELS; i++) {
+        const struct place at = decode(images[i] / GAIN);
+        const int64_t y = i / CROP % CROP, x = i % CROP;
+        int64_t image = i / PIXELS;
+        assert_int_equal(at.y, flip[0] ? first.y - y : first.y + y);
+        assert_int_equal(at.x, flip[1] ? first.x - x : first.x + x);
+        if (image < VIEWS) {
+            image = flip[0] ? partner[0][image] : image;
+            image = flip[1] ? partner[1][image] : image;
+            assert_int_equal(at.t, first.t);
+        } else {
+            image -= VIEWS;
+            assert_int_equal(at.t, still ? 0 : first.t);
+        }
+        assert_int_equal(at.image, image);
+    }
+    return flip[0] | flip[1] << 1;
+}
+
+static void check_truths(int64_t frames)
+{
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    unsigned seen = 0;
+    setup(&scene);
+    struct v2v_volume *truth = write_truth(&scene, frames, SLICES);
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    job.truths = &truth;
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL));
+    assert_int_equal(v2v_sampler_images(sampler), VIEWS + SLICES);
+    for (int64_t step = 0; step < DRAWN; step++) {
+        assert_ok(v2v_sampler_draw(sampler, images, step, 0));
+        seen |= 1u << check_pair(frames == OF_FRAMES);
+    }
+    assert_int_equal(seen, 15); /* all four ways to mirror */
+    v2v_sampler_destroy(&sampler);
+    v2v_volume_close(&truth);
+    scene_fini(&scene);
+}
+
+static void views_and_their_volume_are_cut_and_mirrored_together(void **state)
+{
+    (void)state;
+    check_truths(FRAMES);
+}
+
+static void a_volume_of_one_frame_is_that_of_all(void **state)
+{
+    (void)state;
+    check_truths(OF_FRAMES);
+}
+
+static void a_volume_of_other_slices_is_refused(void **state)
+{
+    (void)state;
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    setup(&scene);
+    struct v2v_volume *truth = write_truth(&scene, FRAMES, SLICES + 1);
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    job.truths = &truth;
+    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL),
+                     V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "truth 1"));
+    v2v_volume_close(&truth);
+    scene_fini(&scene);
+}
+
+/* One frame in, the next one out, of one view, wherever the first lies. */
+static void odd_frames_go_in_and_even_ones_should_come_out(void **state)
+{
+    (void)state;
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    unsigned views = 0;
+    setup(&scene);
+    scene.config.deepcad.frames = FRAMES / 2;
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL));
+    assert_int_equal(v2v_sampler_images(sampler), FRAMES);
+    for (int64_t step = 0; step < DRAWN; step++) {
+        assert_ok(v2v_sampler_draw(sampler, images, step, 0));
+        for (int64_t i = 0; i < PIXELS; i++) {
+            const struct place in = decode(images[i] / GAIN);
+            const struct place out = decode(images[PIXELS + i] / GAIN);
+            assert_int_equal(in.t, 0);
+            assert_int_equal(out.t, 1);
+            assert_true(in.image == out.image && in.y == out.y && in.x == out.x);
+            views |= 1u << in.image;
+        }
+    }
+    assert_int_equal(views, (1u << VIEWS) - 1);
+    v2v_sampler_destroy(&sampler);
+    scene_fini(&scene);
+}
+
+static void recordings_with_too_few_frames_are_refused(void **state)
+{
+    (void)state;
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    setup(&scene);
+    scene.config.deepcad.frames = FRAMES / 2 + 1;
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL),
+                     V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "takes 4 or more"));
+    scene_fini(&scene);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(views_and_their_volume_are_cut_and_mirrored_together),
+        cmocka_unit_test(a_volume_of_one_frame_is_that_of_all),
+        cmocka_unit_test(a_volume_of_other_slices_is_refused),
+        cmocka_unit_test(odd_frames_go_in_and_even_ones_should_come_out),
+        cmocka_unit_test(recordings_with_too_few_frames_are_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
