@@ -125,7 +125,7 @@ const struct v2v_key v2v_key_table[] = {
          "band: as fine as needed; pixel: one a pixel, what is finer folds", "band", "pixel"),
     WORD(optics, normalize, V2V_OPTICS_NORMALIZE_VIEW, "what sums to 1", "view", "slice", "none"),
 
-    NAME(model, method, "v2v", "network to train: v2v (the paper's), backconv or unrolled"),
+    NAME(model, method, "v2v", "to train: v2v (the paper's), backconv, unrolled, vcdnet, deepcad"),
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),
     WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),
@@ -140,6 +140,13 @@ const struct v2v_key v2v_key_table[] = {
     BOOL(model, homogeneous, 0, "views s times as bright give s times the volume, frame by frame"),
 
     WHOLE(backconv, width, 1, 1024, 32, "channels between the three convolutions"),
+
+    WHOLE(vcdnet, width, 1, 1024, 64, "channels of the U-Net's first level"),
+    WHOLE(vcdnet, levels, 1, 6, 4, "of the U-Net: each has half the sides, twice the channels"),
+
+    WHOLE(deepcad, width, 1, 1024, 16, "channels of the U-Net's first level"),
+    WHOLE(deepcad, levels, 1, 6, 4, "of the U-Net: each has half the sides, twice the channels"),
+    WHOLE(deepcad, frames, 1, 4096, 32, "seen at once, a multiple of 2^(levels - 1)"),
 
     WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),
     V2V_LOSS_VIEW_TERMS(TERM)

@@ -1,7 +1,9 @@
 #include "v2v3d/method/networks.h"
 
 #include "method/backconv.h"
+#include "method/deepcad.h"
 #include "method/depth_net.h"
+#include "method/vcdnet.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/v2v/network.h"
@@ -11,7 +13,8 @@
 
 /* One row a network. */
 static const struct v2v_network_ops *const networks[] = {&v2v_network_v2v, &v2v_network_backconv,
-                                                         &v2v_network_depth_net};
+                                                         &v2v_network_depth_net,
+                                                         &v2v_network_vcdnet, &v2v_network_deepcad};
 
 enum { NETWORKS = sizeof networks / sizeof *networks };
 

@@ -15,7 +15,7 @@ struct v2v_trainer {
     const struct v2v_network_ops *ops;
     struct v2v_network *network;
     struct v2v_projector *projector; /* lent to the loss and to the network */
-    struct v2v_loss *loss; /* by views; both NULL where there are examples */
+    struct v2v_loss *loss;           /* by views; both NULL where there are examples */
     struct v2v_volume_loss volume_loss;
     float *m, *v;   /* Adam's moments, as the network's fields */
     float *average; /* running mean of the weights, likewise; NULL: not wanted */

@@ -20,6 +20,7 @@ struct scene {
     struct v2v_config config;
     struct v2v_psf_file psf;
     struct v2v_recording *recording;
+    struct v2v_volume *truth; /* NULL until scene_truth */
     struct v2v_comm *comm;
     const char *folder;
     int64_t height, width; /* of the frames to record */
@@ -74,6 +75,30 @@ static inline void scene_record(struct scene *scene, const char *name,
     assert_ok(v2v_recording_open(&scene->recording, path, &input, scene->comm));
 }
 
+/** Write a volume for each frame, whose voxels `sample` gives, and open it. */
+static inline void scene_truth(struct scene *scene, float (*sample)(int t, int64_t i))
+{
+    char path[PATH];
+    struct v2v_volume_writer *writer = NULL;
+    const struct v2v_volume_info info = {
+        .frames = FRAMES, .slices = SLICES, .height = scene->height, .width = scene->width};
+    const int64_t voxels = SLICES * scene->height * scene->width;
+    float *volume = NULL;
+    snprintf(path, sizeof path, "%s/truth.h5", scene->folder);
+    assert_ok(V2V_ALLOC(volume, "test", voxels));
+    assert_ok(v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, scene->comm));
+    for (int t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < voxels; i++) {
+            volume[i] = sample(t, i);
+        }
+        assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, volume, t, 0,
+                                   v2v_comm_rank(scene->comm) == 0 ? SLICES : 0));
+    }
+    assert_ok(v2v_volume_finish(&writer));
+    v2v_mem_free(volume);
+    assert_ok(v2v_volume_open(&scene->truth, path, NULL, scene->comm));
+}
+
 /** Optics and settings; the recording follows. */
 static inline void scene_init(struct scene *scene, const char *folder, int64_t batch,
                               struct v2v_comm *comm)
@@ -94,6 +119,7 @@ static inline void scene_init(struct scene *scene, const char *folder, int64_t b
 static inline void scene_fini(struct scene *scene)
 {
     v2v_recording_close(&scene->recording);
+    v2v_volume_close(&scene->truth);
     v2v_psf_file_fini(&scene->psf);
     assert_int_equal(v2v_mem_held(), scene->held);
 }
@@ -105,6 +131,7 @@ static inline struct v2v_train_job scene_job(struct scene *scene, char *run, con
     return (struct v2v_train_job){.config = &scene->config,
                                   .psf = &scene->psf,
                                   .recordings = &scene->recording,
+                                  .truths = scene->truth != NULL ? &scene->truth : NULL,
                                   .recording_count = 1,
                                   .folder = run};
 }

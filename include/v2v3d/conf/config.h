@@ -236,6 +236,13 @@ struct v2v_config {
     struct {
         int64_t width; /**< channels between its layers */
     } backconv;
+    struct {
+        int64_t width, levels; /**< of the U-Net */
+    } vcdnet;
+    struct {
+        int64_t width, levels; /**< of the U-Net */
+        int64_t frames;        /**< that it sees at once, a multiple of 1 << (levels - 1) */
+    } deepcad;
     struct v2v_loss_settings loss;
     struct v2v_train_settings train;
     struct v2v_recon_settings recon;

@@ -112,9 +112,10 @@ struct v2v_network {
     const struct v2v_network_ops *ops;
     struct v2v_schema schema;
     struct v2v_output output[V2V_NETWORK_MOST_OUTPUTS];
-    int64_t views, slices;
+    int64_t views;
     int64_t inputs;   /**< images [inputs,y,x] that forward takes: the views, unless method's create
                            says otherwise */
+    int64_t slices;   /**< that it makes [slices,y,x], likewise */
     unsigned held;    /**< outputs of this rank, as bits */
     float *weights;   /**< [schema.fields.total] the method's memory */
     float *gradients; /**< likewise, after a plan for training */

@@ -46,6 +46,9 @@ static void every_network_trains_on_any_ranks_to_the_same_loss(void **state)
     struct scene scene;
     scene_init(&scene, test_folder(test_world()), 3, test_world());
     scene_record(&scene, "recording.h5", scene_wave);
+    scene_truth(&scene, scene_wave);
+    scene.config.vcdnet.width = scene.config.deepcad.width = 4;
+    scene.config.deepcad.levels = scene.config.deepcad.frames = FRAMES / 2;
     scene.config.train.learning_rate = 1e-4;
     scene.config.train.average = 0.9;
     for (int64_t i = 0; i < v2v_network_count(); i++) {

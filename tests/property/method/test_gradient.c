@@ -90,17 +90,20 @@ static void set_weights(struct v2v_network *network, double lift)
 static int setup(struct trial *t, const struct v2v_network_ops *ops, const struct way *way,
                  const struct smoothness *smoothness)
 {
-    *t =
-        (struct trial){.smoothness = smoothness,
-                       .psf = {.views = VIEWS, .slices = SLICES, .height = KERNEL, .width = KERNEL},
-                       .voxels = SLICES * way->height * WIDTH};
-    if ((way->slabs > 1 && (ops->traits & V2V_TRAIT_SLABS) == 0) ||
+    *t = (struct trial){
+        .smoothness = smoothness,
+        .psf = {.views = VIEWS, .slices = SLICES, .height = KERNEL, .width = KERNEL}};
+    const unsigned all = (1u << ops->outputs) - 1;
+    if ((way->slabs > 1 && (ops->traits & V2V_TRAIT_SLABS) == 0) || (way->outputs & all) == 0 ||
         (ops->traits & V2V_TRAIT_CORRECTS) != 0) {
         return 0;
     }
     v2v_config_defaults(&t->config);
     t->config.model.width = 4;
     t->config.backconv.width = 8;
+    t->config.vcdnet.width = t->config.deepcad.width = 4;
+    t->config.vcdnet.levels = t->config.deepcad.levels = 2;
+    t->config.deepcad.frames = 4;
     for (int i = 0; i < 2 && way->settings[i] != NULL; i++) {
         assert_ok(v2v_config_set(&t->config, way->settings[i]));
     }
@@ -114,6 +117,7 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
                                           .slabs = way->slabs};
     assert_ok(v2v_network_create(&t->network, ops->name, &spec));
     set_weights(t->network, smoothness->lift);
+    t->voxels = t->network->slices * way->height * WIDTH;
     t->images = draw(t->network->inputs * way->height * WIDTH, 2, 1.0, 0.3);
     if (ops->traits & V2V_TRAIT_PROJECTS) {
         assert_ok(v2v_projector_create(&t->projector, &t->psf, way->height, WIDTH, V2V_SPLIT_SLICES,
@@ -225,7 +229,7 @@ static const char *fault_of(struct trial *t, const struct test_argument *argumen
         .backward = backward,
         .step = 0x1p-6,
         .rounding = test_rounding(terms),
-        .backward_rounding = test_rounding(terms + (double)(t->voxels / SLICES)),
+        .backward_rounding = test_rounding(terms + (double)(t->voxels / t->network->slices)),
         .elements = t->smoothness->elements,
         .sees = t->smoothness->sees,
         .kinks = t->smoothness->kinks});

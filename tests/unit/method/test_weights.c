@@ -26,6 +26,10 @@ static int configure(void **state)
     config.model.features = 2;
     config.model.volume_scale = 0.1;
     config.backconv.width = 6;
+    config.vcdnet.width = 3;
+    config.vcdnet.levels = 2;
+    config.deepcad.width = 2;
+    config.deepcad.levels = 3;
     return 0;
 }
 
@@ -154,8 +158,10 @@ static void a_strangers_file_is_known_by_names_and_shapes(void **state)
     for (int64_t i = 0; i < v2v_network_count(); i++) {
         const char *method = v2v_network_at(i)->name;
         struct v2v_weights made = make(method), found;
-        hints.views = strcmp(method, "v2v") == 0 ? 0 : VIEWS; /* which its shapes tell */
-        hints.slices = strcmp(method, "unrolled") == 0 ? SLICES : 0;
+        /* what shapes tell */
+        hints.views = strcmp(method, "v2v") == 0 || strcmp(method, "vcdnet") == 0 ? 0 : VIEWS;
+        hints.slices =
+            strcmp(method, "unrolled") == 0 || strcmp(method, "deepcad") == 0 ? SLICES : 0;
         for (int p = 0; p < 3; p++) {
             write_plain(&made, prefixes[p], -1, "");
             assert_string_equal(v2v_weights_method(path, hints.config), method);

@@ -53,7 +53,7 @@ static void setup(struct scene *scene)
     scene_record(scene, "recording.h5", code);
 }
 
-/* Coded as the recording is, slices in the place of views. */
+/* Coded as the recording is, slices in the place of views; of any number of frames and slices. */
 static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames, int64_t slices)
 {
     static float volume[(SLICES + 1) * SIDE * SIDE];
