@@ -22,6 +22,8 @@ folder=$(realpath -m "$2")
 shift 2
 shared=${V2V_SHARED:-$(sed -n 's/^V2V_SHARED:PATH=//p' "$(dirname "$program")/CMakeCache.txt" 2>/dev/null || true)}
 results=$folder/results.tsv
+# shellcheck source=tests/bench/common.sh
+. "$root/tests/bench/common.sh"
 
 # name | in --quick | minutes of training | arguments of train | row of `v2v3d bench --methods`
 methods='
@@ -62,10 +64,6 @@ usage() {
     exit 2
 }
 
-say() {
-    printf 'pareto.sh: %s\n' "$*" >&2
-}
-
 quick='' scenes='' noises='' wanted='*' minutes_instead='' report='' options=()
 psf=$shared/psf/2psam volumes=$shared/volumes
 while [[ $# -gt 0 ]]; do
@@ -91,25 +89,8 @@ if [[ -z $noises ]]; then
     [[ -z $quick ]] || noises=gaussian:0.2
 fi
 
-volume_of() { # SCENE
-    local file
-    for file in "$volumes/$1.tif" "$volumes/$1.h5"; do
-        [[ ! -e $file ]] || { echo "$file" && return; }
-    done
-    say "there is no $volumes/$1.tif or .h5"
-    return 1
-}
-
 is_wanted() { # NAME, and its word for --quick
-    local pattern IFS=,
-    [[ -z $quick || $2 == quick ]] || return 1
-    set -f
-    for pattern in $wanted; do
-        # shellcheck disable=SC2053 # it is a pattern
-        [[ $1 != $pattern ]] || { set +f && return 0; }
-    done
-    set +f
-    return 1
+    [[ -z $quick || $2 == quick ]] && matches "$1" "$wanted"
 }
 
 is_done() { # SCENE NOISE METHOD
@@ -141,22 +122,13 @@ estimate() {
     done | awk '{ all += $1 } END { printf "%d", all + 0.5 }'
 }
 
-# Seconds of the whole command; the configuration's files are named from the repository's root. That
-# training is to go on where its time is over (85) is fine.
+# The configuration's files are named from the repository's root.
 train() { # MINUTES ARGUMENTS
-    local words began=$EPOCHREALTIME code=0
+    local words
     read -r -a words <<<"$2"
-    (cd "$root" && "$program" train "${words[@]}" --max-time \
+    cd "$root" && timed_training "$program" train "${words[@]}" --max-time \
         "$(awk -v "m=$1" 'BEGIN { printf "%ds", m * 60 }')" --psf "$psf" \
-        --input "$folder/recording.h5" -o "$folder/run" --force --quiet "${options[@]}") || code=$?
-    [[ $code -eq 0 || $code -eq 85 ]] || return "$code"
-    awk -v "a=$began" -v "b=$EPOCHREALTIME" 'BEGIN { printf "%.2f", b - a }'
-}
-
-# A text as it is, a number shortened.
-value_of() { # NAME JSON
-    sed -n "s/.*\"$1\": \"\{0,1\}\([^\",}]*\).*/\1/p" <<<"$2" |
-        awk '/^-?[0-9.]+(e[-+]?[0-9]+)?$/ { $0 = sprintf("%.6g", $0) } { print }'
+        --input "$folder/recording.h5" -o "$folder/run" --force --quiet "${options[@]}"
 }
 
 # Rows of one training, or without any: standard input, as `missing` prints them.
@@ -219,11 +191,10 @@ run_all() {
         return 1
     fi
     if [[ -z $scenes ]]; then
-        scenes=$(find "$volumes" \( -name '*.tif' -o -name '*.h5' \) -printf '%f\n' |
-            sed 's/\.[^.]*$//' | sort)
+        scenes=$(volume_names)
         [[ -z $quick ]] || scenes='nuclei fibres'
     fi
-    slices=$("$program" info "$psf" --json | sed -n 's/.*"slices": \([0-9]*\).*/\1/p')
+    slices=$(slices_of "$psf")
     say "about $(estimate) minutes to go"
     for noise in $noises; do
         for scene in $scenes; do
@@ -300,26 +271,6 @@ summarize() {
                 if (n == recordings)
                     print m, all[m], exp(alone[m] / n), mean[m], front >points
             }
-        }' "$results"
-}
-
-# What the table is of.
-describe() {
-    awk -F '\t' '
-        function add(list, word) {
-            return index(", " list ", ", ", " word ", ") ? list : list (list == "" ? "" : ", ") word
-        }
-        NR > 1 && $4 != "-" {
-            scenes = add(scenes, $1)
-            threads = add(threads, $11)
-            commits = add(commits, $12)
-            processors = add(processors, $13)
-            least = least == "" || $14 < least ? $14 : least
-            most = $14 > most ? $14 : most
-        }
-        END {
-            printf "Commit %s; %s; threads: %s; load %s to %s. Scenes: %s.\n", commits, processors,
-                threads, least, most, scenes
         }' "$results"
 }
 
