@@ -15,13 +15,14 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { SETTINGS = 3 };
+enum { SETTINGS = 3, CROP = 128 * 128 };
 
 /* A method: settings over the configuration, and what it needs to differ from others. */
 struct method {
     const char *name;
     const char *setting[SETTINGS];
     int64_t views, frames; /* at least */
+    int64_t pixels;        /* of a frame, at most; 0: any */
     unsigned traits;       /* of the network */
 };
 
@@ -45,6 +46,12 @@ static const struct method deconvolvers[] = {
     {.name = "tv-neighbours",
      .setting = {"deconv.method=tv", "deconv.tolerance=5e-3", "recon.neighbours=5"},
      .frames = 2},
+    {.name = "diner-100",
+     .setting = {"deconv.method=diner", "deconv.iterations=100"},
+     .pixels = CROP},
+    {.name = "diner-1000",
+     .setting = {"deconv.method=diner", "deconv.iterations=1000"},
+     .pixels = CROP},
 };
 
 /* Of each weight file. */
@@ -65,7 +72,7 @@ enum {
 struct bench {
     const struct v2v_bench_methods *given;
     const struct v2v_session *session;
-    int64_t views, frames; /* of the recording */
+    int64_t views, frames, pixels; /* of the recording */
     char folder[V2V_PATH_BYTES], volume[V2V_PATH_BYTES];
 };
 
@@ -105,6 +112,7 @@ static int can_run(const struct bench *bench, const struct method *method,
 {
     const unsigned traits = network != NULL ? network->traits : 0;
     return bench->views >= method->views && bench->frames >= method->frames &&
+           (method->pixels == 0 || bench->pixels <= method->pixels) &&
            (traits & method->traits) == method->traits &&
            (!(method->traits & V2V_TRAIT_BF16) || v2v_op_bf16() >= V2V_BF16_NATIVE);
 }
@@ -214,7 +222,9 @@ static enum v2v_status prepare(struct bench *bench)
     V2V_TRY(v2v_step_psf(bench->session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(bench->session, &recording, given->input, &psf));
     bench->views = psf.views;
-    bench->frames = v2v_recording_info(recording)->frames;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    bench->frames = info->frames;
+    bench->pixels = info->height * info->width;
     V2V_TRY(v2v_text_format(bench->folder, sizeof bench->folder, "%s/v2v3d-bench.XXXXXX",
                             folder != NULL ? folder : "/tmp"));
     if (mkdtemp(bench->folder) == NULL) {

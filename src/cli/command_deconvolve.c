@@ -4,11 +4,13 @@ static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
     V2V_OPTION_RECORDINGS,
     V2V_OPTION_VOLUMES_OUTPUT("volume to write: .h5, .tif or .ome.tif"),
-    V2V_OPTION_SET("method", "deconv.method", "tv|rl|rld|frl",
+    V2V_OPTION_SET("method", "deconv.method", "tv|rl|rld|frl|diner",
                    "total variation (default); A'(y / Ax) / A'1 of all views at once, or of one "
-                   "after the other; or A'y / A'Ax"),
-    V2V_OPTION_SET("iterations", "deconv.iterations", "N",
-                   "at most; 0: rl 30, rld and frl 10, tv until it stands still, 500 at most"),
+                   "after the other; A'y / A'Ax; an implicit field, for small frames"),
+    V2V_OPTION_SET(
+        "iterations", "deconv.iterations", "N",
+        "at most; 0: rl 30, rld and frl 10, diner 1000, tv until it stands still, 500 at "
+        "most"),
     V2V_OPTION_SET("stop", "deconv.stop", "fixed|heldout",
                    "rl, rld, frl: after N iterations, or when views held out are predicted no "
                    "better"),

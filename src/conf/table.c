@@ -190,8 +190,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(recon, neighbours, 0, 1000, 0,
           "frames on either side whose views are averaged in where nothing but brightness changed"),
 
-    NAME(deconv, method, "tv", "tv (total variation); Richardson-Lucy: rl, rld or frl"),
-    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500"),
+    NAME(deconv, method, "tv", "tv (total variation), rl, rld, frl (Richardson-Lucy) or diner"),
+    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1000"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     DEFAULT(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
@@ -204,6 +204,10 @@ const struct v2v_key v2v_key_table[] = {
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),
+
+    MULTIPLE(diner, width, 32, 32, 256, 64, "of the network's hidden layers"),
+    REAL(diner, table_rate, 0.0, 10.0, 0.1, "learning rate of the voxels' coordinates"),
+    REAL(diner, network_rate, 0.0, 10.0, 0.04, "of the network's weights"),
 
     MULTIPLE(demo, size, 32, 32, 8192, 128, "pixels of the scene's side"),
     WHOLE(demo, frames, 1, 1000000, 4, "of the recording"),

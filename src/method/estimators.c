@@ -1,5 +1,6 @@
 #include "v2v3d/method/estimator.h"
 
+#include "method/diner.h"
 #include "method/learned.h"
 #include "method/richardson_lucy.h"
 #include "method/tv.h"
@@ -13,8 +14,8 @@
 
 /* One row a method. */
 static const struct v2v_estimator_ops *const estimators[] = {
-    &v2v_estimator_rl, &v2v_estimator_rld,     &v2v_estimator_frl,
-    &v2v_estimator_tv, &v2v_estimator_learned, &v2v_estimator_unrolled};
+    &v2v_estimator_rl,    &v2v_estimator_rld,     &v2v_estimator_frl,     &v2v_estimator_tv,
+    &v2v_estimator_diner, &v2v_estimator_learned, &v2v_estimator_unrolled};
 
 enum { ESTIMATORS = sizeof estimators / sizeof *estimators };
 

@@ -42,6 +42,8 @@ tv-2e-2|quick|||tv-2e-2
 tv-5e-3|quick|||tv-5e-3
 tv-1e-3||||tv-1e-3
 tv-neighbours|quick|||tv-neighbours
+diner-100||||diner-100
+diner-1000||||diner-1000
 unrolled-1m|quick|1|-c configs/unrolled.yaml|weights
 unrolled-2m||2|-c configs/unrolled.yaml|weights
 unrolled-10m||10|-c configs/unrolled.yaml|weights

@@ -192,6 +192,13 @@ struct v2v_deconv_settings {
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };
 
+/** diner: an implicit field that is fitted to a frame. */
+struct v2v_diner_settings {
+    int64_t width;       /**< of the network's hidden layers */
+    double table_rate;   /**< learning rate of the voxels' coordinates .. */
+    double network_rate; /**< .. and of the network */
+};
+
 /** The scene and the noise of `v2v3d demo`. */
 struct v2v_demo_settings {
     int64_t size; /**< pixels of a side */
@@ -247,6 +254,7 @@ struct v2v_config {
     struct v2v_train_settings train;
     struct v2v_recon_settings recon;
     struct v2v_deconv_settings deconv;
+    struct v2v_diner_settings diner;
     struct v2v_demo_settings demo;
 };
 

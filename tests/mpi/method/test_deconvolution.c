@@ -16,7 +16,7 @@ static struct v2v_psf_file psf;
 static struct v2v_projector *projector; /* of this rank alone: all slices */
 static float truth[VOXELS], views[SAMPLES];
 static struct v2v_config config; /* of the run under test: method, split */
-static int is_rl, is_frl;
+static int is_rl, is_frl, is_planned;
 
 static int setup(void **state)
 {
@@ -39,6 +39,7 @@ static int setup_as(void **state, const char *method, enum v2v_split split)
     config.parallel.transform = V2V_TRANSFORM_OWN;
     is_rl = strcmp(method, "rl") == 0;
     is_frl = strcmp(method, "frl") == 0;
+    is_planned = 0;
     return setup(state);
 }
 
@@ -90,6 +91,22 @@ static int setup_tv(void **state)
 static int setup_tv_fftw3_mpi(void **state)
 {
     const int failed = setup_tv(state);
+    config.parallel.transform = V2V_TRANSFORM_FFTW3_MPI;
+    return failed;
+}
+
+/* Learning rates fall to the last step: fewer of them are not the first of more. */
+static int setup_diner(void **state)
+{
+    const int failed = setup_as(state, "diner", V2V_SPLIT_SLABS);
+    config.diner.width = 32;
+    is_planned = 1;
+    return failed;
+}
+
+static int setup_diner_fftw3_mpi(void **state)
+{
+    const int failed = setup_diner(state);
     config.parallel.transform = V2V_TRANSFORM_FFTW3_MPI;
     return failed;
 }
@@ -465,8 +482,10 @@ static void a_monitor_sees_every_iteration_and_ends_them(void **state)
         assert_ok(run_watched(volume, views, 4, &monitor, test_world()));
         assert_int_equal(seen.calls, enough < 4 ? enough : 4);
         assert_memory_equal(seen.volume, volume, sizeof volume);
-        assert_ok(run(same, views, seen.calls, test_world()));
-        assert_memory_equal(same, volume, sizeof volume);
+        if (!is_planned || seen.calls == 4) {
+            assert_ok(run(same, views, seen.calls, test_world()));
+            assert_memory_equal(same, volume, sizeof volume);
+        }
     }
 }
 
@@ -482,7 +501,9 @@ static void a_request_to_one_rank_stops_all(void **state)
 
 int main(int argc, char **argv)
 {
-#define WITH_TV(test) WITH(test), cmocka_unit_test_setup_teardown(test, setup_tv, teardown)
+#define WITH_ALL(test)                                                                             \
+    WITH(test), cmocka_unit_test_setup_teardown(test, setup_tv, teardown),                         \
+        cmocka_unit_test_setup_teardown(test, setup_diner, teardown)
 #define WITH(test)                                                                                 \
     cmocka_unit_test_setup_teardown(test, setup_rl_slices, teardown),                              \
         cmocka_unit_test_setup_teardown(test, setup_rl_slabs, teardown),                           \
@@ -494,7 +515,7 @@ int main(int argc, char **argv)
         WITH(volume_equals_the_plain_definition),
         WITH(residual_falls_with_every_iteration_on_clean_views),
         WITH(a_constant_scene_is_found_at_once_and_kept),
-        WITH_TV(any_number_of_ranks_gives_the_same_volume),
+        WITH_ALL(any_number_of_ranks_gives_the_same_volume),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
                                         setup_rld_fftw3_mpi, teardown),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
@@ -504,15 +525,18 @@ int main(int argc, char **argv)
         cmocka_unit_test_setup_teardown(scaled_views_give_the_scaled_volume, setup_tv_photons,
                                         teardown),
         cmocka_unit_test_setup_teardown(weights_change_the_volume, setup_tv_photons, teardown),
-        WITH_TV(scaled_views_give_the_scaled_volume),
+        WITH_ALL(scaled_views_give_the_scaled_volume),
         WITH(negative_samples_count_as_zero),
         WITH(noise_about_zero_leaves_a_pedestal_only_where_it_is_clipped),
-        WITH_TV(dark_views_give_a_dark_volume),
-        WITH_TV(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
+        WITH_ALL(dark_views_give_a_dark_volume),
+        WITH_ALL(lone_and_hot_pixels_leave_the_volume_finite_and_positive),
         WITH(slices_that_no_view_sees_stay_empty),
-        WITH_TV(a_nan_in_the_views_is_named),
-        WITH_TV(a_monitor_sees_every_iteration_and_ends_them),
-        WITH_TV(a_request_to_one_rank_stops_all),
+        cmocka_unit_test_setup_teardown(slices_that_no_view_sees_stay_empty, setup_diner, teardown),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
+                                        setup_diner_fftw3_mpi, teardown),
+        WITH_ALL(a_nan_in_the_views_is_named),
+        WITH_ALL(a_monitor_sees_every_iteration_and_ends_them),
+        WITH_ALL(a_request_to_one_rank_stops_all),
     };
     return test_mpi_main(tests, argc, argv);
 }
