@@ -62,6 +62,37 @@ enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, d
     return V2V_OK;
 }
 
+int64_t v2v_text_count_pairs(const char *text)
+{
+    int64_t count = *text != '\0';
+    for (; *text != '\0'; text++) {
+        count += *text == ',';
+    }
+    return count;
+}
+
+enum v2v_status v2v_text_to_pairs(double (*pair)[2], const char *text, double least, double most,
+                                  const char *what, const char *one)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t count = v2v_text_count_pairs(text);
+    for (int64_t i = 0; i < count; i++) {
+        char number[2][32] = {"", ""};
+        int read = 0;
+        (void)sscanf(text, " %31[0-9eE.+-] %31[0-9eE.+-] %n", number[0], number[1], &read);
+        if (read == 0 || (text[read] != ',' && text[read] != '\0')) {
+            V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: %s %lld is not a pair 'y x': '%s'", what, one,
+                             (long long)i, text));
+        }
+        for (int axis = 0; axis < 2; axis++) {
+            V2V_TRY(v2v_text_to_f64(&pair[i][axis], number[axis], least, most, what, V2V_E_CONFIG));
+        }
+        text += read + 1;
+    }
+done:
+    return rc;
+}
+
 enum { MOST_WORD = 64 };
 
 static int smallest(int a, int b, int c)

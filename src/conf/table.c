@@ -148,6 +148,13 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(deepcad, levels, 1, 6, 4, "of the U-Net: each has half the sides, twice the channels"),
     WHOLE(deepcad, frames, 1, 4096, 32, "seen at once, a multiple of 2^(levels - 1)"),
 
+    WHOLE(synthesis, planes, 2, 256, 16, "disparities that views are warped by"),
+    REAL(synthesis, nearest, -1e3, 1e3, 8.0, "disparity, pixels a unit of baseline"),
+    REAL(synthesis, farthest, -1e3, 1e3, 0.5, "likewise"),
+    TEXT(synthesis, cameras, "y x, y x, ..: a pair a view, in units of baseline; a square grid"),
+    WHOLE(synthesis, width, 1, 1024, 16, "channels of the U-Net's first level"),
+    WHOLE(synthesis, levels, 1, 6, 3, "of the U-Net"),
+
     WORD(loss, profile, V2V_LOSS_REFERENCE, "what the weights below mean", "reference", "paper"),
     V2V_LOSS_VIEW_TERMS(TERM)
     V2V_LOSS_VOLUME_TERMS(TERM)

@@ -5,11 +5,8 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 static const double PI = 3.14159265358979323846;
-
-static const char WHAT[] = "optics.tilts, part of the pupil's radius";
 
 static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings, int64_t v)
 {
@@ -28,40 +25,24 @@ static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings
 
 static int64_t count_of(const struct v2v_optics_settings *settings)
 {
-    int64_t views = 1;
-    if (settings->tilts[0] == '\0') {
-        return 1 + settings->rings * settings->views_per_ring;
-    }
-    for (const char *at = settings->tilts; *at != '\0'; at++) {
-        views += *at == ',';
-    }
-    return views;
+    return settings->tilts[0] == '\0' ? 1 + settings->rings * settings->views_per_ring
+                                      : v2v_text_count_pairs(settings->tilts);
 }
 
 static enum v2v_status parse(struct v2v_tilts *tilts, const struct v2v_optics_settings *settings)
 {
     enum v2v_status rc = V2V_OK;
     const double pupil = settings->numerical_aperture / settings->wavelength_um;
-    const char *text = settings->tilts;
+    V2V_TRY(v2v_text_to_pairs(tilts->at, settings->tilts, -1, 1, "optics.tilts", "view"));
     for (int64_t v = 0; v < tilts->views; v++) {
-        char pair[2][32] = {"", ""};
-        int read = 0;
-        (void)sscanf(text, " %31[0-9eE.+-] %31[0-9eE.+-] %n", pair[0], pair[1], &read);
-        if (read == 0 || (text[read] != ',' && text[read] != '\0')) {
+        double *at = tilts->at[v];
+        if (hypot(at[0], at[1]) > 1) {
             V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
-                             "optics.tilts: view %" PRId64 " is not a pair 'y x': '%s'", v, text));
+                             "optics.tilts: view %" PRId64 " (%g %g) lies outside the pupil", v,
+                             at[0], at[1]));
         }
-        for (int axis = 0; axis < 2; axis++) {
-            V2V_TRY(v2v_text_to_f64(&tilts->at[v][axis], pair[axis], -1, 1, WHAT, V2V_E_CONFIG));
-        }
-        if (hypot(tilts->at[v][0], tilts->at[v][1]) > 1) {
-            V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
-                             "optics.tilts: view %" PRId64 " (%s %s) lies outside the pupil", v,
-                             pair[0], pair[1]));
-        }
-        tilts->at[v][0] *= pupil;
-        tilts->at[v][1] *= pupil;
-        text += read + 1;
+        at[0] *= pupil;
+        at[1] *= pupil;
     }
 done:
     return rc;

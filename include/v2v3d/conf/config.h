@@ -199,6 +199,16 @@ struct v2v_diner_settings {
     double network_rate; /**< .. and of the network */
 };
 
+/** Views of cameras side by side, and the network that makes each of the others. A point is at its
+ *  place less disparity * position in the view of a camera at this position. */
+struct v2v_synthesis_settings {
+    int64_t planes;           /**< disparities that views are warped by, evenly from .. */
+    double nearest, farthest; /**< .. to: pixels a unit of baseline */
+    char cameras[V2V_CONFIG_TEXT_BYTES]; /**< "y x, y x, ..", units of baseline; "": a grid */
+    int64_t width;                       /**< channels of the U-Net's first level */
+    int64_t levels;                      /**< of the U-Net */
+};
+
 /** The scene and the noise of `v2v3d demo`. */
 struct v2v_demo_settings {
     int64_t size; /**< pixels of a side */
@@ -250,6 +260,7 @@ struct v2v_config {
         int64_t width, levels; /**< of the U-Net */
         int64_t frames;        /**< that it sees at once, a multiple of 1 << (levels - 1) */
     } deepcad;
+    struct v2v_synthesis_settings synthesis;
     struct v2v_loss_settings loss;
     struct v2v_train_settings train;
     struct v2v_recon_settings recon;
