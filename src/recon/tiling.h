@@ -12,11 +12,12 @@ struct v2v_tiling {
 };
 
 /* Tiles keep nothing within `margin` of their ends, but at the ends of the axis.
- * size > 2 margin. */
+ * size > 2 margin, or one tile is enough. */
 static inline struct v2v_tiling v2v_tiling_of(int64_t length, int64_t size, int64_t margin)
 {
     const int64_t beyond = v2v_larger(length - size, 0);
-    return (struct v2v_tiling){length, size, 1 + v2v_parts(beyond, size - 2 * margin)};
+    const int64_t more = beyond > 0 ? v2v_parts(beyond, size - 2 * margin) : 0;
+    return (struct v2v_tiling){length, size, 1 + more};
 }
 
 /* Evenly: the last tile ends with the axis. */

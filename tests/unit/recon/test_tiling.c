@@ -34,10 +34,23 @@ static void every_place_is_kept_once_away_from_the_tiles_ends(void **state)
     }
 }
 
+static void one_tile_that_is_enough_has_no_margin(void **state)
+{
+    (void)state;
+    for (int64_t length = 1; length < 24; length++) {
+        for (int64_t margin = 0; margin < 30; margin++) {
+            const struct v2v_tiling tiling = v2v_tiling_of(length, 24, margin);
+            assert_int_equal(tiling.count, 1);
+            assert_int_equal(v2v_tiling_kept(&tiling, 0).count, length);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_place_is_kept_once_away_from_the_tiles_ends),
+        cmocka_unit_test(one_tile_that_is_enough_has_no_margin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
