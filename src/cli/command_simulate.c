@@ -13,14 +13,15 @@ struct arguments {
 };
 
 static const struct v2v_option options[] = {
-    V2V_OPTION_PSF(struct arguments, psf, 1),
+    V2V_OPTION_PSF(struct arguments, psf, 0),
     V2V_OPTION_FILE(struct arguments, volume, "volume", 0,
                     "what is seen; integers are read as fractions of their type's maximum"),
     {.name = "scene",
      .kind = V2V_OPTION_TEXT,
      .at = offsetof(struct arguments, scene),
      .value = "KIND",
-     .help = "or a scene that is drawn: " V2V_SCENE_KINDS},
+     .help = "or a scene that is drawn: " V2V_SCENE_KINDS
+             "; planes, views of cameras (section synthesis) without PSFs"},
     V2V_OPTION_OUTPUT(struct arguments, output, "recording to write"),
     V2V_OPTION_FILE(struct arguments, clean, "clean", 0, "the recording without noise, to write"),
     V2V_OPTION_FILE(struct arguments, truth, "truth", 0, "the scene's volume, to write"),
@@ -55,9 +56,22 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
+static int is_of_planes(const struct arguments *given)
+{
+    return given->scene != NULL && strcmp(given->scene, V2V_SCENE_PLANES) == 0;
+}
+
 static enum v2v_status check(const struct arguments *given)
 {
     const int is_scene = given->scene != NULL;
+    if (is_of_planes(given) && (given->psf != NULL || given->truth != NULL ||
+                                given->calibration != NULL || given->motion > 0)) {
+        return V2V_FAIL(V2V_E_USAGE, "--scene " V2V_SCENE_PLANES " has no volume and stands still: "
+                                     "no --psf, --truth, --calibration or --motion");
+    }
+    if (given->psf == NULL && !is_of_planes(given)) {
+        return V2V_FAIL(V2V_E_USAGE, "--psf FILE is missing");
+    }
     if (is_scene == (given->volume != NULL)) {
         return V2V_FAIL(V2V_E_USAGE, "give either --volume or --scene");
     }
@@ -143,6 +157,32 @@ done:
     return rc;
 }
 
+/* Cameras are in the place of PSFs. */
+static enum v2v_status of_planes(struct v2v_simulation *simulation, const struct arguments *given,
+                                 const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_synthesis_settings *settings = &session->config.synthesis;
+    struct v2v_scene size;
+    struct v2v_cameras cameras = {0};
+    V2V_TRY(v2v_par_agree(session->world,
+                          v2v_cameras_init(&cameras, settings, session->config.input.views)));
+    const struct v2v_psf_file of_cameras = {.views = cameras.views};
+    V2V_TRY(v2v_step_scene(&size, simulation, session, &of_cameras, given->size));
+    const struct v2v_planes planes = {.cameras = &cameras,
+                                      .nearest = settings->nearest,
+                                      .farthest = settings->farthest,
+                                      .height = size.height,
+                                      .width = size.width,
+                                      .seed = (uint64_t)given->seed};
+    simulation->planes = &planes;
+    simulation->frames = given->frames > 0 ? given->frames : 1;
+    V2V_TRY(record(simulation, session, &of_cameras, size.height, size.width));
+done:
+    v2v_cameras_fini(&cameras);
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -155,6 +195,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(check(given));
     V2V_TRY(v2v_noise_parse(&simulation.noise, given->noise));
     V2V_TRY(check_outputs(given, session));
+    if (is_of_planes(given)) {
+        V2V_TRY(of_planes(&simulation, given, session));
+        goto done;
+    }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(given->scene != NULL ? of_scene(&simulation, given, session, &psf)

@@ -8,7 +8,7 @@
 
 struct v2v_simulator {
     const struct v2v_comm *comm;
-    struct v2v_grouped *projector;
+    struct v2v_grouped *projector;             /* NULL: of planes */
     const struct v2v_calibration *calibration; /* NULL: none */
     struct v2v_part slices;                    /* of this rank, to project */
     struct v2v_part mine;                      /* views of this rank, to write */
@@ -62,8 +62,10 @@ enum v2v_status v2v_simulator_create(struct v2v_simulator **simulator,
     fresh->mine = v2v_par_part(psf->views, v2v_comm_size(comm), v2v_comm_rank(comm));
     fresh->slices = v2v_par_part(psf->slices, v2v_comm_size(comm), v2v_comm_rank(comm));
     V2V_TRY(v2v_par_agree(comm, take_memory(fresh)));
-    V2V_TRY(v2v_grouped_create(&fresh->projector, psf, height, width, V2V_SPLIT_SLICES, INT64_MAX,
-                               comm));
+    if (psf->data != NULL) {
+        V2V_TRY(v2v_grouped_create(&fresh->projector, psf, height, width, V2V_SPLIT_SLICES,
+                                   INT64_MAX, comm));
+    }
     *simulator = fresh;
     fresh = NULL;
 done:
@@ -89,8 +91,10 @@ void v2v_simulator_destroy(struct v2v_simulator **simulator)
 static enum v2v_status check(const struct v2v_simulator *simulator,
                              const struct v2v_simulation *simulation)
 {
-    const int64_t slices = simulation->volume != NULL ? v2v_volume_info(simulation->volume)->slices
-                                                      : simulation->scene->slices;
+    V2V_ASSERT((simulator->projector == NULL) == (simulation->planes != NULL));
+    const int64_t slices = simulation->volume != NULL  ? v2v_volume_info(simulation->volume)->slices
+                           : simulation->scene != NULL ? simulation->scene->slices
+                                                       : 0;
     if (simulation->frames < 1) {
         return V2V_FAIL(V2V_E_USAGE, "a recording of %lld frames", (long long)simulation->frames);
     }
@@ -106,8 +110,8 @@ static int64_t count_sources(const struct v2v_simulation *simulation)
 {
     const int64_t frames = simulation->frames;
     const int64_t own = simulation->volume != NULL ? v2v_volume_info(simulation->volume)->frames
-                        : simulation->scene->motion_um > 0 ? frames
-                                                           : 1;
+                        : simulation->scene != NULL && simulation->scene->motion_um > 0 ? frames
+                                                                                        : 1;
     return v2v_smaller(own, frames);
 }
 
@@ -166,6 +170,12 @@ static enum v2v_status project_frame(struct v2v_simulator *simulator,
     enum v2v_status rc = V2V_OK;
     const struct v2v_part slices = simulator->slices;
     v2v_watchdog_beat("projecting a frame");
+    for (int64_t v = 0; simulation->planes != NULL && v < simulator->views; v++) {
+        v2v_planes_draw(simulator->clean + v * simulator->pixels, simulation->planes, v);
+    }
+    if (simulation->planes != NULL) {
+        return V2V_OK;
+    }
     if (simulation->volume != NULL) {
         rc = v2v_volume_read(simulation->volume, simulator->slab, t, slices.first, slices.count);
     } else {

@@ -5,6 +5,7 @@
 #include "v2v3d/io/volume.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/sim/noise.h"
+#include "v2v3d/sim/planes.h"
 #include "v2v3d/sim/scene.h"
 
 #ifdef __cplusplus
@@ -16,19 +17,20 @@ struct v2v_simulator;
 
 /** With a calibration (else NULL), which the PSFs have taken up, views are shaded and distorted.
  *  @kind Collective(comm): depth slices are split over ranks; NULL: this rank alone.
- *  @param psf, calibration, comm borrowed. @return V2V_OK | V2V_E_INPUT (calibration of other
- *  views or frames) | V2V_E_MEMORY; agreed */
+ *  @param psf, calibration, comm borrowed; psf without `data`: cameras, for planes
+ *  @return V2V_OK | V2V_E_INPUT (calibration of other views or frames) | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_simulator_create(struct v2v_simulator **simulator,
                                      const struct v2v_psf_file *psf, int64_t height, int64_t width,
                                      const struct v2v_calibration *calibration,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** What to record: a volume, whose frames come over and over, or a scene. */
+/** What to record: a volume, whose frames come over and over, a scene, or planes. */
 struct v2v_simulation {
-    struct v2v_volume *volume;     /**< or NULL */
-    const struct v2v_scene *scene; /**< or NULL */
-    struct v2v_noise noise;        /**< its level is set */
-    uint64_t seed;                 /**< of the noise */
+    struct v2v_volume *volume;       /**< or NULL */
+    const struct v2v_scene *scene;   /**< or NULL */
+    const struct v2v_planes *planes; /**< or NULL */
+    struct v2v_noise noise;          /**< its level is set */
+    uint64_t seed;                   /**< of the noise */
     int64_t frames;
     double pixel_size_um, slice_spacing_um; /**< to state; 0: not stated */
     double frame_interval_s;                /**< likewise */
