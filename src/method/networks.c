@@ -3,6 +3,7 @@
 #include "method/backconv.h"
 #include "method/deepcad.h"
 #include "method/depth_net.h"
+#include "method/synthesis/network.h"
 #include "method/vcdnet.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
@@ -12,9 +13,9 @@
 #include <string.h>
 
 /* One row a network. */
-static const struct v2v_network_ops *const networks[] = {&v2v_network_v2v, &v2v_network_backconv,
-                                                         &v2v_network_depth_net,
-                                                         &v2v_network_vcdnet, &v2v_network_deepcad};
+static const struct v2v_network_ops *const networks[] = {
+    &v2v_network_v2v,    &v2v_network_backconv, &v2v_network_depth_net,
+    &v2v_network_vcdnet, &v2v_network_deepcad,  &v2v_network_synthesis};
 
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
@@ -142,7 +143,7 @@ enum v2v_status v2v_network_describe(struct v2v_weights_info *info, const struct
              : v2v_config_get(info->split, sizeof info->split, config, "model.view_split");
     V2V_TRY(rc);
     for (int i = 0; ops->keys[i] != NULL; i++) {
-        char value[64];
+        char value[V2V_WEIGHTS_SETTINGS_BYTES];
         V2V_TRY(v2v_config_get(value, sizeof value, config, ops->keys[i]));
         V2V_TRY(v2v_text_format(info->settings + used, sizeof info->settings - used, "%s=%s\n",
                                 ops->keys[i], value));

@@ -94,6 +94,9 @@ extern const struct v2v_examples_ops v2v_examples_lessons;
 extern const struct v2v_examples_ops v2v_examples_truth;
 /** Of 2 n frames of a view the odd ones (the first, the third, ..), and the even ones. */
 extern const struct v2v_examples_ops v2v_examples_odd_even;
+/** A view, and mean and standard deviation of the others, moved to where they would show planes
+ *  at synthesis.planes disparities as it does: [mean, deviation] of each. */
+extern const struct v2v_examples_ops v2v_examples_left_out_view;
 
 #ifdef __cplusplus
 }

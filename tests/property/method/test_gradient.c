@@ -104,6 +104,9 @@ static int setup(struct trial *t, const struct v2v_network_ops *ops, const struc
     t->config.vcdnet.width = t->config.deepcad.width = 4;
     t->config.vcdnet.levels = t->config.deepcad.levels = 2;
     t->config.deepcad.frames = 4;
+    t->config.synthesis.width = 4;
+    t->config.synthesis.levels = 2;
+    t->config.synthesis.planes = 3;
     for (int i = 0; i < 2 && way->settings[i] != NULL; i++) {
         assert_ok(v2v_config_set(&t->config, way->settings[i]));
     }

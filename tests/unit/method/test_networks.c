@@ -28,6 +28,8 @@ static int make_optics(void **state)
     config.backconv.width = 8;
     config.vcdnet.width = config.deepcad.width = 4;
     config.deepcad.frames = FRAMES;
+    config.synthesis.width = 4;
+    config.synthesis.planes = 3;
     int64_t count = VIEWS * SLICES * KERNEL * KERNEL;
     assert_ok(V2V_ALLOC(psf.data, "test", count));
     for (int64_t i = 0; i < count; i++) {

@@ -30,6 +30,8 @@ static int configure(void **state)
     config.vcdnet.levels = 2;
     config.deepcad.width = 2;
     config.deepcad.levels = 3;
+    config.synthesis.width = 2;
+    config.synthesis.levels = 2;
     return 0;
 }
 
@@ -160,8 +162,7 @@ static void a_strangers_file_is_known_by_names_and_shapes(void **state)
         struct v2v_weights made = make(method), found;
         /* what shapes tell */
         hints.views = strcmp(method, "v2v") == 0 || strcmp(method, "vcdnet") == 0 ? 0 : VIEWS;
-        hints.slices =
-            strcmp(method, "unrolled") == 0 || strcmp(method, "deepcad") == 0 ? SLICES : 0;
+        hints.slices = v2v_network_at(i)->traits & V2V_TRAIT_ANY ? SLICES : 0;
         for (int p = 0; p < 3; p++) {
             write_plain(&made, prefixes[p], -1, "");
             assert_string_equal(v2v_weights_method(path, hints.config), method);
