@@ -5,10 +5,11 @@
  *  (v2v3d/nn/network.h); training draws crops of them, by one loss, whatever they are.
  *  Invariants: the same bits for the same (frame, number, train.seed) on any rank.
  *
- *  Example (compiled by tests/unit/method):
+ *  Example (compiled by tests/unit/train):
  *
  *      V2V_TRY(v2v_examples_create(&examples, network->examples, &config, &psf));
- *      V2V_TRY(V2V_ALLOC(images, "images", (examples->inputs + examples->outputs) * pixels));
+ *      count = (examples->inputs + examples->outputs) * height * width;
+ *      V2V_TRY(V2V_ALLOC(images, "images", count));
  *      V2V_TRY(examples->ops->make(examples, images, &source, t, 0));
  *  done:
  *      v2v_examples_destroy(&examples);

@@ -10,7 +10,7 @@ enum { VIEWS = 5, SLICES = 7, KERNEL = 6, HEIGHT = 14, WIDTH = 11, PIXELS = HEIG
 enum { VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
 
 static struct v2v_psf_file psf;
-static size_t held; /* before a test */
+static size_t held;                              /* before a test */
 static float volume[VOXELS], views[SAMPLES];     /* whole, drawn */
 static float projected[SAMPLES], summed[VOXELS]; /* by all views at once, on this rank alone */
 static float own[VOXELS], seen[SAMPLES], whole[VOXELS];

@@ -195,6 +195,41 @@ static void recordings_with_too_few_frames_are_refused(void **state)
     scene_fini(&scene);
 }
 
+/* The example of examples.h. */
+static enum v2v_status header_example(float *first, const struct scene *scene,
+                                      const struct v2v_network_ops *network, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_example_source source = {
+        .recording = scene->recording, .scaling = {.gain = 1.0}, .truth = scene->truth};
+    struct v2v_examples *examples = NULL;
+    float *images = NULL;
+    int64_t count = 0;
+    V2V_TRY(v2v_examples_create(&examples, network->examples, &scene->config, &scene->psf));
+    count = (examples->inputs + examples->outputs) * scene->height * scene->width;
+    V2V_TRY(V2V_ALLOC(images, "images", count));
+    V2V_TRY(examples->ops->make(examples, images, &source, t, 0));
+    *first = images[0];
+done:
+    v2v_mem_free(images);
+    v2v_examples_destroy(&examples);
+    return rc;
+}
+
+static void header_example_makes_an_example(void **state)
+{
+    (void)state;
+    struct scene scene;
+    const struct v2v_network_ops *network = NULL;
+    float first = 0.0f;
+    setup(&scene);
+    scene_truth(&scene, code);
+    assert_ok(v2v_network_find(&network, "vcdnet"));
+    assert_ok(header_example(&first, &scene, network, 1));
+    assert_true(first == code(1, 0));
+    scene_fini(&scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -203,6 +238,7 @@ int main(void)
         cmocka_unit_test(a_volume_of_other_slices_is_refused),
         cmocka_unit_test(odd_frames_go_in_and_even_ones_should_come_out),
         cmocka_unit_test(recordings_with_too_few_frames_are_refused),
+        cmocka_unit_test(header_example_makes_an_example),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# VCDNet, taught by true volumes, and DeepCAD, by other frames: their commands; what is refused.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+works psf simulate -c "$root/configs/tiny.yaml" -o psf.h5
+works dataset --psf psf.h5 --seed 4 --size 64 --count 3 -o set
+vcdnet=(train -c "$root/configs/vcdnet.yaml" --psf psf.h5 --set vcdnet.width=4)
+works "${vcdnet[@]}" --input set/train/*_noisy.h5 --truth set/train/*_truth.h5 -o run --steps 4
+works weights info run/weights.h5
+says '^vcdnet.width: 4$'
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input set/train/000000_noisy.h5 -o volume.h5
+works info volume.h5
+says 'volume, 1 frames, 7 slices of 64 x 64'
+works "${vcdnet[@]}" --input set/train/*_noisy.h5 --truth set/train/*_truth.h5 -o run --steps 6 --resume
+
+refuses 2 "learns from true volumes: --truth FILE, one for each of 3 recordings, not 2" "${vcdnet[@]}" \
+    --input set/train/*_noisy.h5 --truth set/train/00000[01]_truth.h5 -o out
+refuses 2 "learns from recordings alone" train -c "$root/configs/fast.yaml" --psf psf.h5 \
+    --input set/train/000000_noisy.h5 --truth set/train/000000_truth.h5 -o out
+refuses 2 '--psf FILE is missing' train -c "$root/configs/vcdnet.yaml" \
+    --input set/train/000000_noisy.h5 --truth set/train/000000_truth.h5 -o out
+works simulate --scene cells --psf psf.h5 --size 48x64 -o low.h5 --truth low_truth.h5
+refuses 65 'truth 1 has 1 frames of 7 x 48 x 64 voxels' "${vcdnet[@]}" --input set/train/000000_noisy.h5 \
+    --truth low_truth.h5 -o out
+refuses 65 "'vcdnet' makes volumes .v2v3d reconstruct., no views" denoise --weights run/weights.h5 \
+    --input low.h5 -o out.h5
+
+works simulate --scene neurons --psf psf.h5 --size 40x48 --frames 11 --motion 0.5 --noise gaussian:0.2 \
+    -o film.h5 --clean clean.h5
+deepcad=(train -c "$root/configs/deepcad.yaml" --set deepcad.width=2 --set deepcad.levels=2
+    --set deepcad.frames=4 --set train.crop=32)
+works "${deepcad[@]}" --input film.h5 -o frames --steps 4
+works denoise --weights frames/weights.h5 --input film.h5 --clean clean.h5 -o denoised.h5
+says '^PSNR of the views: [0-9.]* dB before, [0-9.]* dB after$'
+works info denoised.h5
+says 'recording, 11 frames, 5 views of 40 x 48'
+works deconvolve --psf psf.h5 --input denoised.h5 -o rld.h5 --method rld --iterations 1 --frames 0:1
+works denoise --weights frames/weights.h5 --input low.h5 -o still.h5 # other sizes, one frame
+
+refuses 65 '1 frames; learning from odd and even frames takes 8' "${deepcad[@]}" --input low.h5 -o out
+refuses 65 "'deepcad' makes views .v2v3d denoise., no volume" reconstruct --psf psf.h5 \
+    --weights frames/weights.h5 --input film.h5 -o out.h5
+refuses 65 "'deepcad' makes views" evaluate --volume rld.h5 --psf psf.h5 --input film.h5 \
+    --weights frames/weights.h5
+refuses 65 'the clean recording has 1 frames' denoise --weights frames/weights.h5 --input film.h5 \
+    --clean low.h5 -o out.h5
+refuses 2 'denoised.h5: exists' denoise --weights frames/weights.h5 --input film.h5 -o denoised.h5
+refuses 65 'deepcad.frames: 5 is no multiple of 2' "${deepcad[@]}" --set deepcad.frames=5 --input film.h5 -o out
+finish
