@@ -15,7 +15,8 @@ struct v2v_projection {
     float *views;         /**< [v,y,x] */
 };
 
-/** Plan for frames of [height,width], scaled as psf.reduce says. The PSFs are borrowed until the end.
+/** Plan for frames of [height,width], scaled as psf.reduce says. The PSFs are borrowed until the
+ *  end.
  *  @kind Collective(world), agreed; v2v_projection_fini after both */
 enum v2v_status v2v_projection_init(struct v2v_projection *projection,
                                     const struct v2v_session *session,

@@ -29,8 +29,8 @@ struct v2v_part v2v_grouped_slices(const struct v2v_grouped *grouped);
 /** Views of which OTFs are held at a time, the same on all ranks. @kind Local. */
 int64_t v2v_grouped_together(const struct v2v_grouped *grouped);
 
-/** views [v,y,x], on all ranks, from every rank's slices; and the adjoint, to round-off whatever the
- *  groups. @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY (where there are groups); agreed */
+/** views [v,y,x], on all ranks, from every rank's slices; and the adjoint, to round-off whatever
+ *  the groups. @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY (of groups); agreed */
 enum v2v_status v2v_grouped_forward(struct v2v_grouped *grouped, float *views, const float *slices,
                                     float scale) V2V_MUST_CHECK;
 enum v2v_status v2v_grouped_adjoint(struct v2v_grouped *grouped, float *slices, const float *views,

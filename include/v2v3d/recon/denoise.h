@@ -1,8 +1,8 @@
 /** Views of views, by a network that knows nothing of optics: a stage before any method that makes
  *  volumes.
  *
- *  Purpose: DeepCAD, which makes frames of a view from frames of it, and view synthesis, which makes
- *  a view from the others; whatever has V2V_TRAIT_VIEWS.
+ *  Purpose: DeepCAD, which makes frames of a view from frames of it, and view synthesis, which
+ *  makes a view from the others; whatever has V2V_TRAIT_VIEWS.
  *  Invariants: the network is run on tiles of a fixed size, in time as in the plane, which overlap
  *  by a margin that is cut off again; where a tile lies depends on the recording's size alone, so
  *  that any number of ranks gives the same bits.

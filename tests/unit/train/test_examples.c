@@ -1,5 +1,5 @@
-/* Samples of networks that are taught by examples of other kinds than lessons: what goes in and what
- * should come out are of the same place and frame, however they are mirrored. */
+/* Samples of networks that are taught by examples of other kinds than lessons: what goes in and
+ * what should come out are of the same place and frame, however they are mirrored. */
 #include "small_run.h"
 
 #include "train/sampler.h"
@@ -10,7 +10,7 @@
 enum { CROP = 32, PIXELS = CROP * CROP, CODE = 32768, DRAWN = 60 };
 enum { OF_FRAMES = 1, GAIN = 2 };
 
-static float images[(VIEWS + SLICES) * PIXELS];
+static float sample[(VIEWS + SLICES) * PIXELS];
 
 /* Frame, image and place of a sample, exact in float32. */
 static float code(int t, int64_t i)
@@ -79,10 +79,10 @@ static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames,
  * @param still the truth has one frame, for all */
 static int check_pair(int still)
 {
-    const struct place first = decode(images[0] / GAIN), last = decode(images[PIXELS - 1] / GAIN);
+    const struct place first = decode(sample[0] / GAIN), last = decode(sample[PIXELS - 1] / GAIN);
     const int flip[2] = {first.y > last.y, first.x > last.x};
     for (int64_t i = 0; i < (VIEWS + SLICES) * PIXELS; i++) {
-        const struct place at = decode(images[i] / GAIN);
+        const struct place at = decode(sample[i] / GAIN);
         const int64_t y = i / CROP % CROP, x = i % CROP;
         int64_t image = i / PIXELS;
         assert_int_equal(at.y, flip[0] ? first.y - y : first.y + y);
@@ -113,7 +113,7 @@ static void check_truths(int64_t frames)
     assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL));
     assert_int_equal(v2v_sampler_images(sampler), VIEWS + SLICES);
     for (int64_t step = 0; step < DRAWN; step++) {
-        assert_ok(v2v_sampler_draw(sampler, images, step, 0));
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
         seen |= 1u << check_pair(frames == OF_FRAMES);
     }
     assert_int_equal(seen, 15); /* all four ways to mirror */
@@ -165,10 +165,10 @@ static void odd_frames_go_in_and_even_ones_should_come_out(void **state)
     assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL));
     assert_int_equal(v2v_sampler_images(sampler), FRAMES);
     for (int64_t step = 0; step < DRAWN; step++) {
-        assert_ok(v2v_sampler_draw(sampler, images, step, 0));
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
         for (int64_t i = 0; i < PIXELS; i++) {
-            const struct place in = decode(images[i] / GAIN);
-            const struct place out = decode(images[PIXELS + i] / GAIN);
+            const struct place in = decode(sample[i] / GAIN);
+            const struct place out = decode(sample[PIXELS + i] / GAIN);
             assert_int_equal(in.t, 0);
             assert_int_equal(out.t, 1);
             assert_true(in.image == out.image && in.y == out.y && in.x == out.x);
