@@ -39,14 +39,14 @@ results=$folder/results.tsv
 # trained on), their pixels | pixels of drawn scenes, of a volume's sides at most | frames of a film |
 # iterations of DINER | scenes, of which views are left out and that slow methods take: two or all
 budgets='
-quick|2|2|4|64|64|64|8|5|all
-small|75|15|20|256|256|256|32|400|two
+quick|2|2|4|64|64|64|16|5|all
+small|75|15|20|256|256|256|64|400|two
 full|1500|180|60|256|512|512|100|2000|all
 cluster|none|600|809|512|512|512|100|10000|all
 '
 cluster_steps=160000
 
-# training | learns from | arguments of train
+# training | learns from | arguments of train; @ half of the frames of a film, 32 at most
 trainings='
 v2v3d|views|-c configs/fast.yaml
 v2v3d-all-views|views|-c configs/fast.yaml --set model.view_split=all
@@ -56,7 +56,7 @@ v2v3d-no-fft|views|-c configs/fast.yaml --set loss.fft=0
 v2v3d-no-dc|views|-c configs/fast.yaml --set loss.dc=0
 vcdnet|truths|-c configs/vcdnet.yaml
 unrolled|recording|-c configs/unrolled.yaml
-deepcad|film|-c configs/deepcad.yaml
+deepcad|film|-c configs/deepcad.yaml --set deepcad.frames=@
 '
 
 # method | PSNR / SSIM in the paper | training | looks at | slow | seconds on 256 x 256 pixels, of an
@@ -77,9 +77,9 @@ v2v3d-random-halves||v2v3d-random-halves|recording||3|reconstruct|weights
 v2v3d-no-alignment|38.25|v2v3d-no-alignment|recording||3|reconstruct|weights
 v2v3d-no-fft|37.23|v2v3d-no-fft|recording||3|reconstruct|weights
 v2v3d-no-dc|36.09|v2v3d-no-dc|recording||3|reconstruct|weights
-deepcad+rld-10|35.41 / 0.861|deepcad|denoised||5|deconvolve --method rld --iterations 10|
-deepcad+rld-best|35.41 / 0.861|deepcad|denoised||7|deconvolve --method rld --iterations %|
-deepcad+tv||deepcad|denoised||5|deconvolve|
+deepcad+rld-10|35.41 / 0.861|deepcad|denoised|slow|5|deconvolve --method rld --iterations 10|
+deepcad+rld-best|35.41 / 0.861|deepcad|denoised|slow|7|deconvolve --method rld --iterations %|
+deepcad+tv||deepcad|denoised|slow|5|deconvolve|
 tv-crop|||recording-crop||2|deconvolve|
 diner-crop|29.60 / 0.547||recording-crop|slow|60|deconvolve --method diner --iterations @|
 deepcad+diner-crop|35.63 / 0.885|deepcad|denoised-crop|slow|60|deconvolve --method diner --iterations @|
@@ -275,7 +275,7 @@ need_training() { # TRAINING
     local limit=$own_s
     ! learns_once "$1" || limit=$once_s
     say "$1: $limit s of training"
-    read -r -a words <<<"$arguments"
+    read -r -a words <<<"${arguments//@/$((film_frames < 64 ? film_frames / 2 : 32))}"
     (cd "$root" && timed_training launched train "${words[@]}" --set train.schedule=linear \
         --set train.steps=1000000 --max-time "${limit}s" --psf "$psf" "${lesson_words[@]}" \
         -o "$place" --force --quiet >"$place.part") && mv "$place.part" "$place.seconds"
