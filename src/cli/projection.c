@@ -26,11 +26,10 @@ enum v2v_status v2v_projection_init(struct v2v_projection *projection,
         .pixels = height * width};
     V2V_TRY(v2v_projector_choose_split(&split, &session->config, psf, height, width, psf->views,
                                        session->world));
-    projection->mine =
-        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
-    V2V_TRY(v2v_par_agree(session->world, take_memory(projection, psf->views)));
     V2V_TRY(v2v_grouped_create(&projection->grouped, psf, height, width, split, INT64_MAX,
                                session->world));
+    projection->mine = v2v_grouped_slices(projection->grouped);
+    V2V_TRY(v2v_par_agree(session->world, take_memory(projection, psf->views)));
     const int64_t together = v2v_grouped_together(projection->grouped);
     if (together < psf->views) {
         v2v_log(V2V_LOG_INFO, "spectra of %lld views of %lld at a time fit the memory",

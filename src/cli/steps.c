@@ -165,6 +165,10 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
     if (settings.views == 0) {
         settings.views = psf->views;
     }
+    if (settings.views == 0 && !v2v_step_is_hdf5_name(path)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "%s: --views V is missing: nothing tells the views of a frame", path));
+    }
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(*recording);
     const int64_t views = info->views;
@@ -225,7 +229,8 @@ static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weigh
     V2V_TRY(v2v_network_adopt(&session->config, info, path));
     for (int i = 0; ops->keys[i] != NULL; i++) {
         const char *key = ops->keys[i];
-        char given[64], usual[64], taken[64];
+        char given[V2V_CONFIG_TEXT_BYTES], usual[V2V_CONFIG_TEXT_BYTES];
+        char taken[V2V_CONFIG_TEXT_BYTES];
         V2V_TRY(v2v_config_get(given, sizeof given, &before, key));
         V2V_TRY(v2v_config_get(usual, sizeof usual, &defaults, key));
         V2V_TRY(v2v_config_get(taken, sizeof taken, &session->config, key));
@@ -266,7 +271,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
     const struct v2v_network_ops *ops = NULL;
     V2V_TRY(read_weights_info(session, info, &ops, path));
     const int is_any = (ops->traits & V2V_TRAIT_ANY) != 0;
-    if (!is_any && (info->views != psf->views || info->slices != psf->slices)) {
+    if (!is_any && psf->views > 0 && (info->views != psf->views || info->slices != psf->slices)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: made for %" PRId64 " views and %" PRId64
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,

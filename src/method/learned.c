@@ -30,8 +30,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const struct v2v_network_spec spec = v2v_learned_spec(problem);
     V2V_TRY(v2v_network_find(&ops, problem->config->model.method));
     if (ops->traits & V2V_TRAIT_VIEWS) {
-        V2V_TRY(
-            V2V_FAIL(V2V_E_INPUT, "the network '%s' makes frames of frames, no volume", ops->name));
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the network '%s' makes views, no volume", ops->name));
     }
     ops->describe_work(work, &spec, problem->height, problem->width);
     work->most_shards = ops->traits & V2V_TRAIT_SLABS ? INT_MAX : 1;

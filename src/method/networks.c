@@ -143,7 +143,7 @@ enum v2v_status v2v_network_describe(struct v2v_weights_info *info, const struct
              : v2v_config_get(info->split, sizeof info->split, config, "model.view_split");
     V2V_TRY(rc);
     for (int i = 0; ops->keys[i] != NULL; i++) {
-        char value[V2V_WEIGHTS_SETTINGS_BYTES];
+        char value[V2V_CONFIG_TEXT_BYTES];
         V2V_TRY(v2v_config_get(value, sizeof value, config, ops->keys[i]));
         V2V_TRY(v2v_text_format(info->settings + used, sizeof info->settings - used, "%s=%s\n",
                                 ops->keys[i], value));
@@ -170,7 +170,7 @@ static enum v2v_status set_defaults(struct v2v_config *config, const struct v2v_
     struct v2v_config defaults;
     v2v_config_defaults(&defaults);
     for (int i = 0; ops->keys[i] != NULL; i++) {
-        char value[64], line[V2V_WEIGHTS_SETTINGS_BYTES];
+        char value[V2V_CONFIG_TEXT_BYTES], line[V2V_WEIGHTS_SETTINGS_BYTES];
         V2V_TRY(v2v_config_get(value, sizeof value, &defaults, ops->keys[i]));
         V2V_TRY(v2v_text_format(line, sizeof line, "%s=%s", ops->keys[i], value));
         V2V_TRY(v2v_config_set(config, line));

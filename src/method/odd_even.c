@@ -46,7 +46,7 @@ done:
     return rc;
 }
 
-/* From frame t on, or from as late as there are enough. */
+/* From frame t on. */
 static enum v2v_status make(struct v2v_examples *examples, float *images,
                             const struct v2v_example_source *source, int64_t t, int64_t v)
 {
@@ -54,11 +54,10 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     struct odd_even *self = examples->self;
     const struct v2v_recording_info *info = v2v_recording_info(source->recording);
     const int64_t pixels = info->height * info->width, n = examples->outputs;
-    const int64_t last = info->frames - examples->frames, first = t < last ? t : last;
     V2V_TRY(take_frame(self, info->views * pixels));
     for (int64_t i = 0; i < examples->frames; i++) {
         const int64_t place = i / 2 + (i % 2) * n;
-        V2V_TRY(v2v_recording_read(source->recording, self->views, first + i));
+        V2V_TRY(v2v_recording_read(source->recording, self->views, t + i));
         v2v_scaling_apply(&source->scaling, self->views, info->views * pixels);
         memcpy(images + place * pixels, self->views + v * pixels, (size_t)pixels * sizeof *images);
     }

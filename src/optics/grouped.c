@@ -12,7 +12,7 @@ static const double most_of_room = 0.5;
 /* What is there for some of the views. */
 struct group {
     struct v2v_projector *projector;
-    float *volume, *rows; /* what the projector holds of both */
+    float *volume, *rows; /* what the projector holds of both; NULL: its slices are whole */
 };
 
 struct v2v_grouped {
@@ -32,10 +32,13 @@ static int64_t views_together(const struct v2v_grouped *grouped, int64_t most_by
     struct v2v_psf_file some = *psf;
     const int ranks = v2v_comm_size(grouped->comm);
     const double room = most_of_room * (double)v2v_mem_room();
+    const double images =
+        (double)sizeof(float) * (double)grouped->height * (double)grouped->width / (double)ranks;
     for (; some.views > 1; some.views--) {
         const double all =
             (double)v2v_projector_bytes(&some, grouped->height, grouped->width, grouped->split, 1);
-        const double here = (double)v2v_projector_bytes(&some, grouped->height, grouped->width,
+        const double here = images * (double)(some.views + psf->slices) +
+                            (double)v2v_projector_bytes(&some, grouped->height, grouped->width,
                                                         grouped->split, ranks);
         if (all <= (double)most_bytes && here <= room) {
             break;
@@ -66,8 +69,13 @@ static enum v2v_status begin(struct group *group, const struct v2v_grouped *grou
     V2V_TRY(v2v_projector_create(&group->projector, &some, grouped->height, grouped->width,
                                  grouped->split, grouped->comm));
     const struct v2v_projector_share share = v2v_projector_share(group->projector);
-    rc = V2V_ALLOC(group->volume, "optics.volume",
-                   v2v_mem_product(share.slices.count, share.rows.count, grouped->width));
+    const int is_whole = share.rows.count == grouped->height &&
+                         share.slices.first == grouped->slices.first &&
+                         share.slices.count == grouped->slices.count;
+    if (!is_whole) {
+        rc = V2V_ALLOC(group->volume, "optics.volume",
+                       v2v_mem_product(share.slices.count, share.rows.count, grouped->width));
+    }
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(group->rows, "optics.views",
                        v2v_mem_product(views.count, share.view_rows.count, grouped->width));
@@ -130,8 +138,12 @@ int64_t v2v_grouped_together(const struct v2v_grouped *grouped)
 static void forward(struct group *group, float *views, const float *slices, int64_t count,
                     float scale)
 {
-    v2v_projector_from_slices(group->projector, group->volume, slices);
-    v2v_projector_forward(group->projector, group->rows, group->volume, NULL, count, scale);
+    const float *volume = slices;
+    if (group->volume != NULL) {
+        v2v_projector_from_slices(group->projector, group->volume, slices);
+        volume = group->volume;
+    }
+    v2v_projector_forward(group->projector, group->rows, volume, NULL, count, scale);
     v2v_projector_gather_views(group->projector, views, group->rows, count);
 }
 
@@ -139,8 +151,11 @@ static void adjoint(struct group *group, float *slices, const float *views, int6
                     float scale)
 {
     v2v_projector_cut_views(group->projector, group->rows, views, count);
-    v2v_projector_adjoint(group->projector, group->volume, group->rows, NULL, count, scale);
-    v2v_projector_to_slices(group->projector, slices, group->volume);
+    float *volume = group->volume != NULL ? group->volume : slices;
+    v2v_projector_adjoint(group->projector, volume, group->rows, NULL, count, scale);
+    if (group->volume != NULL) {
+        v2v_projector_to_slices(group->projector, slices, group->volume);
+    }
 }
 
 /* The group that begins with view v. */

@@ -369,6 +369,9 @@ enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
     *result = (struct v2v_denoise_report){0};
     written.before = written.after = 0;
     written.is_uint16 = 0;
+    if (written.offset == 0.0) { /* one that was guessed */
+        written.offset = job->scaling->offset;
+    }
     rc = check(&self);
     if (rc == V2V_OK) {
         rc = create_network(&self);

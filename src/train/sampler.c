@@ -21,7 +21,7 @@ enum { DRAW_TRANSPOSE = DRAWS + DRAW_FRAME }; /* of the second candidate, which 
 
 struct source {
     struct v2v_example_source of;
-    int64_t first; /* frame number of its frame 0 among all recordings' frames */
+    int64_t first; /* number of its frame 0 among all frames that are drawn from */
 };
 
 struct corner {
@@ -32,7 +32,7 @@ struct v2v_sampler {
     const struct v2v_train_settings *settings;
     struct source *source;
     int64_t source_count;
-    int64_t frames;
+    int64_t frames; /* that are drawn from */
     struct v2v_level_range levels;
     struct v2v_examples *examples; /* kept and drawn from instead of frames; NULL: frames */
     int64_t a_frame;               /* how many are made of a frame; of frames: 1 */
@@ -40,6 +40,7 @@ struct v2v_sampler {
     int64_t height, width;         /* of a sample */
     int64_t frame_pixels;          /* of the largest frame */
     int flip[AXES];                /* y, x: physical and wanted */
+    int64_t moves[AXES];           /* of what should come out, when it is mirrored, pixels */
     int can_transpose;             /* bool: y and x may change places */
     int32_t *partner[AXES];        /* [image] */
     float **slot;                  /* kept frames [v,y,x], scaled, or examples; NULL until read */
@@ -48,6 +49,12 @@ struct v2v_sampler {
     float *scratch; /* [v,height,width] */
     float *image;   /* of the largest frame, where every frame has a level of its own; else NULL */
 };
+
+/* Images of a sample that go in; the others should come out. */
+static int64_t inputs_of(const struct v2v_sampler *sampler)
+{
+    return sampler->examples != NULL ? sampler->examples->inputs : sampler->images;
+}
 
 static const struct v2v_recording_info *info_of(const struct source *source)
 {
@@ -85,7 +92,7 @@ static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t ps
 static enum v2v_status check_sources(const struct v2v_sampler *sampler)
 {
     const struct v2v_examples *examples = sampler->examples;
-    for (int64_t i = 0; i < sampler->source_count; i++) {
+    for (int64_t i = 0; examples != NULL && i < sampler->source_count; i++) {
         const struct source *source = &sampler->source[i];
         const struct v2v_recording_info *info = info_of(source);
         if (info->frames < examples->frames) {
@@ -129,13 +136,15 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
         V2V_TRY(v2v_level_range_add(&sampler->levels, of->recording, &of->scaling, comm));
         const struct v2v_recording_info *info = info_of(source);
         int64_t pixels = info->height * info->width;
-        sampler->frames += info->frames;
+        sampler->frames +=
+            info->frames - (sampler->examples != NULL ? sampler->examples->frames - 1 : 0);
         sampler->frame_pixels = pixels > sampler->frame_pixels ? pixels : sampler->frame_pixels;
         v2v_log(V2V_LOG_INFO, "recording %lld: %lld frames of %lld x %lld, offset %g, gain %g",
                 (long long)i + 1, (long long)info->frames, (long long)info->height,
                 (long long)info->width, of->scaling.offset, of->scaling.gain);
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
+    V2V_TRY(v2v_par_agree(comm, check_sources(sampler)));
 done:
     return rc;
 }
@@ -147,8 +156,7 @@ static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_
     enum v2v_status rc = V2V_OK;
     const int mirroring =
         sampler->examples != NULL ? sampler->examples->ops->mirroring : V2V_MIRROR_VIEWS;
-    const int wanted =
-        sampler->settings->flips && sampler->settings->crop > 0 && mirroring != V2V_MIRROR_NONE;
+    const int wanted = sampler->settings->flips && sampler->settings->crop > 0;
     for (int axis = 0; axis < AXES; axis++) {
         V2V_TRY(V2V_ALLOC(sampler->partner[axis], "sampler.flips", sampler->images));
         for (int64_t i = 0; i < sampler->images; i++) {
@@ -158,6 +166,10 @@ static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_
             wanted && (mirroring == V2V_MIRROR_IMAGES ||
                        v2v_shifts_flip_partner(sampler->partner[axis], job->psf, axis,
                                                sampler->settings->flip_tolerance));
+        if (sampler->flip[axis] && inputs_of(sampler) < sampler->images &&
+            mirroring == V2V_MIRROR_VIEWS) {
+            sampler->moves[axis] = v2v_shifts_flip_moves(job->psf, axis);
+        }
     }
     sampler->can_transpose = wanted && mirroring == V2V_MIRROR_IMAGES;
     v2v_log(V2V_LOG_INFO, "samples of %lld x %lld, flips: y %s, x %s", (long long)sampler->height,
@@ -186,15 +198,17 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
     sampler->images = job->psf->views;
     sampler->a_frame = 1;
     if (kind != NULL) {
-        V2V_TRY(v2v_examples_create(&sampler->examples, kind, job->config, job->psf));
-        V2V_TRY(check_sources(sampler));
         sampler->images = sampler->examples->inputs + sampler->examples->outputs;
         sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
     sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
     sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
     int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
-    int64_t fit = KEPT_BYTES / bytes;
+    size_t most = (size_t)KEPT_BYTES;
+    if (kind != NULL && v2v_mem_room() / 2 < most) { /* the rest is for the network */
+        most = v2v_mem_room() / 2;
+    }
+    int64_t fit = (int64_t)most / bytes;
     sampler->slots = v2v_within(fit, 1, count_numbers(sampler));
     V2V_TRY(V2V_ALLOC(sampler->slot, "sampler.frames", sampler->slots));
     V2V_TRY(V2V_ALLOC(sampler->slot_number, "sampler.frames", sampler->slots));
@@ -219,6 +233,10 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
     struct v2v_sampler *self = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(self, "sampler", 1)));
     self->settings = &job->config->train;
+    if (kind != NULL) {
+        V2V_TRY(
+            v2v_par_agree(comm, v2v_examples_create(&self->examples, kind, job->config, job->psf)));
+    }
     V2V_TRY(add_sources(self, job, comm));
     V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit, kind)));
 done:
@@ -398,6 +416,24 @@ static struct corner choose_corner(const struct v2v_sampler *sampler, const floa
     return best;
 }
 
+/* Which flips the sample has; none that would bring in what is beyond the frame.
+ * @return the corner of what should come out */
+static struct corner choose_flips(const struct v2v_sampler *sampler, int flips[AXES],
+                                  struct corner corner, const struct v2v_recording_info *info,
+                                  uint64_t stream)
+{
+    const uint64_t seed = (uint64_t)sampler->settings->seed;
+    const int64_t last[AXES] = {info->height - sampler->height, info->width - sampler->width};
+    int64_t at[AXES] = {corner.y, corner.x};
+    for (int axis = 0; axis < AXES; axis++) {
+        const int64_t moved = at[axis] + sampler->moves[axis];
+        flips[axis] = sampler->flip[axis] && moved >= 0 && moved <= last[axis] &&
+                      v2v_random_below(seed, stream, (uint64_t)(DRAW_FLIP_Y + axis), 2) == 1;
+        at[axis] = flips[axis] ? moved : at[axis];
+    }
+    return (struct corner){at[0], at[1]};
+}
+
 /* View v, mirrored, becomes its partner. */
 static void flip(float *out, const float *in, const int32_t *partner, int axis, int64_t views,
                  int64_t height, int64_t width)
@@ -461,18 +497,22 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int
     uint64_t seed = (uint64_t)settings->seed;
     uint64_t stream = (uint64_t)(step * settings->batch + index);
     int64_t height = sampler->height, width = sampler->width;
+    int flips[AXES] = {0};
     const struct choice choice = choose(sampler, stream, step, index);
     const struct v2v_recording_info *info = info_of(source_of(sampler, choice.frame));
     V2V_TRY(keep(sampler, &data, &choice));
     if (settings->crop == 0) {
         v2v_pad_reflect(images, data, sampler->images, info->height, info->width, height, width);
     } else {
-        struct corner corner = choose_corner(sampler, data, info, stream);
-        copy_crop(images, data, info, sampler->images, corner, height, width);
+        const int64_t inputs = inputs_of(sampler), pixels = info->height * info->width;
+        const struct corner corner = choose_corner(sampler, data, info, stream);
+        const struct corner known = choose_flips(sampler, flips, corner, info, stream);
+        copy_crop(images, data, info, inputs, corner, height, width);
+        copy_crop(images + inputs * height * width, data + inputs * pixels, info,
+                  sampler->images - inputs, known, height, width);
     }
     for (int axis = 0; axis < AXES; axis++) {
-        if (sampler->flip[axis] &&
-            v2v_random_below(seed, stream, (uint64_t)(DRAW_FLIP_Y + axis), 2) == 1) {
+        if (flips[axis]) {
             flip(sampler->scratch, images, sampler->partner[axis], axis, sampler->images, height,
                  width);
             memcpy(images, sampler->scratch,

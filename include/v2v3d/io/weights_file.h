@@ -10,7 +10,8 @@
 extern "C" {
 #endif
 
-enum { V2V_WEIGHTS_WORD_BYTES = 32, V2V_WEIGHTS_SETTINGS_BYTES = 512 };
+/** Settings: a text of V2V_CONFIG_TEXT_BYTES and as much for all others. */
+enum { V2V_WEIGHTS_WORD_BYTES = 32, V2V_WEIGHTS_SETTINGS_BYTES = 4096 };
 
 /** Groups of arrays, one for every field each; files that can be trained on have more than the
  *  first. */

@@ -38,7 +38,6 @@ struct v2v_example_source {
 
 /** How an example may be mirrored along y and x. */
 enum v2v_mirroring {
-    V2V_MIRROR_NONE,
     V2V_MIRROR_IMAGES, /**< every image by itself; y and x may change places, too */
     V2V_MIRROR_VIEWS,  /**< views trade places, where the PSFs allow it; the other images by
                             themselves */
@@ -51,8 +50,8 @@ struct v2v_examples {
     const struct v2v_config *config; /**< borrowed */
     const struct v2v_psf_file *psf;  /**< borrowed; without `data` where the method has no optics */
     int64_t inputs, outputs;         /**< images that go in, and that should come out */
-    int64_t frames;                  /**< that a recording has to have */
-    void *self;                      /**< the kind's own */
+    int64_t frames; /**< that one is made of: the one asked for and those after it */
+    void *self;     /**< the kind's own */
 };
 
 struct v2v_examples_ops {
@@ -64,7 +63,7 @@ struct v2v_examples_ops {
                                steps, of a frame that is drawn; 0: all are drawn from at once */
 
     /** Set inputs, outputs, frames (which is 1) and self. @kind Local.
-     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG */
+     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG | V2V_E_INPUT */
     enum v2v_status (*create)(struct v2v_examples *examples);
     /** After whatever part of create was done; self may be NULL. @kind Local. */
     void (*destroy)(struct v2v_examples *examples);
@@ -81,7 +80,7 @@ struct v2v_examples_ops {
                            int64_t v, int64_t height, int64_t width);
 };
 
-/** @kind Local. @param config, psf borrowed @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG */
+/** @kind Local. @param config, psf borrowed @return V2V_OK or as the kind's create */
 enum v2v_status v2v_examples_create(struct v2v_examples **examples,
                                     const struct v2v_examples_ops *ops,
                                     const struct v2v_config *config,

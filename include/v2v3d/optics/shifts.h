@@ -37,6 +37,10 @@ int64_t v2v_shifts_reach(const struct v2v_shifts *shifts);
 int v2v_shifts_flip_partner(int32_t *partner, const struct v2v_psf_file *psf, int axis,
                             double tolerance);
 
+/** The pixels by which the flipped volume that flipped views belong to is displaced along the axis:
+ *  0 where the set is flipped about its centre pixel. @kind Local. */
+int64_t v2v_shifts_flip_moves(const struct v2v_psf_file *psf, int axis);
+
 #ifdef __cplusplus
 }
 #endif

@@ -28,14 +28,16 @@ static struct place decode(float value)
     return (struct place){all / CODE, i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
 }
 
-/* A tilt along y (views 1 and 2) and one along x (3 and 4): each axis' flip exchanges its pair. */
-static void make_symmetric(struct v2v_psf_file *psf)
+/* A tilt along y (views 1 and 2) and one along x (3 and 4): each axis' flip exchanges its pair.
+ * @param off pixels that the whole set lies down and right of its centre */
+static void make_symmetric(struct v2v_psf_file *psf, int off)
 {
     static const int tilt_y[VIEWS] = {0, 1, -1, 0, 0}, tilt_x[VIEWS] = {0, 0, 0, 1, -1};
     memset(psf->data, 0, VIEWS * SLICES * KERNEL * KERNEL * sizeof *psf->data);
     for (int v = 0; v < VIEWS; v++) {
         for (int z = 0; z < SLICES; z++) {
-            int y = KERNEL / 2 + tilt_y[v] * (z - 1), x = KERNEL / 2 + tilt_x[v] * (z - 1);
+            int y = KERNEL / 2 + off + tilt_y[v] * (z - 1);
+            int x = KERNEL / 2 + off + tilt_x[v] * (z - 1);
             psf->data[((v * SLICES + z) * KERNEL + y) * KERNEL + x] = 1.0f;
         }
     }
@@ -47,7 +49,7 @@ static void setup(struct scene *scene)
 {
     v2v_log_configure(V2V_LOG_WARNING, 0);
     scene_init(scene, test_folder(NULL), 1, NULL);
-    make_symmetric(&scene->psf);
+    make_symmetric(&scene->psf, 0);
     scene->config.input.offset = (struct v2v_number){V2V_NUMBER_NONE, 0.0};
     scene->config.input.gain = (struct v2v_number){V2V_NUMBER_GIVEN, GAIN};
     scene_record(scene, "recording.h5", code);
@@ -151,6 +153,84 @@ static void a_volume_of_other_slices_is_refused(void **state)
     scene_fini(&scene);
 }
 
+/* ---- flips that move the volume ---- */
+
+static float volume_of(int t, int64_t i)
+{
+    return (float)v2v_random_uniform(11, (uint64_t)t, (uint64_t)i);
+}
+
+static float projections[FRAMES][VIEWS * SIDE * SIDE];
+
+static float projection_of(int t, int64_t i)
+{
+    return projections[t][i];
+}
+
+static void project(float *views, const float *volume, const struct v2v_psf_file *psf, int64_t side)
+{
+    struct v2v_projector *projector = NULL;
+    assert_ok(v2v_projector_create(&projector, psf, side, side, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+}
+
+/* Whatever is mirrored, the volume of a sample makes its views, but within a kernel's reach of the
+ * crop's edges: in float32 to the rounding of transforms, far below the values' spread of 1. */
+static void check_projections(int off)
+{
+    enum { RING = KERNEL };
+    static float volume[SLICES * SIDE * SIDE], made[VIEWS * PIXELS];
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    int64_t flipped = 0;
+    v2v_log_configure(V2V_LOG_WARNING, 0);
+    scene_init(&scene, test_folder(NULL), 1, NULL);
+    make_symmetric(&scene.psf, off);
+    scene.config.input.gain = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
+    scene.config.train.flip_tolerance = 1e-3;
+    for (int t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SLICES * SIDE * SIDE; i++) {
+            volume[i] = volume_of(t, i);
+        }
+        project(projections[t], volume, &scene.psf, SIDE);
+    }
+    scene_record(&scene, "recording.h5", projection_of);
+    scene_truth(&scene, volume_of);
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL));
+    for (int64_t step = 0; step < DRAWN; step++) {
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
+        project(made, sample + VIEWS * PIXELS, &scene.psf, CROP);
+        for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+            const int64_t y = i / CROP % CROP, x = i % CROP;
+            if (y >= RING && y < CROP - RING && x >= RING && x < CROP - RING) {
+                assert_true(fabsf(made[i] - sample[i]) < 1e-4f);
+            }
+        }
+        scene.config.train.flips = 0; /* the same sample as it would be without */
+        static float plain[(VIEWS + SLICES) * PIXELS];
+        struct v2v_sampler *other = NULL;
+        assert_ok(v2v_sampler_create(&other, &job, 32, &v2v_examples_truth, NULL));
+        assert_ok(v2v_sampler_draw(other, plain, step, 0));
+        flipped += memcmp(plain, sample, sizeof plain) != 0;
+        v2v_sampler_destroy(&other);
+        scene.config.train.flips = 1;
+    }
+    assert_in_range(flipped, DRAWN / 3, DRAWN); /* of three in four, those that stay in the frame */
+    v2v_sampler_destroy(&sampler);
+    scene_fini(&scene);
+}
+
+static void mirrored_volumes_make_the_mirrored_views(void **state)
+{
+    (void)state;
+    check_projections(0);
+    check_projections(1); /* a set off its centre: the volume moves */
+    check_projections(-1);
+}
+
 /* One frame in, the next one out, of one view, wherever the first lies. */
 static void odd_frames_go_in_and_even_ones_should_come_out(void **state)
 {
@@ -177,6 +257,50 @@ static void odd_frames_go_in_and_even_ones_should_come_out(void **state)
     }
     assert_int_equal(views, (1u << VIEWS) - 1);
     v2v_sampler_destroy(&sampler);
+    scene_fini(&scene);
+}
+
+/* Of six frames: two in, two out, from frame 0, 1 or 2 on, alternating. */
+static void stacks_begin_at_every_frame_that_leaves_room(void **state)
+{
+    (void)state;
+    enum { LONG = 6, STACK = 2 };
+    char run[PATH], path[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    struct v2v_recording *recording = NULL;
+    struct v2v_recording_writer *writer = NULL;
+    static float views[VIEWS * SIDE * SIDE];
+    const struct v2v_recording_info info = {
+        .frames = LONG, .views = VIEWS, .height = SIDE, .width = SIDE};
+    const struct v2v_input_settings input = {.views = VIEWS};
+    unsigned starts = 0;
+    setup(&scene);
+    snprintf(path, sizeof path, "%s/long.h5", scene.folder);
+    assert_ok(v2v_recording_create(&writer, path, &info, NULL));
+    for (int t = 0; t < LONG; t++) {
+        for (int64_t i = 0; i < VIEWS * SIDE * SIDE; i++) {
+            views[i] = code(t, i);
+        }
+        assert_ok(v2v_recording_write(writer, views, t, 0, VIEWS));
+    }
+    assert_ok(v2v_recording_finish(&writer));
+    assert_ok(v2v_recording_open(&recording, path, &input, NULL));
+    scene.config.deepcad.frames = STACK;
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    job.recordings = &recording;
+    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL));
+    for (int64_t step = 0; step < DRAWN; step++) {
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
+        const int64_t first = decode(sample[0] / GAIN).t;
+        assert_int_equal(decode(sample[PIXELS] / GAIN).t, first + 2);
+        assert_int_equal(decode(sample[2 * PIXELS] / GAIN).t, first + 1);
+        assert_int_equal(decode(sample[3 * PIXELS] / GAIN).t, first + 3);
+        starts |= 1u << first;
+    }
+    assert_int_equal(starts, 7);
+    v2v_sampler_destroy(&sampler);
+    v2v_recording_close(&recording);
     scene_fini(&scene);
 }
 
@@ -236,7 +360,9 @@ int main(void)
         cmocka_unit_test(views_and_their_volume_are_cut_and_mirrored_together),
         cmocka_unit_test(a_volume_of_one_frame_is_that_of_all),
         cmocka_unit_test(a_volume_of_other_slices_is_refused),
+        cmocka_unit_test(mirrored_volumes_make_the_mirrored_views),
         cmocka_unit_test(odd_frames_go_in_and_even_ones_should_come_out),
+        cmocka_unit_test(stacks_begin_at_every_frame_that_leaves_room),
         cmocka_unit_test(recordings_with_too_few_frames_are_refused),
         cmocka_unit_test(header_example_makes_an_example),
     };
