@@ -125,7 +125,7 @@ const struct v2v_key v2v_key_table[] = {
          "band: as fine as needed; pixel: one a pixel, what is finer folds", "band", "pixel"),
     WORD(optics, normalize, V2V_OPTICS_NORMALIZE_VIEW, "what sums to 1", "view", "slice", "none"),
 
-    NAME(model, method, "v2v", "to train: v2v (the paper's), backconv, unrolled, vcdnet, deepcad or synthesis"),
+    NAME(model, method, "v2v", "v2v (the paper's), backconv, unrolled, vcdnet, deepcad, synthesis"),
     WHOLE(model, width, 1, 1024, 128, "channels of the U-Net's first level"),
     WHOLE(model, features, 1, 64, 4, "features of a view"),
     WORD(model, backend, V2V_BACKEND_ONEDNN, "library that convolves", "onednn", "openblas"),

@@ -153,8 +153,8 @@ int v2v_shifts_flip_partner(int32_t *partner, const struct v2v_psf_file *psf, in
     return 1;
 }
 
-/* y[p] = sum over q of x[q] h[p - q + c], of n pixels, and h' [k] = h[m - k]: with x' [q] = x[n-1-q]
- * y[n-1-p] = sum over q of x' [q] h' [p - (q + 2c - m) + c]. */
+/* y[p] = sum over q of x[q] h[p - q + c], of n pixels, and h'[k] = h[m - k]: with x'[q] = x[n-1-q],
+ * y[n-1-p] = sum over q of x'[q] h'[p - (q + 2c - m) + c]. */
 int64_t v2v_shifts_flip_moves(const struct v2v_psf_file *psf, int axis)
 {
     const int64_t side = axis == 0 ? psf->height : psf->width;
