@@ -7,6 +7,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/nn/adam.h"
+#include "v2v3d/optics/cost.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
@@ -58,12 +59,6 @@ struct diner {
     double *of_row;  /* [v,y]: a sum over a row of a view, of all ranks */
 };
 
-static enum v2v_split split_of(const struct v2v_config *config)
-{
-    return config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI ? V2V_SPLIT_SLABS_FFTW3_MPI
-                                                                 : V2V_SPLIT_SLABS;
-}
-
 static int64_t voxels_of(const struct diner *self)
 {
     return self->share.slices.count * self->share.rows.count * self->width;
@@ -79,7 +74,8 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const int64_t floats = v2v_mem_product(numbers * psf->slices, height, width);
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t field = v2v_implicit_field_bytes(config->diner.width, psf->slices, height, width);
-    const int64_t projector = v2v_projector_bytes(psf, height, width, split_of(config), 1);
+    const int64_t projector =
+        v2v_projector_bytes(psf, height, width, v2v_split_of_slabs(config), 1);
     *work = (struct v2v_grid_work){.height = height,
                                    .unit = 1,
                                    .most_shards = (int)height,
@@ -205,7 +201,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                        .width = problem->width,
                        .steps = config->deconv.iterations > 0 ? config->deconv.iterations : STEPS};
     V2V_TRY(v2v_projector_create(&self->projector, problem->psf, self->height, self->width,
-                                 split_of(config), self->comm));
+                                 v2v_split_of_slabs(config), self->comm));
     self->share = v2v_projector_share(self->projector);
     rc = take_memory(self);
     if (rc == V2V_OK) {

@@ -37,23 +37,23 @@ static struct sums sums_at(const struct v2v_implicit_field *field, float *row)
     return (struct sums){row, lit, w1 + 3 * width, w1, w1 + 2 * width};
 }
 
-/* Of a thread: a first layer of PART voxels, by panels of voxels [part/32][width][32] and by
- * panels of neurons [width/32][part][32]; d of a row, and where the second layer is lit, by panels
- * [width][32] and by tiles of neurons [width/8][part][8]; a product;
- * lanes of sums [width][4][16]. */
+/* Of a thread: the first layer of 32 voxels [width][32], and of PART by panels of neurons
+ * [width/32][part][32]; d where the second layer is lit, of 32 voxels [width][32] and of PART by
+ * tiles of neurons [width/8][part][8]; a product; lanes of sums [width][4][16]; d of a row. */
 struct scratch {
     float *first, *turned, *masked, *tiles, *product, *lanes, *d;
 };
 
 static struct scratch scratch_of(const struct v2v_implicit_field *field)
 {
-    const int64_t layer = field->width * PART;
+    const int64_t panel = field->width * PANEL, part = field->width * PART;
     float *own = field->scratch + omp_get_thread_num() * field->a_scratch;
-    float *product = own + 4 * layer, *lanes = product + TILE * PANEL;
+    float *turned = own + 2 * panel, *product = turned + 2 * part;
+    float *lanes = product + TILE * PANEL;
     return (struct scratch){.first = own,
-                            .turned = own + layer,
-                            .masked = own + 2 * layer,
-                            .tiles = own + 3 * layer,
+                            .turned = turned,
+                            .masked = own + panel,
+                            .tiles = turned + part,
                             .product = product,
                             .lanes = lanes,
                             .d = lanes + SUMS * LANES * field->width};
@@ -61,7 +61,7 @@ static struct scratch scratch_of(const struct v2v_implicit_field *field)
 
 static int64_t scratch_floats(int64_t width, int64_t run)
 {
-    return v2v_mem_product(4 * PART + SUMS * LANES, width, 1) + TILE * PANEL + run;
+    return v2v_mem_product(2 * (PANEL + PART) + SUMS * LANES, width, 1) + TILE * PANEL + run;
 }
 
 static struct v2v_field_layout layout_of(int64_t width)

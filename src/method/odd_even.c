@@ -1,5 +1,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/examples.h"
+#include "v2v3d/op/workspace.h"
 
 #include <string.h>
 
@@ -9,8 +10,7 @@
  * out, each told by its neighbours and by itself (Li et al., Nature Methods 18, 1395 (2021)). */
 
 struct odd_even {
-    float *views;    /* [v,y,x]: a frame */
-    int64_t samples; /* of it */
+    struct v2v_workspace frame; /* [v,y,x] */
 };
 
 static enum v2v_status create(struct v2v_examples *examples)
@@ -27,23 +27,9 @@ static void destroy(struct v2v_examples *examples)
 {
     struct odd_even *self = examples->self;
     if (self != NULL) {
-        v2v_mem_free(self->views);
+        v2v_workspace_fini(&self->frame);
         v2v_mem_free(self);
     }
-}
-
-static enum v2v_status take_frame(struct odd_even *self, int64_t samples)
-{
-    enum v2v_status rc = V2V_OK;
-    if (samples > self->samples) {
-        v2v_mem_free(self->views);
-        self->views = NULL;
-        self->samples = 0;
-        V2V_TRY(V2V_ALLOC(self->views, "odd_even.frame", samples));
-        self->samples = samples;
-    }
-done:
-    return rc;
 }
 
 /* From frame t on. */
@@ -54,12 +40,13 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     struct odd_even *self = examples->self;
     const struct v2v_recording_info *info = v2v_recording_info(source->recording);
     const int64_t pixels = info->height * info->width, n = examples->outputs;
-    V2V_TRY(take_frame(self, info->views * pixels));
+    V2V_TRY(v2v_workspace_reserve(&self->frame, info->views * pixels));
     for (int64_t i = 0; i < examples->frames; i++) {
         const int64_t place = i / 2 + (i % 2) * n;
-        V2V_TRY(v2v_recording_read(source->recording, self->views, t + i));
-        v2v_scaling_apply(&source->scaling, self->views, info->views * pixels);
-        memcpy(images + place * pixels, self->views + v * pixels, (size_t)pixels * sizeof *images);
+        V2V_TRY(v2v_recording_read(source->recording, self->frame.data, t + i));
+        v2v_scaling_apply(&source->scaling, self->frame.data, info->views * pixels);
+        memcpy(images + place * pixels, self->frame.data + v * pixels,
+               (size_t)pixels * sizeof *images);
     }
 done:
     return rc;

@@ -1,13 +1,13 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/examples.h"
+#include "v2v3d/op/workspace.h"
 #include "v2v3d/tensor/bulk.h"
 
 /* Supervised learning: views, and the volume that they are of. The recording's gain is the
  * volume's, too; with model.homogeneous so is the frame's level. */
 
 struct truth {
-    float *scratch; /* [y,x], where every frame has a level of its own */
-    int64_t pixels; /* of it */
+    struct v2v_workspace image; /* [y,x], where every frame has a level of its own */
 };
 
 static enum v2v_status create(struct v2v_examples *examples)
@@ -24,7 +24,7 @@ static void destroy(struct v2v_examples *examples)
 {
     struct truth *self = examples->self;
     if (self != NULL) {
-        v2v_mem_free(self->scratch);
+        v2v_workspace_fini(&self->image);
         v2v_mem_free(self);
     }
 }
@@ -35,19 +35,12 @@ static enum v2v_status level(double *factor, const struct v2v_examples *examples
 {
     enum v2v_status rc = V2V_OK;
     struct truth *self = examples->self;
-    const int64_t pixels = info->height * info->width;
     *factor = 1.0;
-    if (!examples->config->model.homogeneous) {
-        goto done;
+    if (examples->config->model.homogeneous) {
+        V2V_TRY(v2v_workspace_reserve(&self->image, info->height * info->width));
+        *factor =
+            v2v_scaling_level(views, self->image.data, info->views, info->height, info->width);
     }
-    if (pixels > self->pixels) {
-        v2v_mem_free(self->scratch);
-        self->scratch = NULL;
-        self->pixels = 0;
-        V2V_TRY(V2V_ALLOC(self->scratch, "truth.scratch", pixels));
-        self->pixels = pixels;
-    }
-    *factor = v2v_scaling_level(views, self->scratch, info->views, info->height, info->width);
 done:
     return rc;
 }

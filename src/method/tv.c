@@ -8,6 +8,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/optics/cost.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/slicing.h"
@@ -102,12 +103,6 @@ done:
     return rc;
 }
 
-static enum v2v_split split_of(const struct v2v_config *config)
-{
-    return config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI ? V2V_SPLIT_SLABS_FFTW3_MPI
-                                                                 : V2V_SPLIT_SLABS;
-}
-
 struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem)
 {
     const int64_t height = problem->height, width = problem->width;
@@ -125,7 +120,8 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t floats = v2v_tv_planes_floats(psf->slices, torus.height, torus.width) +
                            v2v_mem_product(WEIGHTS * psf->views, torus.height, torus.width);
-    const int64_t data_step = v2v_data_step_bytes(psf, &torus, split_of(problem->config), 1);
+    const int64_t data_step =
+        v2v_data_step_bytes(psf, &torus, v2v_split_of_slabs(problem->config), 1);
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
@@ -201,7 +197,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .light = v2v_psf_light(problem->psf)};
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width, &torus,
-                                 split_of(config), self->comm));
+                                 v2v_split_of_slabs(config), self->comm));
     self->torus = v2v_data_step_torus(self->step);
     V2V_TRY(v2v_par_agree(self->comm, take_memory(self)));
     estimator->slices = v2v_slicing_own(self->slicing);

@@ -320,3 +320,9 @@ enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v
 done:
     return rc;
 }
+
+enum v2v_split v2v_split_of_slabs(const struct v2v_config *config)
+{
+    return config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI ? V2V_SPLIT_SLABS_FFTW3_MPI
+                                                                 : V2V_SPLIT_SLABS;
+}

@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/precision.h"
+#include "v2v3d/optics/cost.h"
 #include "v2v3d/tensor/bulk.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -128,9 +129,7 @@ static enum v2v_status create_loss(struct v2v_trainer *trainer, const struct v2v
                                    .window = v2v_sampler_window(trainer->sampler),
                                    .outputs = trainer->ops->outputs,
                                    .comm = trainer->grid.shard};
-    const enum v2v_split split = job->config->parallel.transform == V2V_TRANSFORM_FFTW3_MPI
-                                     ? V2V_SPLIT_SLABS_FFTW3_MPI
-                                     : V2V_SPLIT_SLABS;
+    const enum v2v_split split = v2v_split_of_slabs(job->config);
     for (int o = 0; o < setup.outputs; o++) {
         const struct v2v_output *output = &trainer->network->output[o];
         setup.held_out[o] = (struct v2v_held_out){output->held_out, output->count};

@@ -44,6 +44,10 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
 /** slices, slabs, slabs through FFTW3-MPI */
 enum { V2V_SPLITS = 3 };
 
+/** Slabs by the transform that parallel.transform names; where it leaves that open, the own one.
+ *  @kind Local. */
+enum v2v_split v2v_split_of_slabs(const struct v2v_config *config);
+
 /** In words. @kind Local. */
 const char *v2v_split_text(enum v2v_split split);
 

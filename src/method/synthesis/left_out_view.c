@@ -2,6 +2,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/conf/cameras.h"
 #include "v2v3d/method/examples.h"
+#include "v2v3d/op/workspace.h"
 #include "v2v3d/tensor/bulk.h"
 
 #include <math.h>
@@ -11,8 +12,7 @@
 
 struct left_out_view {
     struct v2v_cameras cameras;
-    float *frame; /* [v,y,x] */
-    int64_t samples;
+    struct v2v_workspace frame; /* [v,y,x] */
 };
 
 static enum v2v_status create(struct v2v_examples *examples)
@@ -38,7 +38,7 @@ static void destroy(struct v2v_examples *examples)
     struct left_out_view *self = examples->self;
     if (self != NULL) {
         v2v_cameras_fini(&self->cameras);
-        v2v_mem_free(self->frame);
+        v2v_workspace_fini(&self->frame);
         v2v_mem_free(self);
     }
 }
@@ -135,17 +135,12 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     struct left_out_view *self = examples->self;
     const struct v2v_recording_info *info = v2v_recording_info(source->recording);
     const int64_t pixels = info->height * info->width, samples = info->views * pixels;
-    if (samples > self->samples) {
-        v2v_mem_free(self->frame);
-        self->frame = NULL;
-        self->samples = 0;
-        V2V_TRY(V2V_ALLOC(self->frame, "left_out_view.frame", samples));
-        self->samples = samples;
-    }
-    V2V_TRY(v2v_recording_read(source->recording, self->frame, t));
-    v2v_scaling_apply(&source->scaling, self->frame, samples);
-    inputs_of_view(examples, images, self->frame, number, info->height, info->width);
-    v2v_bulk_copy(images + examples->inputs * pixels, self->frame + number * pixels, pixels);
+    V2V_TRY(v2v_workspace_reserve(&self->frame, samples));
+    float *frame = self->frame.data;
+    V2V_TRY(v2v_recording_read(source->recording, frame, t));
+    v2v_scaling_apply(&source->scaling, frame, samples);
+    inputs_of_view(examples, images, frame, number, info->height, info->width);
+    v2v_bulk_copy(images + examples->inputs * pixels, frame + number * pixels, pixels);
 done:
     return rc;
 }
