@@ -70,11 +70,15 @@ static int is_alone(void)
            getenv("PMI_FD") == NULL;
 }
 
-/* No network needs to be looked for: half of the start's 0.4 s. */
+/* No network needs to be looked for, and no daemon started that would launch more ranks: 0.14 s
+ * instead of 0.5 (two cores, medians of five). */
 static void start_alone(void)
 {
     setenv("OMPI_MCA_pml", "ob1", 0);
     setenv("OMPI_MCA_btl", "self", 0);
+    setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
+    /* Its name would be every lone program's, of which the first to end removes it. */
+    setenv("OMPI_MCA_orte_create_session_dirs", "0", 0);
 }
 
 enum v2v_status v2v_par_init(struct v2v_comm **world, int *argc, char ***argv)

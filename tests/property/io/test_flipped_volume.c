@@ -10,7 +10,7 @@
 #include <string.h>
 
 enum { FRAMES = 3, SLICES = 2, SIDE = 8, VOXELS = SLICES * SIDE * SIDE, MOST_BYTES = 1 << 16 };
-enum { FLIPS = 400 };
+enum { FLIPS = 150 };
 
 /* The plain file, and the packed ones. */
 static const struct v2v_volume_storage storages[] = {{.deflate = 0},
