@@ -89,7 +89,7 @@ drawn=(neurons vessels cells beads filaments)      # scene drawn-KIND, seeds 101
 taught=(neurons vessels cells microglia filaments) # of data sets, by seeds from a million on
 taught_noises='gaussian:0.2 poisson:25'
 frames=6 crop_side=96
-columns='scene noise method training_s command_s frame_s psnr ssim heldout heldout_sigmas parameters pixels threads ranks commit processor load'
+columns='scene noise method training_s command_s frame_s psnr ssim heldout heldout_sigmas parameters pixels threads ranks commit processor load steps'
 
 usage() {
     sed -n '3,/^# Each method on/{/^# Each method on/d;s/^# \{0,3\}//;p}' "${BASH_SOURCE[0]}" >&2
@@ -362,7 +362,7 @@ leave_out() { # ROW INPUT WORD...
 }
 
 run_method() { # ROW OF METHODS
-    local name training looks command bench place='' weights=() training_s=0 parameters='' truth input
+    local name training looks command bench place='' weights=() training_s=0 parameters='' steps='' about truth input
     local psnr ssim command_s frame_s heldout sigmas words
     IFS='|' read -r name _ training looks _ _ command bench <<<"$1"
     need truth && need "$looks" || return
@@ -371,7 +371,8 @@ run_method() { # ROW OF METHODS
     if [[ -n $training ]]; then
         need_training "$training" || return
         training_s=$(<"$place.seconds")
-        parameters=$(value_of parameters "$("$program" weights info "$place/weights.h5" --json)")
+        about=$("$program" weights info "$place/weights.h5" --json)
+        parameters=$(value_of parameters "$about") steps=$(value_of step "$about")
         [[ $command != reconstruct* ]] || weights=(--weights "$place/weights.h5")
     fi
     say "$scene, $noise: $name"
@@ -384,7 +385,8 @@ run_method() { # ROW OF METHODS
     words=("$scene" "$noise" "$name" "$training_s" "$command_s" "$frame_s" "$psnr" "$ssim"
         "${heldout:--}" "${sigmas:--}" "${parameters:--}"
         "$("$program" info "$work/volume.h5" | sed -n 's/.* of \(.* x .*\) pixels.*/\1/p')"
-        "${options[1]:-$(($(nproc) / ranks))}" "$ranks" "$commit" "$processor" "$(cut -d ' ' -f 1 /proc/loadavg)")
+        "${options[1]:-$(($(nproc) / ranks))}" "$ranks" "$commit" "$processor" "$(cut -d ' ' -f 1 /proc/loadavg)"
+        "${steps:--}")
     keep_picture "$name"
     (IFS=$'\t' && echo "${words[*]//null/-}") >>"$results"
 }
@@ -492,6 +494,7 @@ summarize() {
             psnr[m, f[2]] += f[7]
             ssim[m, f[2]] += f[8]
             training[m] += f[4]
+            steps[m] += f[18]
             frame[m] += f[6]
             if (f[9] != "-") {
                 heldout[m] += f[9]
@@ -503,10 +506,10 @@ summarize() {
             printf "| method | the paper |"
             for (k = 1; k <= noises; k++)
                 printf " %s |", noise[k]
-            printf " held out | training, s | a frame, s | parameters |\n|---|---|"
+            printf " held out | training, s | steps | a frame, s | parameters |\n|---|---|"
             for (k = 1; k <= noises; k++)
                 printf "---|"
-            printf "---|---|---|---|\n"
+            printf "---|---|---|---|---|\n"
             for (i = 1; i <= count; i++) {
                 m = name[i]
                 if (!runs[m])
@@ -520,8 +523,9 @@ summarize() {
                         printf " (%d of %d)", h, recordings[noise[k]]
                     printf " |"
                 }
-                printf " %s | %s | %s | %s |\n", mean_of(heldout[m], left[m], "%.3f"),
+                printf " %s | %s | %s | %s | %s |\n", mean_of(heldout[m], left[m], "%.3f"),
                     training[m] ? mean_of(training[m], runs[m], "%.0f") : "-",
+                    training[m] ? mean_of(steps[m], runs[m], "%.0f") : "-",
                     mean_of(frame[m], runs[m], "%.2g"), parameters[m]
             }
         }' <(echo "$methods") "$results"
