@@ -362,8 +362,8 @@ leave_out() { # ROW INPUT WORD...
 }
 
 run_method() { # ROW OF METHODS
-    local name training looks command bench place='' weights=() training_s=0 parameters='' steps='' about truth input
-    local psnr ssim command_s frame_s heldout sigmas words
+    local name training looks command bench place='' weights=() training_s=0 parameters='' steps=''
+    local about truth input psnr ssim command_s frame_s heldout sigmas words
     IFS='|' read -r name _ training looks _ _ command bench <<<"$1"
     need truth && need "$looks" || return
     truth=$work/truth.h5 input=$work/$looks.h5
@@ -385,8 +385,8 @@ run_method() { # ROW OF METHODS
     words=("$scene" "$noise" "$name" "$training_s" "$command_s" "$frame_s" "$psnr" "$ssim"
         "${heldout:--}" "${sigmas:--}" "${parameters:--}"
         "$("$program" info "$work/volume.h5" | sed -n 's/.* of \(.* x .*\) pixels.*/\1/p')"
-        "${options[1]:-$(($(nproc) / ranks))}" "$ranks" "$commit" "$processor" "$(cut -d ' ' -f 1 /proc/loadavg)"
-        "${steps:--}")
+        "${options[1]:-$(($(nproc) / ranks))}" "$ranks" "$commit" "$processor"
+        "$(cut -d ' ' -f 1 /proc/loadavg)" "${steps:--}")
     keep_picture "$name"
     (IFS=$'\t' && echo "${words[*]//null/-}") >>"$results"
 }
