@@ -7,12 +7,17 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/train/train.h"
 
 #include <math.h>
 #include <stdio.h>
+
+/** test_mpi_main with the helper that looks at files, started before MPI as the program does:
+ *  without it a look forks this whole process. */
+#define scene_mpi_main(tests, argc, argv) (v2v_file_guard_start(), test_mpi_main(tests, argc, argv))
 
 enum { VIEWS = 5, SLICES = 4, KERNEL = 9, SIDE = 64, FRAMES = 2, PATH = 512 };
 

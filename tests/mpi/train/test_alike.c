@@ -2,7 +2,6 @@
 #include "small_run.h"
 
 #include "train/alike.h"
-#include "v2v3d/io/file.h"
 #include "v2v3d/nn/rule.h"
 
 #include <omp.h>
@@ -130,6 +129,5 @@ int main(int argc, char **argv)
         cmocka_unit_test(branches_are_compared_with_their_own),
         cmocka_unit_test(reproducible_runs_refuse_ranks_of_different_threads),
     };
-    v2v_file_guard_start();
-    return test_mpi_main(tests, argc, argv);
+    return scene_mpi_main(tests, argc, argv);
 }

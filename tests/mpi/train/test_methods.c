@@ -2,14 +2,12 @@
  * bit for bit. */
 #include "small_run.h"
 
-#include "v2v3d/io/file.h"
-
 #include <string.h>
 
 enum { STEPS = 6 };
 
 /* Sums of gradients in another order differ by 1e-7 of them; at this learning rate that does not
- * grow in ten steps, and the loss, 1e-3 of which one step changes, keeps four digits. */
+ * grow in so few steps, and the loss, 1e-3 of which one step changes, keeps four digits. */
 static void check_against_one_rank(struct scene *scene, int64_t branches)
 {
     double alone = 0.0;
@@ -93,6 +91,5 @@ int main(int argc, char **argv)
         cmocka_unit_test(every_network_trains_on_any_ranks_to_the_same_loss),
         cmocka_unit_test(a_method_that_there_is_not_is_refused),
     };
-    v2v_file_guard_start();
-    return test_mpi_main(tests, argc, argv);
+    return scene_mpi_main(tests, argc, argv);
 }

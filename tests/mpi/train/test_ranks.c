@@ -2,7 +2,6 @@
 #include "small_run.h"
 
 #include "v2v3d/base/stop.h"
-#include "v2v3d/io/file.h"
 #include "v2v3d/op/bf16.h"
 
 #include <string.h>
@@ -244,6 +243,5 @@ int main(int argc, char **argv)
         cmocka_unit_test(a_stop_request_on_one_rank_checkpoints_on_all),
         cmocka_unit_test(a_folder_with_a_run_is_refused),
     };
-    v2v_file_guard_start();
-    return test_mpi_main(tests, argc, argv);
+    return scene_mpi_main(tests, argc, argv);
 }

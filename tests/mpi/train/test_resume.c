@@ -253,6 +253,5 @@ int main(int argc, char **argv)
         cmocka_unit_test(a_folder_that_is_held_is_busy),
         cmocka_unit_test(gradients_too_large_to_square_step_nothing),
     };
-    v2v_file_guard_start();
-    return test_mpi_main(tests, argc, argv);
+    return scene_mpi_main(tests, argc, argv);
 }

@@ -1,7 +1,6 @@
 /* The learning rate that falls in a straight line, and the running mean of the weights. */
 #include "small_run.h"
 
-#include "v2v3d/io/file.h"
 #include "v2v3d/nn/rule.h"
 
 #include <string.h>
@@ -112,6 +111,5 @@ int main(int argc, char **argv)
         cmocka_unit_test(the_result_is_the_mean_of_the_weights),
         cmocka_unit_test(with_the_time_the_run_is_complete),
     };
-    v2v_file_guard_start();
-    return test_mpi_main(tests, argc, argv);
+    return scene_mpi_main(tests, argc, argv);
 }
