@@ -15,8 +15,7 @@ void test_capture_end(char *text, size_t bytes);
 int test_in_child(void (*act)(void), char *text, size_t bytes);
 
 /** Run this very program with one argument as a job of `ranks` ranks. The job's exit code; text
- *  gets all that it wrote. Skips the test when there is no mpirun; one rank goes without it, since
- *  mpirun waits two seconds after a rank that failed. */
+ *  gets all that it wrote. Skips the test when there is no mpirun; one rank goes without it. */
 int test_own_job(int ranks, const char *argument, char *text, size_t bytes);
 
 #endif
