@@ -33,9 +33,10 @@ struct layout {
  * rank's piece for itself on the other side already. One rank has one side. */
 struct lane {
     struct v2v_complex *rows_side, *columns_side;
-    int *counts, *offsets; /* [rank]: numbers of the own exchange */
-    MPI_Request request;
+    MPI_Request *received, *sent; /* [rank]: of the own exchange */
 };
+
+/* Exchanges on their way at once: a rank may be that many ahead of another before it waits. */
 enum { LANES = 2 };
 
 struct v2v_fft_slabs {
@@ -102,12 +103,12 @@ int64_t v2v_fft_slabs_bytes(const struct v2v_fft_shape *shape, int ranks)
     const int64_t threads = omp_get_max_threads();
     const int lanes = lanes_of(shape, ranks);
     const int64_t buffers = ranks == 1 ? threads : 2 * lanes;
-    const int64_t counts = ranks == 1 ? 0 : 2 * lanes * (int64_t)ranks;
+    const int64_t requests = ranks == 1 ? 0 : 2 * lanes * (int64_t)ranks;
     return (buffers * layout.side +
             threads * (ROWS * layout.row_stride + 2 * layout.column_stride)) *
                (int64_t)sizeof(struct v2v_complex) +
            threads * 2 * layout.row_floats * (int64_t)sizeof(float) +
-           counts * (int64_t)sizeof(int) + (int64_t)sizeof(struct v2v_fft_slabs);
+           requests * (int64_t)sizeof(MPI_Request) + (int64_t)sizeof(struct v2v_fft_slabs);
 }
 
 int64_t v2v_fft_slabs_batch(const struct v2v_fft_shape *shape, int ranks)
@@ -139,11 +140,13 @@ static enum v2v_status take_lanes(struct v2v_fft_slabs *fft, int size)
     enum v2v_status rc = V2V_OK;
     for (int i = 0; i < lanes_of(&fft->shape, size) && size > 1; i++) {
         struct lane *lane = &fft->lane[i];
-        lane->request = MPI_REQUEST_NULL;
         V2V_TRY(V2V_ALLOC(lane->rows_side, "fft.exchange", fft->layout.side));
         V2V_TRY(V2V_ALLOC(lane->columns_side, "fft.exchange", fft->layout.side));
-        V2V_TRY(V2V_ALLOC(lane->counts, "fft.exchange", size));
-        V2V_TRY(V2V_ALLOC(lane->offsets, "fft.exchange", size));
+        V2V_TRY(V2V_ALLOC(lane->received, "fft.exchange", size));
+        V2V_TRY(V2V_ALLOC(lane->sent, "fft.exchange", size));
+        for (int r = 0; r < size; r++) {
+            lane->received[r] = lane->sent[r] = MPI_REQUEST_NULL;
+        }
     }
     if (size == 1) {
         V2V_TRY(V2V_ALLOC(fft->lane[0].rows_side, "fft.exchange",
@@ -223,8 +226,8 @@ void v2v_fft_slabs_destroy(struct v2v_fft_slabs **fft)
     for (int i = 0; i < LANES; i++) {
         v2v_mem_free(old->lane[i].rows_side);
         v2v_mem_free(old->lane[i].columns_side);
-        v2v_mem_free(old->lane[i].counts);
-        v2v_mem_free(old->lane[i].offsets);
+        v2v_mem_free(old->lane[i].received);
+        v2v_mem_free(old->lane[i].sent);
     }
     v2v_mem_free(old->pixels);
     v2v_mem_free(old->restored);
@@ -412,22 +415,34 @@ static void take_rows(const struct v2v_fft_slabs *fft, float *frames, float fact
 
 static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n, int forward)
 {
-    const int count = (int)(n * fft->layout.rows * fft->layout.columns);
+    const int64_t count = n * fft->layout.rows * fft->layout.columns;
     const int size = v2v_comm_size(fft->comm), rank = v2v_comm_rank(fft->comm);
+    const MPI_Comm mpi = v2v_comm_mpi(fft->comm);
     struct v2v_complex *to = forward ? lane->columns_side : lane->rows_side;
     const struct v2v_complex *from = forward ? lane->rows_side : lane->columns_side;
     if (fft->transposition != NULL) {
         const double began = v2v_clock_now();
         v2v_transposition_run(fft->transposition, n, forward);
         v2v_par_spent(V2V_PAR_EXCHANGE, began);
-    } else {
-        for (int r = 0; r < size; r++) {
-            lane->counts[r] = r == rank ? 0 : count;
-            lane->offsets[r] = r * count;
-        }
-        MPI_Ialltoallv(from, lane->counts, lane->offsets, MPI_C_FLOAT_COMPLEX, to, lane->counts,
-                       lane->offsets, MPI_C_FLOAT_COMPLEX, v2v_comm_mpi(fft->comm), &lane->request);
+        return;
     }
+    /* In step s everybody sends s ranks up, so that nobody is sent to by two at once. */
+    for (int s = 1; s < size; s++) {
+        const int above = (rank + s) % size, below = (rank - s + size) % size;
+        MPI_Irecv(to + below * count, (int)count, MPI_C_FLOAT_COMPLEX, below, V2V_TAG_PARTS, mpi,
+                  &lane->received[below]);
+        MPI_Isend(from + above * count, (int)count, MPI_C_FLOAT_COMPLEX, above, V2V_TAG_PARTS, mpi,
+                  &lane->sent[above]);
+    }
+}
+
+static void wait_for(const struct v2v_fft_slabs *fft, MPI_Request *requests)
+{
+    const double began = v2v_clock_now();
+    if (requests != NULL) { /* FFTW3-MPI has none */
+        MPI_Waitall(v2v_comm_size(fft->comm), requests, MPI_STATUSES_IGNORE);
+    }
+    v2v_par_spent(V2V_PAR_EXCHANGE, began);
 }
 
 /* The frames of n that follow a batch; FFTW3-MPI takes a power of two. */
@@ -499,37 +514,33 @@ static void rows_from_lane(const struct v2v_fft_slabs *fft, const struct job *jo
     }
 }
 
-static void finish(const struct v2v_fft_slabs *fft, const struct job *job, struct lane *lane,
-                   struct v2v_part batch, int forward)
-{
-    const double began = v2v_clock_now();
-    MPI_Wait(&lane->request, MPI_STATUS_IGNORE);
-    v2v_par_spent(V2V_PAR_EXCHANGE, began);
-    (forward ? columns_from_lane : rows_from_lane)(fft, job, lane, batch);
-}
-
-/* While a batch is exchanged, the one before it is finished and the one after it begun. FFTW3-MPI
- * returns when a batch has arrived. */
+/* Batches are begun in turn, and each is finished when LANES - 1 more have been. FFTW3-MPI returns
+ * when a batch has arrived. */
 static void share(struct v2v_fft_slabs *fft, const struct job *job, int64_t n, int forward)
 {
-    struct v2v_part batch = {0, 0}, before;
     const int lanes = lanes_of(&fft->shape, v2v_comm_size(fft->comm));
-    int64_t b = 0;
+    struct v2v_part batches[LANES] = {{0, 0}};
+    struct v2v_part batch = {0, 0};
+    int64_t begun = 0, finished = 0;
     do {
-        struct lane *lane = &fft->lane[b++ % lanes];
-        before = batch;
         batch = batch_after(fft, batch, n);
         if (batch.count > 0) {
+            struct lane *lane = &fft->lane[begun % lanes];
+            wait_for(fft, lane->sent);
             (forward ? rows_to_lane : columns_to_lane)(fft, job, lane, batch);
             start(fft, lane, batch.count, forward);
+            batches[begun++ % lanes] = batch;
         }
-        if (lanes == 1) {
-            before = batch;
+        if (begun - finished == lanes || (batch.count == 0 && finished < begun)) {
+            struct lane *lane = &fft->lane[finished % lanes];
+            wait_for(fft, lane->received);
+            (forward ? columns_from_lane : rows_from_lane)(fft, job, lane,
+                                                           batches[finished++ % lanes]);
         }
-        if (before.count > 0) {
-            finish(fft, job, &fft->lane[b % lanes], before, forward);
-        }
-    } while (batch.count > 0);
+    } while (batch.count > 0 || finished < begun);
+    for (int i = 0; i < lanes; i++) {
+        wait_for(fft, fft->lane[i].sent);
+    }
 }
 
 static void forward_alone(const struct v2v_fft_slabs *fft, const struct lane *lane,
