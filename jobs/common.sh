@@ -5,7 +5,7 @@
 #                        these scripts, v2v3d of the PATH
 #   V2V3D_LAUNCHER       srun (default) or mpirun
 #   V2V3D_LAUNCHER_ARGS  more words for the launcher
-#   V2V3D_MAX_CRASHES    killed runs in a row after which the job is given up; default 5
+#   V2V3D_MAX_CRASHES    restarts after killed runs in a row, then the job is given up; default 5
 #
 # A run that was killed, by Slurm or with its node, goes on from its last checkpoint or frame; one
 # that finds another run at work on its output (75) is tried again later.

@@ -118,7 +118,8 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTION_CALIBRATION(type, field)                                                        \
     V2V_OPTION_FILE(type, field, "calibration", 0, "of the views: v2v3d calibrate")
 #define V2V_OPTIONS_PAGES                                                                          \
-    V2V_OPTION_SET("views", "input.views", "V", "TIFF input: views of a frame; 0: as the PSFs"),   \
+    V2V_OPTION_SET("views", "input.views", "V",                                                    \
+                   "TIFF input: views of a frame; 0: as PSFs or file"),                            \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
                        "TIFF input: page of the first frame's first view"),                        \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \

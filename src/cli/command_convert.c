@@ -271,7 +271,8 @@ done:
 
 const struct v2v_command v2v_command_convert = {
     .name = "convert",
-    .summary = "TIFF <-> HDF5: volumes, recordings, PSFs; volumes for BigDataViewer; weights",
+    .summary =
+        "TIFF <-> HDF5: volumes, recordings; PSFs to HDF5; volumes for BigDataViewer; weights",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

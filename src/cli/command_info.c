@@ -75,6 +75,17 @@ const struct v2v_command v2v_command_info = {.name = "info",
                                              .bytes = sizeof(struct arguments),
                                              .run = run};
 
+static const struct v2v_option weights_options[] = {
+    {.name = "file",
+     .kind = V2V_OPTION_OPERAND,
+     .at = offsetof(struct arguments, path),
+     .value = "FILE",
+     .help = "weights",
+     .required = 1},
+    V2V_OPTION_SWITCH(struct arguments, json, "json", "print one JSON object"),
+    V2V_OPTION_SLICES,
+    {0}};
+
 static enum v2v_status run_weights(const void *arguments, struct v2v_session *session)
 {
     return inform(arguments, V2V_CONTENT_WEIGHTS, session);
@@ -82,6 +93,6 @@ static enum v2v_status run_weights(const void *arguments, struct v2v_session *se
 
 const struct v2v_command v2v_command_weights_info = {.name = "weights info",
                                                      .summary = "what is in a weight file",
-                                                     .options = options,
+                                                     .options = weights_options,
                                                      .bytes = sizeof(struct arguments),
                                                      .run = run_weights};

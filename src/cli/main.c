@@ -46,7 +46,7 @@ static void print_usage(void)
            "Usage: v2v3d COMMAND [options], alone or under mpirun / srun\n\n",
            V2V_VERSION);
     print_commands("");
-    printf("\nv2v3d COMMAND --help tells a command's options.\n");
+    printf("\nv2v3d COMMAND --help tells a command's options, v2v3d --version the version.\n");
 }
 
 static void print_help(const struct v2v_command *command)

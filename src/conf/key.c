@@ -104,9 +104,9 @@ static enum v2v_status assign_number(struct v2v_number *value, const struct v2v_
 {
     int mode = V2V_NUMBER_GIVEN;
     double number = 0.0;
-    if (key->may_auto && strcmp(text, "auto") == 0) {
+    if (strcmp(text, "auto") == 0) {
         mode = V2V_NUMBER_AUTO;
-    } else if (strcmp(text, "none") == 0 || strcmp(text, "off") == 0) {
+    } else if (key->may_none && (strcmp(text, "none") == 0 || strcmp(text, "off") == 0)) {
         mode = V2V_NUMBER_NONE;
     } else {
         enum v2v_status rc =

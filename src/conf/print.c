@@ -83,7 +83,7 @@ static void print_range(const struct v2v_key *key, FILE *stream)
         format_real(most, key->real.most);
     }
     if (key->kind == V2V_KEY_NUMBER) {
-        fprintf(stream, "%s", key->may_auto ? "auto, none or " : "none or ");
+        fprintf(stream, "%s", key->may_none ? "auto, none or " : "auto or ");
     }
     fprintf(stream, "%s to %s", least, most);
     if (key->kind == V2V_KEY_WHOLE && key->whole.multiple > 1) {

@@ -35,16 +35,15 @@
 #define NUMBER(s, n, at, mode_, least_, most_, meaning_)                                           \
     {                                                                                              \
         .section = #s, .name = #n, .offset = offsetof(struct v2v_config, s.at),                    \
-        .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_auto = 1, .mode = mode_,        \
+        .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_none = 1, .mode = mode_,        \
         .meaning = meaning_                                                                        \
     }
-#define AUTO(s, n, least, most, meaning) NUMBER(s, n, n, V2V_NUMBER_AUTO, least, most, meaning)
 
-/* Likewise, by default the number itself. */
-#define DEFAULT(s, n, least_, most_, fallback_, meaning_)                                          \
+/* A number or "auto". */
+#define AUTO(s, n, mode_, least_, most_, fallback_, meaning_)                                      \
     {                                                                                              \
-        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, fallback_}, .may_auto = 1,       \
-                  .mode = V2V_NUMBER_GIVEN, .meaning = meaning_                                    \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, fallback_}, .mode = mode_,       \
+                  .meaning = meaning_                                                              \
     }
 
 /* The weight of a term of the loss, from its row. */
@@ -94,8 +93,10 @@ const struct v2v_key v2v_key_table[] = {
     REAL(input, pixel_size_um, 0.0, 1e6, 0.0, "um; 0: as the file says"),
     REAL(input, slice_spacing_um, 0.0, 1e6, 0.0, "um; 0: as the file says, or the PSFs"),
     REAL(input, frame_interval_s, 0.0, 1e9, 0.0, "s; 0: as the file says"),
-    AUTO(input, offset, -1e9, 1e9, "subtracted; auto: 32767 when the mean is above"),
-    AUTO(input, gain, 1e-12, 1e12, "multiplied on; auto: the recording's mean becomes 0.2"),
+    NUMBER(input, offset, offset, V2V_NUMBER_AUTO, -1e9, 1e9,
+           "subtracted; auto: 32767 when the mean is above"),
+    NUMBER(input, gain, gain, V2V_NUMBER_AUTO, 1e-12, 1e12,
+           "multiplied on; auto: the recording's mean becomes 0.2"),
 
     WORD(psf, normalize, V2V_NORMALIZE_VIEW, "view: each view sums to 1", "view", "none"),
     WORD(psf, reduce, V2V_REDUCE_SUM, "how depth slices add up in a projection", "sum", "mean"),
@@ -192,7 +193,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(recon, combine, V2V_COMBINE_MEAN, "what becomes of a network's two volumes",
          "mean", "max"),
     WHOLE(recon, refresh, 1, BILLION, 20, "with skip over time: from one whole frame to the next"),
-    AUTO(recon, strength, 0.0, 1.0,
+    AUTO(recon, strength, V2V_NUMBER_AUTO, 0.0, 1.0, 0.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),
     WHOLE(recon, neighbours, 0, 1000, 0,
           "frames on either side whose views are averaged in where nothing but brightness changed"),
@@ -201,13 +202,14 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1000"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
-    DEFAULT(deconv, lambda, 0.0, 1e3, 0.048, "tv: weight of the variation, in noise of the views"),
+    AUTO(deconv, lambda, V2V_NUMBER_GIVEN, 0.0, 1e3, 0.048,
+         "tv: weight of the variation, in noise of the views"),
     WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
          "tv: the same for all samples, or of photons; auto: as the first frame shows", "auto",
          "gaussian", "poisson"),
-    AUTO(deconv, electrons_per_count, 1e-9, 1e9,
+    AUTO(deconv, electrons_per_count, V2V_NUMBER_AUTO, 1e-9, 1e9, 0.0,
          "tv: of the camera, for noise of photons; auto: by the views"),
-    AUTO(deconv, read_noise, 0.0, 1e9,
+    AUTO(deconv, read_noise, V2V_NUMBER_AUTO, 0.0, 1e9, 0.0,
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),

@@ -35,7 +35,7 @@ struct v2v_key {
     struct {
         double least, most, fallback;
     } real;                                /**< of V2V_KEY_REAL and _NUMBER */
-    int may_auto;                          /**< a V2V_KEY_NUMBER takes the word "auto" */
+    int may_none;                          /**< a V2V_KEY_NUMBER takes "none", beside "auto" */
     int mode;                              /**< of a V2V_KEY_NUMBER's default */
     const char *words[V2V_KEY_MOST_WORDS]; /**< of V2V_KEY_NAME: the default alone */
     const char *meaning;

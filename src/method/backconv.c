@@ -288,7 +288,6 @@ static void backward(struct v2v_network *network, const float *const *dvolume)
 
 const struct v2v_network_ops v2v_network_backconv = {
     .name = "backconv",
-    .meaning = "three convolutions of the back-projected views, the same for both halves",
     .keys = keys,
     .split = "even-odd",
     .outputs = HALVES,

@@ -52,7 +52,6 @@ static void describe_work(struct v2v_grid_work *work, const struct v2v_network_s
 const struct v2v_network_ops v2v_network_deepcad = {
     V2V_UNET_NETWORK_OPS,
     .name = "deepcad",
-    .meaning = "a U-Net in space and time over the frames of a view, taught by other frames",
     .keys = keys,
     .examples = &v2v_examples_odd_even,
     .traits = V2V_TRAIT_VIEWS | V2V_TRAIT_ANY,

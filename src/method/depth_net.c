@@ -420,7 +420,6 @@ static void backward(struct v2v_network *network, const float *const *dvolume)
 
 const struct v2v_network_ops v2v_network_depth_net = {
     .name = "unrolled",
-    .meaning = "a correction of the volume of total variation, taught by simulation",
     .keys = keys,
     .split = "none",
     .outputs = 1,

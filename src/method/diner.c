@@ -389,7 +389,6 @@ done:
 
 const struct v2v_estimator_ops v2v_estimator_diner = {
     .name = "diner",
-    .meaning = "an implicit field whose projections are fitted to the views: DINER",
     .describe_work = describe_work,
     .create = create,
     .destroy = destroy,

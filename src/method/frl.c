@@ -40,7 +40,4 @@ static const struct v2v_correction correction = {
     .iterations = 10, .has_denominator = 1, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_frl = {
-    .name = "frl",
-    .meaning = "fast Richardson-Lucy: A'y / A'Ax, negative samples as they are",
-    .variant = &correction,
-    V2V_RICHARDSON_LUCY_OPS};
+    .name = "frl", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};

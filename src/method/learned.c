@@ -118,7 +118,6 @@ done:
 
 const struct v2v_estimator_ops v2v_estimator_learned = {
     .name = "learned",
-    .meaning = "a trained network",
     .is_learned = 1,
     .has_gain = 1,
     .skips_light = 1,

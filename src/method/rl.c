@@ -41,7 +41,4 @@ static const struct v2v_correction correction = {.iterations = 30,
                                                  .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_rl = {
-    .name = "rl",
-    .meaning = "Richardson-Lucy, all views at once: A'((y + b) / (Ax + b)) / A'1",
-    .variant = &correction,
-    V2V_RICHARDSON_LUCY_OPS};
+    .name = "rl", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};

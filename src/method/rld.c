@@ -29,7 +29,4 @@ static const struct v2v_correction correction = {
     .iterations = 10, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_rld = {
-    .name = "rld",
-    .meaning = "phase-space Richardson-Lucy: A'(y / Ax) / A'1",
-    .variant = &correction,
-    V2V_RICHARDSON_LUCY_OPS};
+    .name = "rld", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};

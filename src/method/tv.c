@@ -504,7 +504,6 @@ static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole
 
 const struct v2v_estimator_ops v2v_estimator_tv = {
     .name = "tv",
-    .meaning = "total variation by maximum a posteriori",
     .is_open = is_open,
     .settle = settle,
     .describe_work = describe_work,

@@ -167,7 +167,6 @@ static void plane(struct v2v_estimator *whole, float *volume, float *views)
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",
-    .meaning = "total variation, corrected by a trained network",
     .is_learned = 1,
     .is_open = is_open,
     .settle = settle,

@@ -219,7 +219,6 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     if (rc == V2V_OK || rc == V2V_STOPPED) {
         struct v2v_par_shares shares = v2v_par_shares_since(comm, &began);
         v2v_par_log_shares(comm, &shares);
-        report->communication = shares.mean;
     }
 done:
     v2v_watchdog_beat("the end of training");

@@ -166,7 +166,6 @@ static void backward(struct v2v_network *network, const float *const *dvolume)
 
 const struct v2v_network_ops v2v_network_v2v = {
     .name = "v2v",
-    .meaning = "shared encoder, alignment by the PSFs and a U-Net for each half of the views",
     .keys = keys,
     .outputs = BRANCHES,
     .skip_auto = SKIP_AUTO,

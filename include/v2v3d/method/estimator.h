@@ -95,7 +95,6 @@ struct v2v_monitor {
 
 struct v2v_estimator_ops {
     const char *name;    /**< in configurations */
-    const char *meaning; /**< one line, for --help */
     int is_learned;      /**< bool: it needs weights */
     int has_gain;        /**< bool: views are to have the gain, and volumes are projected, as in the
                               training; else views scaled by s give the volume scaled by s */

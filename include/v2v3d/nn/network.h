@@ -127,7 +127,6 @@ struct v2v_examples_ops;
 
 struct v2v_network_ops {
     const char *name;                        /**< in configurations and weight files */
-    const char *meaning;                     /**< one line, for --help */
     const struct v2v_examples_ops *examples; /**< NULL: views that its volumes have not seen */
     const char *const *keys; /**< "section.key" .., NULL: settings that its parameters' shapes and
                                   its function depend on; weight files carry them */

@@ -46,7 +46,6 @@ struct v2v_train_report {
     int64_t steps;     /**< done in all, resumed ones included */
     double last_total; /**< total loss of the last step */
     double seconds;
-    double communication; /**< part of the steps' time, 0 .. 1, mean over ranks */
 };
 
 /** Train until config->train.steps, the time limit or a stop request. Writes RUN/metrics.jsonl

@@ -5,7 +5,7 @@
  * published tensors (REFERENCE.md's names and shapes); everything is planned at creation for one
  * frame size, nothing is allocated inside a step; a rank may hold one branch or both.
  *
- *  Example (compiled by tests/unit/nn):
+ *  Example (compiled by tests/unit/v2v):
  *
  *      struct v2v_model_spec spec = {.views = 13, .slices = 39, .width = 32, .features = 4,
  *                                    .branches = V2V_BRANCH_BOTH, .volume_scale = 1.0};

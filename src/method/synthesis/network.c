@@ -51,7 +51,6 @@ static void describe_work(struct v2v_grid_work *work, const struct v2v_network_s
 const struct v2v_network_ops v2v_network_synthesis = {
     V2V_UNET_NETWORK_OPS,
     .name = "synthesis",
-    .meaning = "a U-Net that makes a view of what the others show at every depth",
     .keys = keys,
     .examples = &v2v_examples_left_out_view,
     .traits = V2V_TRAIT_VIEWS | V2V_TRAIT_ANY,

@@ -144,6 +144,8 @@ static void bad_files_are_refused_by_line_and_reason(void **state)
         {"train:\n  flips: yes\n", ":2: ", "is not false or true"},
         {"psf:\n  normalize: veiw\n", ":2: ", "'veiw' is not view or none"},
         {"recon:\n  skip: on\n", ":2: ", "'on' is not a number"},
+        {"recon:\n  strength: none\n", ":2: ", "'none' is not a number"},
+        {"deconv:\n  read_noise: off\n", ":2: ", "'off' is not a number"},
         {"train:\n  steps: [5]\n", ":2: ", "train.steps wants one word or number"},
         {"train:\n  steps: {a: 5}\n", ":2: ", "train.steps wants one word or number"},
         {"train: 5\n", ":1: ", "wants 'key: value' lines"},
