@@ -7,6 +7,7 @@
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
 #include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 
 struct arguments {
@@ -31,8 +32,26 @@ static const struct v2v_option options[] = {
 /* Of the held-out residual before. */
 static const double hardly_lower = 0.99;
 
-static void warn(const struct v2v_calibration_report *report)
+/* Of the others' gains, beyond which a view and its PSF have hardly anything in common. */
+static const double hardly_alike = 8.0;
+
+static void warn(const struct v2v_calibration *calibration,
+                 const struct v2v_calibration_report *report)
 {
+    for (int64_t v = 0; v < calibration->views; v++) {
+        double others = 0.0;
+        for (int64_t o = 0; o < calibration->views; o++) {
+            others += o == v ? 0.0 : log(calibration->view[o].gain);
+        }
+        const double gain = calibration->view[v].gain,
+                     ratio = gain / exp(others / (double)(calibration->views - 1));
+        if (ratio > hardly_alike || ratio < 1.0 / hardly_alike) {
+            v2v_log(V2V_LOG_WARNING,
+                    "view %" PRId64 ": a gain of %.3g beside the others': it shows little of what "
+                    "they show, and theirs follow from it; look at it before you use this",
+                    v, ratio);
+        }
+    }
     if (report->frame_after > hardly_lower * report->frame_before) {
         v2v_log(V2V_LOG_WARNING, "the held-out residual is hardly lower: the views are in register "
                                  "without it, or too few or too noisy to tell");
@@ -145,7 +164,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
     if (v2v_step_on_root(session)) {
         V2V_TRY(write_file(&calibration, given->output));
-        warn(&report);
+        warn(&calibration, &report);
         if (given->json) {
             V2V_TRY(print_json(&calibration, &report));
         } else {

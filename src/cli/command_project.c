@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
 
 struct arguments {
     struct v2v_common common;
@@ -26,6 +27,14 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_INPUT,
     V2V_OPTIONS_SIZES,
     {0}};
+
+static enum v2v_status check(const float *result, int64_t count, int64_t t)
+{
+    return v2v_first_not_finite(result, count) < 0
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_NUMERIC, "frame %lld: the result leaves the range of float32",
+                          (long long)t);
+}
 
 static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,
                                const struct v2v_psf_file *psf)
@@ -58,6 +67,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         if (scratch != NULL) {
             v2v_calibration_distort(p.views, scratch, calibration);
         }
+        V2V_TRY(v2v_par_agree(session->world, check(p.views, info.views * p.pixels, t)));
         V2V_TRY(
             v2v_recording_write(writer, p.views + out.first * p.pixels, t, out.first, out.count));
         v2v_progress_step(&progress, t + 1, NULL);
@@ -96,6 +106,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_scaling_apply(&as_it_is, p.views, psf->views * p.pixels);
         V2V_TRY(v2v_projection_adjoint(&p));
+        V2V_TRY(v2v_par_agree(session->world, check(p.slices, p.mine.count * p.pixels, t)));
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
         v2v_progress_step(&progress, t + 1, NULL);
     }

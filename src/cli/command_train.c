@@ -8,6 +8,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -80,7 +81,12 @@ static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, &info, (int64_t)sizeof info, 0);
     if (info.views > 0) {
+        const struct v2v_config before = session->config;
         V2V_TRY(v2v_network_adopt(&session->config, &info, given->folder));
+        if (memcmp(&before, &session->config, sizeof before) != 0) {
+            v2v_log(V2V_LOG_INFO, "%s: its network goes on as it is, other than set here",
+                    given->folder);
+        }
     }
 done:
     return rc;

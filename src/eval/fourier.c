@@ -73,7 +73,19 @@ void v2v_fourier_destroy(struct v2v_fourier **fourier)
     }
 }
 
-/* The image without its mean under the window, windowed. @return whether anything is left */
+/* A power of two that brings the largest of the image's differences from `mean` near 1: products
+ * of spectra stay within float32 at any brightness. */
+static double scale_of(const struct v2v_fourier *self, const float *image, double mean)
+{
+    double largest = 0.0;
+    for (int64_t i = 0; i < self->height * self->width; i++) {
+        largest = fmax(largest, fabs((double)image[i] - mean));
+    }
+    return largest > 0.0 ? exp2(-ilogb(largest)) : 1.0;
+}
+
+/* The image without its mean under the window, windowed, times a power of two. @return whether
+ * anything is left */
 static int transform(struct v2v_fourier *self, struct v2v_complex *spectrum, const float *image)
 {
     double sum = 0.0, weights = 0.0;
@@ -86,11 +98,11 @@ static int transform(struct v2v_fourier *self, struct v2v_complex *spectrum, con
             differs |= image[y * self->width + x] != image[0];
         }
     }
-    const double mean = sum / weights;
+    const double mean = sum / weights, scale = scale_of(self, image, mean);
     memset(self->image, 0, (size_t)(self->ny * self->nx) * sizeof *self->image);
     for (int64_t y = 0; y < self->height; y++) {
         for (int64_t x = 0; x < self->width; x++) {
-            const double value = (double)image[y * self->width + x] - mean;
+            const double value = scale * ((double)image[y * self->width + x] - mean);
             self->image[y * self->nx + x] = (float)(value * self->window_y[y] * self->window_x[x]);
         }
     }

@@ -18,8 +18,12 @@
  * is less than that is noise, and not to be brought up to the level of light. */
 #define LEAST_MEAN_OF_NOISE 0.1
 
+/* A mean that is less than this part of the samples' root mean square is what a subtracted
+ * background left: rounding would decide its sign. */
+#define LEAST_MEAN_OF_SAMPLES 1e-3
+
 struct statistics {
-    double mean, largest;
+    double mean, squares, largest; /* squares: mean of x^2 */
 };
 
 /* Sums by frame, added in the order of the frames: the same bits at any rank count. */
@@ -32,27 +36,29 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
     const int64_t count = v2v_mem_product(info->views, image, 1);
     const struct v2v_part part =
         v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
-    double *sums = NULL;
+    double *sums = NULL; /* [frame,2]: of samples and of their squares */
     float *views = NULL;
     float largest = 0.0f;
-    rc = V2V_ALLOC(sums, "io.scaling", info->frames);
+    rc = V2V_ALLOC(sums, "io.scaling", v2v_mem_product(info->frames, 2, 1));
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(views, "io.scaling", count);
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
         rc = v2v_recording_read(recording, views, t);
         for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
-            sums[t] += views[i];
+            sums[2 * t] += views[i];
+            sums[2 * t + 1] += (double)views[i] * (double)views[i];
             largest = views[i] > largest ? views[i] : largest;
         }
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_par_sum_f64(comm, sums, info->frames);
+    v2v_par_sum_f64(comm, sums, 2 * info->frames);
     statistics->largest = (double)largest;
     v2v_par_max_f64(comm, &statistics->largest, 1);
-    statistics->mean = 0.0;
+    statistics->mean = statistics->squares = 0.0;
     for (int64_t t = 0; t < info->frames; t++) {
-        statistics->mean += sums[t] / (double)count / (double)info->frames;
+        statistics->mean += sums[2 * t] / (double)count / (double)info->frames;
+        statistics->squares += sums[2 * t + 1] / (double)count / (double)info->frames;
     }
 done:
     v2v_mem_free(views);
@@ -81,11 +87,14 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     }
     if (settings->gain.mode == V2V_NUMBER_AUTO) {
         const double mean = statistics.mean - scaling->offset;
-        if (!(mean > 0.0 && TARGET_MEAN / mean <= FLT_MAX)) {
+        const double offset = scaling->offset; /* E (x - o)^2 = E x^2 - o (2 E x - o) */
+        const double squares = statistics.squares - offset * (2.0 * statistics.mean - offset);
+        if (!(mean > LEAST_MEAN_OF_SAMPLES * sqrt(fmax(squares, 0.0)) &&
+              TARGET_MEAN / mean <= FLT_MAX)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                              "the recording's mean is %g after subtracting the offset %g: no gain "
                              "makes it %g; set input.offset or input.gain",
-                             mean, scaling->offset, TARGET_MEAN));
+                             mean, offset, TARGET_MEAN));
         }
         scaling->gain = TARGET_MEAN / mean;
     }

@@ -268,6 +268,35 @@ static void end(struct calibration_run *self)
     v2v_calibrator_fini(&self->at);
 }
 
+static int is_flat(const float *view, int64_t pixels)
+{
+    int64_t same = 1;
+    while (same < pixels && view[same] == view[0]) {
+        same++;
+    }
+    return same == pixels;
+}
+
+/* A view that shows nothing has no shift, and any gain; a frame of them alone is told later. */
+static enum v2v_status check_views(const struct v2v_problem *problem, const float *views)
+{
+    const int64_t pixels = problem->height * problem->width, count = problem->psf->views;
+    int64_t flat = 0, first = -1;
+    for (int64_t v = 0; v < count; v++) {
+        if (is_flat(views + v * pixels, pixels)) {
+            flat++;
+            first = first < 0 ? v : first;
+        }
+    }
+    if (flat > 0 && flat < count) {
+        return V2V_FAIL(V2V_E_INPUT,
+                        "view %lld is %g everywhere: it cannot be calibrated; leave it out of the "
+                        "recording and the PSFs",
+                        (long long)first, (double)views[first * pixels]);
+    }
+    return V2V_OK;
+}
+
 enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
                               struct v2v_calibration_report *report,
                               const struct v2v_problem *problem, const float *views,
@@ -282,6 +311,7 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
         return V2V_FAIL(V2V_E_INPUT, "one view alone: there is no other to predict it");
     }
     V2V_TRY(v2v_camera_check(problem));
+    V2V_TRY(check_views(problem, views));
     V2V_TRY(begin(&self));
     report->square_rows = self.at.busiest.rows;
     report->square_columns = self.at.busiest.columns;

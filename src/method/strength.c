@@ -140,7 +140,13 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     for (int64_t choice = 0; choice < V2V_LEFT_OUT_CHOICES; choice++) {
         V2V_TRY(try_choice(&self, &own, choice));
     }
-    const double best = self.square > 0.0 ? self.product / self.square : 1.0;
+    if (!(self.square > 0.0)) {
+        v2v_log(V2V_LOG_WARNING,
+                "the first frame has no light to choose the strength of the "
+                "network's correction by: all of it is taken; --strength N sets it");
+        goto done;
+    }
+    const double best = self.product / self.square;
     *strength = best < 0.0 ? 0.0 : best > 1.0 ? 1.0 : best;
     v2v_log(V2V_LOG_INFO, "views left out speak for %.2f of the network's correction", best);
 done:

@@ -45,6 +45,9 @@ static const double smooth_below = 0.03;
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
+/* Of a view's PSFs, and one over it: its square divides steps, which are float32. */
+static const double most_light = 1e15;
+
 /* Of a factor of two. */
 #define STEPS_OF_TAU 2.0
 
@@ -112,7 +115,7 @@ struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem)
 
 static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2v_problem *problem)
 {
-    enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 3 }; /* those of the caller with them */
+    enum { VOLUMES = 3, VIEWS = 3, WEIGHTS = 4 }; /* those of the caller with them */
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
@@ -181,6 +184,13 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     enum v2v_status rc = V2V_OK;
     struct tv *self = NULL;
     const struct v2v_config *config = problem->config;
+    const double light = v2v_psf_light(problem->psf);
+    if (!(light >= 1.0 / most_light && light <= most_light)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "a view's PSFs sum to %.3g: total variation takes 1e-15 to 1e15; "
+                         "--normalize view makes it 1",
+                         light));
+    }
     V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "tv", 1)));
     estimator->self = self;
     *self = (struct tv){.comm = estimator->shard,
@@ -194,7 +204,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .tolerance = config->deconv.tolerance,
                         .model = config->deconv.noise,
                         .camera = v2v_camera_of(config),
-                        .light = v2v_psf_light(problem->psf)};
+                        .light = light};
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width, &torus,
                                  v2v_split_of_slabs(config), self->comm));
@@ -413,7 +423,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
             (long long)estimator->frame, (long long)done, missed);
     estimator->iterations = done;
-    if (self->iterations == 0 && done == MOST_ITERATIONS) {
+    if (done == MOST_ITERATIONS && change > self->tolerance) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
                 (long long)estimator->frame, (long long)done, change);
     }

@@ -9,6 +9,9 @@
 #include <omp.h>
 #include <string.h>
 
+/* Times that weights go by the light of the moment. */
+enum { FREELY = 8 };
+
 struct v2v_data_step {
     struct v2v_projector *projector; /* on the torus */
     const struct v2v_comm *comm;     /* borrowed */
@@ -24,6 +27,8 @@ struct v2v_data_step {
     float *missed;     /* [v,rows,torus width]: y - A x */
     float gain, floor; /* of the noise's variance over A x; gain 0: no weights */
     float *kept;       /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
+    float *light;      /* [v,rows,torus width]: A x, by which weights go */
+    int64_t weighed;   /* times that weights were taken */
     float *split;      /* [v,rows,torus width]: p */
     float *around;     /* [v,rows,torus width]: views of light that isn't in x */
     float *scratch;    /* [thread,2 v,2,V2V_BLOCK] */
@@ -162,6 +167,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->spectra);
         v2v_mem_free(old->missed);
         v2v_mem_free(old->kept);
+        v2v_mem_free(old->light);
         v2v_mem_free(old->split);
         v2v_mem_free(old->around);
         v2v_mem_free(old->scratch);
@@ -333,6 +339,7 @@ enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(V2V_ALLOC(step->kept, "data_step.weights", samples_of(step)));
+    V2V_TRY(V2V_ALLOC(step->light, "data_step.weights", samples_of(step)));
     V2V_TRY(V2V_ALLOC(step->split, "data_step.weights", samples_of(step)));
     V2V_TRY(V2V_ALLOC(step->around, "data_step.weights", samples_of(step)));
 done:
@@ -344,6 +351,7 @@ void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor)
     V2V_ASSERT(step->kept != NULL && step->split != NULL && gain > 0.0 && floor > 0.0);
     step->gain = (float)gain;
     step->floor = (float)floor;
+    step->weighed = 0;
     memcpy(step->kept, step->recorded, (size_t)samples_of(step) * sizeof *step->kept);
     memset(step->split, 0, (size_t)samples_of(step) * sizeof *step->split);
 }
@@ -386,16 +394,25 @@ static double squares_of(const float *missed, int64_t first, int64_t end)
     return squares;
 }
 
+/* Part of the way from the light that weights went by to that of now: all of it at first, then
+ * less and less, or weights and volume would answer each other for ever where views contradict. */
+static float part_of_way(int64_t weighed)
+{
+    return weighed < FREELY ? 1.0f : FREELY / (float)(weighed + 1);
+}
+
 /* Likewise with weights, which make other samples of them. */
 static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first, int64_t end)
 {
-    float *recorded = step->recorded + at, *split = step->split + at;
+    float *recorded = step->recorded + at, *split = step->split + at, *lights = step->light + at;
+    const float part = part_of_way(step->weighed);
     const float *kept = step->kept + at, *missed = step->missed + at, *around = step->around + at;
     double squares = 0.0;
     for (int64_t x = first; x < end; x++) {
         const float projected = recorded[x] - missed[x];
         const float light = fmaxf(projected + around[x], 0.0f);
-        const float weight = 1.0f / (step->gain * light + step->floor);
+        lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
+        const float weight = 1.0f / (step->gain * lights[x] + step->floor);
         const float moved = projected + split[x];
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);
         const double d = (double)kept[x] - (double)projected;
@@ -437,6 +454,7 @@ double v2v_data_step_extend(struct v2v_data_step *step)
                 take_row(step, (v * torus->rows.count + y) * torus->width, is_known);
         }
     }
+    step->weighed++;
     transform_views(step);
     v2v_par_sum_f64(step->comm, step->of_row, torus->height);
     for (int64_t y = 0; y < torus->height; y++) { /* one order for any number of ranks */

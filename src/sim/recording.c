@@ -5,6 +5,7 @@
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/grouped.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
 
 struct v2v_simulator {
     const struct v2v_comm *comm;
@@ -191,6 +192,11 @@ static enum v2v_status project_frame(struct v2v_simulator *simulator,
     if (simulator->calibration != NULL) {
         v2v_calibration_distort(simulator->clean, simulator->scratch, simulator->calibration);
     }
+    if (v2v_first_not_finite(simulator->clean, simulator->views * simulator->pixels) >= 0) {
+        rc = V2V_FAIL(V2V_E_NUMERIC, "frame %lld: its views leave the range of float32",
+                      (long long)t);
+    }
+    V2V_TRY(v2v_par_agree(simulator->comm, rc));
 done:
     return rc;
 }

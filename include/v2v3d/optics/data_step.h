@@ -100,7 +100,8 @@ enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step) V2V_MUST_
  *  penalty of 1),
  *      u = (weight * y + A x + p) / (weight + 1),   p <- A x + p - u,   y' = u - p
  *  so that runs and extends in turn end at the minimum of the weighted squares, whatever the
- *  weights' size. @kind Local, after take_weights and begin. */
+ *  weights' size. After some extends A x is that of all of them, the newest counting less and
+ *  less (REFERENCE.md 10). @kind Local, after take_weights and begin. */
 void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
 
 /** x from v, in place. @kind Collective(comm), no allocation.

@@ -90,7 +90,7 @@ static void nothing_shared_resolves_nothing(void **state)
     assert_true(fabs(v2v_fourier_resolution(known, 3) - 6.0 / (1.5 + 3.0 / 7.0)) < 1e-12);
 }
 
-static void check_shift(int dy, int dx)
+static void check_shift(int dy, int dx, float brightness)
 {
     static float image[PIXELS], moved[PIXELS];
     struct v2v_fourier *fourier = NULL;
@@ -101,7 +101,10 @@ static void check_shift(int dy, int dx)
     add_waves(image, 0, 0, 0.0, 0.2);
     for (int i = 0; i < PIXELS; i++) {
         const int y = (i / WIDTH + dy + HEIGHT) % HEIGHT, x = (i % WIDTH + dx + WIDTH) % WIDTH;
-        moved[y * WIDTH + x] = image[i];
+        moved[y * WIDTH + x] = brightness * image[i];
+    }
+    for (int i = 0; i < PIXELS; i++) {
+        image[i] *= brightness;
     }
     assert_ok(v2v_fourier_create(&fourier, HEIGHT, WIDTH));
     v2v_fourier_shift(fourier, shift, moved, image);
@@ -111,17 +114,19 @@ static void check_shift(int dy, int dx)
      * peak, waves of 0.14 cycles a pixel in the mean, (2 pi 0.14)^2 / 2 = 0.4 a square pixel, that
      * moves the top by 8 / n / 0.8 = 0.1. The parabola adds less. */
     if (!(fabs(shift[0] - dy) < 0.15 && fabs(shift[1] - dx) < 0.15)) {
-        fail_msg("%d, %d: found %g, %g", dy, dx, shift[0], shift[1]);
+        fail_msg("%d, %d at %g: found %g, %g", dy, dx, (double)brightness, shift[0], shift[1]);
     }
 }
 
 static void an_image_is_found_where_it_was_moved(void **state)
 {
     (void)state;
-    check_shift(0, 0);
-    check_shift(2, 0);
-    check_shift(-3, 5);
-    check_shift(1, -7);
+    check_shift(0, 0, 1.0f);
+    check_shift(2, 0, 1.0f);
+    check_shift(-3, 5, 1.0f);
+    check_shift(1, -7, 1.0f);
+    check_shift(-3, 5, 1e30f);
+    check_shift(-3, 5, 1e-30f);
 }
 
 static void a_flat_image_lies_nowhere(void **state)

@@ -102,6 +102,22 @@ static void samples_above_16_bits_are_no_camera_counts(void **state)
     v2v_recording_close(&recording);
 }
 
+/* What a subtracted background leaves: its sign is rounding's. */
+static void a_mean_that_rounding_left_has_no_auto_gain(void **state)
+{
+    (void)state;
+    static const double level[8] = {-3, -2, -1, 0, 0, 1, 2, 3 + 8e-6};
+    struct v2v_recording *recording = recording_as(TEST_H5_F32, level);
+    struct v2v_scaling scaling;
+    const struct v2v_input_settings lifted = {.offset = {V2V_NUMBER_GIVEN, -1.0}};
+    assert_int_equal(v2v_scaling_decide(&scaling, recording, &(struct v2v_input_settings){0}, NULL),
+                     V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "no gain makes it 0.2"));
+    assert_ok(v2v_scaling_decide(&scaling, recording, &lifted, NULL));
+    assert_true(fabs(scaling.gain - 0.2) < 1e-6);
+    v2v_recording_close(&recording);
+}
+
 static void a_gain_beyond_float32_is_refused(void **state)
 {
     (void)state;
@@ -194,6 +210,7 @@ int main(void)
         cmocka_unit_test(a_stated_offset_goes_before_the_guess),
         cmocka_unit_test(an_image_without_light_has_no_auto_gain),
         cmocka_unit_test(samples_above_16_bits_are_no_camera_counts),
+        cmocka_unit_test(a_mean_that_rounding_left_has_no_auto_gain),
         cmocka_unit_test(a_gain_beyond_float32_is_refused),
         cmocka_unit_test(applying_subtracts_then_multiplies),
     };

@@ -16,6 +16,7 @@ enum { MOST = 64 * 64 };
 #define LEAST_NOISE 1e-4
 
 static struct v2v_config config;
+static int64_t iterations; /* of the last estimate */
 
 static int setup(void **state)
 {
@@ -35,6 +36,7 @@ static enum v2v_status estimate(float *volume, const float *views, const struct 
     assert_ok(v2v_estimator_find(&ops, "tv"));
     V2V_TRY(v2v_estimator_create(&estimator, ops, &problem, NULL));
     rc = ops->run(estimator, &volume, views, NULL);
+    iterations = estimator->iterations;
 done:
     v2v_estimator_destroy(&estimator);
     return rc;
@@ -313,18 +315,16 @@ static void the_weight_is_found_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
-/* A scene of dark and bright boxes with `photons` at 1 and otherwise noise `read`; the error of its
- * volume by a model of the noise, of the truth's length. */
-static double error_by(enum v2v_noise_model model, float *volume, double photons, double read)
+/* Views of dark and bright boxes with `photons` at 1 and otherwise noise `read`. */
+static void box_views(float *views, float *truth, const struct v2v_psf_file *psf, double photons,
+                      double read)
 {
-    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS];
-    struct v2v_psf_file psf = small_psf();
     struct v2v_projector *projector = NULL;
     for (int64_t i = 0; i < SLICES * PIXELS; i++) {
         const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
         truth[i] = (y / 6 + 2 * (x / 7) + z / 2) % 5 == 0 ? (float)(x * x) / (SIDE * SIDE) : 0.0f;
     }
-    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    assert_ok(v2v_projector_create(&projector, psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
     v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
     for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
         const double light = fmax(0.0, (double)views[i]);
@@ -334,9 +334,17 @@ static double error_by(enum v2v_noise_model model, float *volume, double photons
                 : light;
         views[i] = (float)(made + read * v2v_random_normal(59, 1, (uint64_t)i));
     }
+    v2v_projector_destroy(&projector);
+}
+
+/* The error of their volume by a model of the noise, of the truth's length. */
+static double error_by(enum v2v_noise_model model, float *volume, double photons, double read)
+{
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    box_views(views, truth, &psf, photons, read);
     config.deconv.noise = model;
     assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
-    v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
     return test_relative_l2(volume, truth, SLICES * PIXELS);
 }
@@ -356,6 +364,47 @@ static void noise_of_photons_is_weighted(void **state)
     (void)error_by(V2V_NOISE_MODEL_GAUSSIAN, even, 0.0, 0.05);
     (void)error_by(V2V_NOISE_MODEL_AUTO, found, 0.0, 0.05);
     assert_memory_equal(found, even, sizeof found);
+}
+
+/* Weights go by the volume's light and the volume by weights: where views contradict each other,
+ * as by a hot pixel, they don't answer each other for ever. */
+static void contradictory_views_come_to_rest_under_weights(void **state)
+{
+    (void)state;
+    enum { CONTRADICTIONS = 3, WITHOUT_END = 500 };
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    config.deconv.noise = V2V_NOISE_MODEL_POISSON;
+    for (int c = 0; c < CONTRADICTIONS; c++) {
+        box_views(views, truth, &psf, 200.0, 0.0);
+        const float brightest = (float)largest(views, VIEWS * PIXELS);
+        for (int64_t i = PIXELS; i < 2 * PIXELS; i++) { /* the second view's */
+            views[i] = c == 0 ? views[i] : c == 1 ? 5.0f * views[i] : 0.0f;
+        }
+        if (c == 0) {
+            views[PIXELS + 5 * SIDE + 7] = 10.0f * brightest;
+        }
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        print_message("%d: %d iterations\n", c, (int)iterations);
+        assert_true(iterations < WITHOUT_END);
+        (void)largest(volume, SLICES * PIXELS);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
+/* Steps are float32: they have no room for the square of such a sum. */
+static void psfs_of_absurd_sums_are_refused(void **state)
+{
+    (void)state;
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    noisy_views(views, 1.0f);
+    for (int64_t i = 0; i < VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH; i++) {
+        psf.data[i] *= 1e25f;
+    }
+    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "--normalize view"));
+    v2v_psf_file_fini(&psf);
 }
 
 static void a_rule_of_another_method_is_refused(void **state)
@@ -382,6 +431,8 @@ int main(void)
         cmocka_unit_test_setup(a_deep_sample_gives_no_light, setup),
         cmocka_unit_test_setup(small_frames_and_few_views_work, setup),
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
+        cmocka_unit_test_setup(contradictory_views_come_to_rest_under_weights, setup),
+        cmocka_unit_test_setup(psfs_of_absurd_sums_are_refused, setup),
         cmocka_unit_test_setup(a_rule_of_another_method_is_refused, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
