@@ -46,6 +46,7 @@ static enum v2v_status write_weights(const struct init_arguments *given,
     const struct v2v_network_spec spec = {
         .config = config, .views = psf->views, .slices = psf->slices, .outputs = V2V_NETWORK_ALL};
     V2V_TRY(v2v_network_describe(&info, config, psf->views, psf->slices, 0));
+    info.psf_sum = v2v_psf_file_sum(psf);
     V2V_TRY(v2v_network_schema(&schema, config->model.method, &spec));
     V2V_TRY(V2V_ALLOC(weights, "weights.init", schema.fields.total));
     V2V_TRY(v2v_rule_weights(&schema.fields, weights, given->rule, given->seed));

@@ -277,6 +277,12 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,
                          path, info->views, info->slices, psf->views, psf->slices));
     }
+    if (!is_any && !v2v_weights_suit(info, psf)) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: its network was trained with other PSFs than these, or with these normalised "
+                "otherwise: volumes are wrong where that matters",
+                path);
+    }
     V2V_TRY(adopt(session, info, ops, path));
 done:
     return rc;
@@ -408,9 +414,8 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     v2v_clock_iso8601(provenance->written, sizeof provenance->written);
     v2v_par_broadcast(session->world, provenance->written, (int64_t)sizeof provenance->written, 0);
     snprintf(provenance->weights_crc32c, sizeof provenance->weights_crc32c, "%08" PRIx32, crc);
-    crc = v2v_file_crc32c(
-        0, psf->data, psf->views * psf->slices * psf->height * psf->width * (int64_t)sizeof(float));
-    snprintf(provenance->psf_crc32c, sizeof provenance->psf_crc32c, "%08" PRIx32, crc);
+    snprintf(provenance->psf_crc32c, sizeof provenance->psf_crc32c, "%08" PRIx32,
+             v2v_psf_file_sum(psf));
 
     add_text(provenance, "program", "v2v3d " V2V_VERSION);
     add_text(provenance, "command_line", session->command_line);

@@ -12,7 +12,7 @@
 /** The newest form of what a weight file says; an attribute of HDF5, or a key of the metadata, as
  *  all below. */
 #define V2V_WEIGHTS_FORMAT "format_version"
-enum { V2V_WEIGHTS_VERSION = 1, V2V_WEIGHTS_WORDS = 3, V2V_WEIGHTS_COUNTS = 3 };
+enum { V2V_WEIGHTS_VERSION = 1, V2V_WEIGHTS_WORDS = 3, V2V_WEIGHTS_COUNTS = 4 };
 
 /** Texts and whole numbers of struct v2v_weights_info: their names and where they lie in it. */
 struct v2v_weights_word {
@@ -23,7 +23,7 @@ struct v2v_weights_count {
     const char *name;
     size_t at;
     int64_t least;
-    int may_lack; /**< in HDF5: 0 then */
+    int may_lack; /**< older files do: 0 then */
 };
 extern const struct v2v_weights_word v2v_weights_words[V2V_WEIGHTS_WORDS];
 extern const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS];

@@ -198,6 +198,13 @@ done:
     return rc;
 }
 
+uint32_t v2v_psf_file_sum(const struct v2v_psf_file *file)
+{
+    return file->data != NULL
+               ? v2v_file_crc32c(0, file->data, elements(file) * (int64_t)sizeof *file->data)
+               : 0;
+}
+
 static enum v2v_status write_dataset(const struct v2v_psf_file *file, hid_t h5, const char *path)
 {
     enum v2v_status rc = V2V_OK;

@@ -60,7 +60,13 @@ const struct v2v_weights_word v2v_weights_words[V2V_WEIGHTS_WORDS] = {
 const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS] = {
     {"views", offsetof(struct v2v_weights_info, views), 1, 0},
     {"slices", offsetof(struct v2v_weights_info, slices), 1, 0},
-    {"step", offsetof(struct v2v_weights_info, step), 0, 1}};
+    {"step", offsetof(struct v2v_weights_info, step), 0, 1},
+    {"psf_crc32c", offsetof(struct v2v_weights_info, psf_sum), 0, 1}};
+
+int v2v_weights_suit(const struct v2v_weights_info *info, const struct v2v_psf_file *psf)
+{
+    return info->psf_sum == 0 || psf->data == NULL || info->psf_sum == v2v_psf_file_sum(psf);
+}
 
 const char *const v2v_weights_level_names[V2V_LEVEL_FIGURES] = {
     "trained_mean", "trained_peak", "trained_noise", "trained_noise_over_mean"};

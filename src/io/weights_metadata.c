@@ -55,8 +55,10 @@ enum v2v_status v2v_weights_from_metadata(struct v2v_weights_info *info,
     }
     for (int i = 0; i < V2V_WEIGHTS_COUNTS; i++) {
         const struct v2v_weights_count *count = &v2v_weights_counts[i];
-        V2V_TRY(get_whole((int64_t *)((char *)info + count->at), self, count->name, count->least,
-                          INT64_MAX));
+        if (!count->may_lack || v2v_arrays_text(self, count->name) != NULL) {
+            V2V_TRY(get_whole((int64_t *)((char *)info + count->at), self, count->name,
+                              count->least, INT64_MAX));
+        }
     }
     V2V_TRY(get_whole(&info->levels.frames, self, V2V_WEIGHTS_FRAMES, 0, INT64_MAX));
     for (int f = 0; f < V2V_LEVEL_FIGURES && info->levels.frames > 0; f++) {

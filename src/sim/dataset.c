@@ -53,7 +53,6 @@ static enum v2v_status print_settings(char **line, const struct v2v_dataset *dat
         length += (size_t)snprintf(scenes + length, sizeof scenes - length, "%s%s",
                                    i > 0 ? " " : "", v2v_scene_name(dataset->kinds[i]));
     }
-    const int64_t taps = psf->views * psf->slices * psf->height * psf->width;
     const struct v2v_json_item items[] = {
         {.name = "scenes", .text = scenes},
         {.name = "noise", .text = dataset->noise},
@@ -64,8 +63,7 @@ static enum v2v_status print_settings(char **line, const struct v2v_dataset *dat
         {.name = "width", .number = (double)scene->width},
         {.name = "pixel_size_um", .number = scene->pixel_um},
         {.name = "slice_spacing_um", .number = scene->slice_um},
-        {.name = "psf_crc32c",
-         .number = v2v_file_crc32c(0, psf->data, taps * (int64_t)sizeof *psf->data)},
+        {.name = "psf_crc32c", .number = v2v_psf_file_sum(psf)},
     };
     FILE *stream = open_memstream(line, &bytes);
     if (stream == NULL) {

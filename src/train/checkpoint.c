@@ -141,6 +141,7 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     struct v2v_weights_info info;
     V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices, step));
     info.levels = *v2v_sampler_levels(trainer->sampler);
+    info.psf_sum = trainer->psf_sum;
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
     V2V_TRY(path_in(path, folder, NEWEST));
@@ -206,6 +207,9 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
     *step = info.step;
+    if (!is_any && info.psf_sum != 0 && info.psf_sum != trainer->psf_sum) {
+        v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
+    }
     V2V_TRY(v2v_network_adopt(&config, &info, path)); /* settings as this program writes them */
     V2V_TRY(v2v_network_describe(&info, &config, info.views, info.slices, info.step));
     V2V_TRY(v2v_network_describe(&own, trainer->config, network->views, network->slices, 0));

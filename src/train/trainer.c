@@ -234,6 +234,7 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     struct v2v_grid_work work;
     *trainer = (struct v2v_trainer){.config = job->config};
     V2V_TRY(v2v_network_find(&trainer->ops, job->config->model.method));
+    trainer->psf_sum = v2v_psf_file_sum(job->psf);
     V2V_TRY(lay_out(trainer, comm));
     trainer->rounds =
         (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;

@@ -30,7 +30,8 @@ struct v2v_trainer {
     float *volume[V2V_NETWORK_MOST_OUTPUTS]; /* [z,rows,x] of all outputs, this rank's slab */
     int64_t voxels;                          /* of one */
     float *dvolume[V2V_NETWORK_MOST_OUTPUTS];
-    int64_t slabs; /* that a sample is cut into */
+    int64_t slabs;   /* that a sample is cut into */
+    int64_t psf_sum; /* struct v2v_weights_info's */
 };
 
 /* What a rank brings into a step beside its samples. */

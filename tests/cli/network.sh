@@ -29,6 +29,10 @@ if command -v h5dump >/dev/null; then
     done
 fi
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
+! grep -q 'other PSFs' stderr || fail "the same PSFs: $(cat stderr)"
+works psf simulate -c tiny.yaml -o others.h5
+works reconstruct --psf others.h5 --weights w.h5 --input recording.h5 -o others_volumes.h5
+grep -q 'w.h5: its network was trained with other PSFs' stderr || fail "other PSFs: $(cat stderr)"
 
 # Weight files know their network, and networks what they do not offer.
 works weights init --psf psf.h5 --set model.method=backconv --rule he --seed 3 -o backconv.h5
@@ -53,7 +57,7 @@ sed 's/"method":"v2v"/"mothed":"v2v"/' w.safetensors >strange.safetensors
 works convert --input strange.safetensors -o strange.h5
 grep -q 'by its names the network v2v, by its shapes of 5 views and 7 slices' stderr ||
     fail "no word on what shapes tell: $(cat stderr)"
-same w.h5 strange.h5 /
+same w.h5 strange.h5 /weights # but for the PSFs, which such files do not tell
 works info strange.safetensors
 says 'strange.safetensors: 104 arrays of another program, [0-9]* numbers, under names of the network v2v$'
 says '^unet2.conv_final.4.bias: F32 .7., -[0-9.e-]* to [0-9.e-]*, mean '
@@ -77,7 +81,7 @@ says '^501 more, which --json shows$'
 sed 's/"method"/"mothed"/' backconv.safetensors >strange.safetensors
 refuses 2 'do not tell its views: give --views' convert --input strange.safetensors -o out.h5
 works convert --input strange.safetensors --views 5 -o strange-backconv.h5
-same backconv.h5 strange-backconv.h5 /
+same backconv.h5 strange-backconv.h5 /weights
 works reconstruct --psf psf.h5 --weights strange.h5 --input recording.h5 -o strange-volumes.h5 \
     --offset none --gain none --normalize none --precision f32 --skip off
 same volumes.h5 strange-volumes.h5 /volume
@@ -110,7 +114,7 @@ EOF
     PYTHONPATH=stub python3 example.py w.safetensors example.safetensors 2>stderr ||
         fail "the example of configs/README.md: $(cat stderr)"
     works convert --input example.safetensors -o example.h5
-    same w.h5 example.h5 /
+    same w.h5 example.h5 /weights
 else
     echo "left out: there is no python3 to run the example of configs/README.md"
 fi

@@ -27,6 +27,9 @@ enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
 enum v2v_status v2v_psf_file_write(const struct v2v_psf_file *file,
                                    const char *path) V2V_MUST_CHECK;
 
+/** CRC-32C of `data` as it is now, normalised or not; 0 without it. @kind Local. */
+uint32_t v2v_psf_file_sum(const struct v2v_psf_file *file);
+
 /** @kind Local. */
 void v2v_psf_file_fini(struct v2v_psf_file *file);
 

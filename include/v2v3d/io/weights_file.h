@@ -3,6 +3,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/io/level.h"
+#include "v2v3d/io/psf_file.h"
 #include "v2v3d/tensor/fields.h"
 #include <stdint.h>
 
@@ -30,9 +31,13 @@ struct v2v_weights_info {
                                                     shapes and function depend on */
     char split[V2V_WEIGHTS_WORD_BYTES];        /**< which views which volume sees, "even-odd" */
     int64_t views, slices;
-    int64_t step;                  /**< training step, 0 for fresh weights */
+    int64_t step;    /**< training step, 0 for fresh weights */
+    int64_t psf_sum; /**< v2v_psf_file_sum of the PSFs, as the network used them; 0: not known */
     struct v2v_level_range levels; /**< of what it was trained on; older files say nothing */
 };
+
+/** Are these the PSFs that the weights were made for, as far as is known? @kind Local. */
+int v2v_weights_suit(const struct v2v_weights_info *info, const struct v2v_psf_file *psf);
 
 /** Read the attributes only. Of files without `method` the settings are what the attributes width,
  *  features and volume_scale say. @kind Local. @return V2V_OK | V2V_E_INPUT */
