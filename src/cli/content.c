@@ -54,11 +54,12 @@ static enum v2v_status open_psf(const char *path, const struct v2v_session *sess
 static const struct {
     enum v2v_content content;
     enum v2v_status (*open)(const char *path, const struct v2v_session *session);
-} kinds[] = {{V2V_CONTENT_VOLUME, open_volume},
-             {V2V_CONTENT_RECORDING, open_recording},
-             {V2V_CONTENT_WEIGHTS, open_weights},
-             {V2V_CONTENT_PSF, open_psf},
-             {V2V_CONTENT_WEIGHTS, open_arrays}};
+    const char *name; /* what HDF5 has of it */
+} kinds[] = {{V2V_CONTENT_VOLUME, open_volume, "volume"},
+             {V2V_CONTENT_RECORDING, open_recording, "views"},
+             {V2V_CONTENT_WEIGHTS, open_weights, "weights"},
+             {V2V_CONTENT_PSF, open_psf, "psf"},
+             {V2V_CONTENT_WEIGHTS, open_arrays, NULL}};
 enum { KINDS = sizeof kinds / sizeof kinds[0] };
 
 /* Folders of trainings begin with their settings. */
@@ -109,6 +110,24 @@ done:
     return rc;
 }
 
+/* Why a file that is none of the kinds is not what its dataset says, if it has one of theirs.
+ * Collective(world), never V2V_OK. */
+static enum v2v_status explain(const char *path, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t kind = -1;
+    for (int i = KINDS - 1; v2v_step_on_root(session) && i >= 0; i--) {
+        kind = kinds[i].name != NULL && v2v_weights_file_has(path, kinds[i].name) ? i : kind;
+    }
+    v2v_par_max_i64(session->world, &kind, 1);
+    if (kind >= 0) {
+        V2V_TRY(kinds[kind].open(path, session));
+    }
+    rc = v2v_par_agree(session->world, v2v_step_on_root(session) ? refuse(path) : V2V_OK);
+done:
+    return rc;
+}
+
 enum v2v_status v2v_content_of(enum v2v_content *content, const char *path,
                                const struct v2v_session *session)
 {
@@ -128,7 +147,7 @@ enum v2v_status v2v_content_of(enum v2v_content *content, const char *path,
         }
     }
     if (*content == V2V_CONTENT_AUTO) {
-        V2V_TRY(v2v_par_agree(session->world, v2v_step_on_root(session) ? refuse(path) : V2V_OK));
+        V2V_TRY(explain(path, session));
     }
 done:
     return rc;

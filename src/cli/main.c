@@ -304,6 +304,9 @@ static enum v2v_status run_program(int argc, char *const *argv, struct v2v_comm 
 static _Noreturn void leave_without_end(enum v2v_status rc, const struct v2v_comm *world)
 {
     if (v2v_comm_size(world) > 1) {
+        if (rc == V2V_E_IO) { /* then all ranks are here; rank 0 has said why */
+            v2v_par_barrier(world);
+        }
         v2v_par_abort(v2v_status_exit_code(rc));
     }
     (void)fflush(stdout);
