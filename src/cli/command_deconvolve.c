@@ -9,7 +9,7 @@ static const struct v2v_option options[] = {
                    "after the other; A'y / A'Ax; an implicit field, for small frames"),
     V2V_OPTION_SET(
         "iterations", "deconv.iterations", "N",
-        "at most; 0: rl 30, rld and frl 10, diner 1000, tv until it stands still, 500 at "
+        "at most; 0: rl 30, rld and frl 10, diner 1500, tv until it stands still, 500 at "
         "most"),
     V2V_OPTION_SET("stop", "deconv.stop", "fixed|heldout",
                    "rl, rld, frl: after N iterations, or when views held out are predicted no "

@@ -199,7 +199,7 @@ const struct v2v_key v2v_key_table[] = {
           "frames on either side whose views are averaged in where nothing but brightness changed"),
 
     NAME(deconv, method, "tv", "tv (total variation), rl, rld, frl (Richardson-Lucy) or diner"),
-    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1000"),
+    WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1500"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     AUTO(deconv, lambda, V2V_NUMBER_GIVEN, 0.0, 1e3, 0.048,

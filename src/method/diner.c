@@ -23,7 +23,7 @@
  * of the network ties voxels to one another: noise is fitted like light. */
 
 /* Steps, where deconv.iterations doesn't say. */
-enum { STEPS = 1000 };
+enum { STEPS = 1500 };
 
 /* Adam's moments, the second shorter than usual, for gradients are no samples and fall by orders;
  * and of the learning rates the last one. */
