@@ -71,6 +71,11 @@ extern const struct v2v_command v2v_command_weights_init;
         .name = (word), .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "FILE",     \
         .help = (text), .required = (is_required)                                                  \
     }
+#define V2V_OPTION_NAMELESS(type, field, values, text)                                             \
+    {                                                                                              \
+        .name = #field, .kind = V2V_OPTION_OPERAND, .at = offsetof(type, field),                   \
+        .value = (values), .help = (text), .required = 1                                           \
+    }
 #define V2V_OPTION_OUTPUT(type, field, text)                                                       \
     {                                                                                              \
         .name = "output", .letter = 'o', .kind = V2V_OPTION_TEXT, .at = offsetof(type, field),     \

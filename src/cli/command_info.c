@@ -10,12 +10,8 @@ struct arguments {
 };
 
 static const struct v2v_option options[] = {
-    {.name = "file",
-     .kind = V2V_OPTION_OPERAND,
-     .at = offsetof(struct arguments, path),
-     .value = "FILE",
-     .help = "recording, volume, PSFs, weights, calibration, settings, run folder",
-     .required = 1},
+    V2V_OPTION_NAMELESS(struct arguments, path, "FILE",
+                        "recording, volume, PSFs, weights, calibration, settings, run folder"),
     V2V_OPTION_FRAME(struct arguments, frame, "whose numbers are looked at"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "print one JSON object"),
     V2V_OPTIONS_PAGES,
@@ -76,12 +72,7 @@ const struct v2v_command v2v_command_info = {.name = "info",
                                              .run = run};
 
 static const struct v2v_option weights_options[] = {
-    {.name = "file",
-     .kind = V2V_OPTION_OPERAND,
-     .at = offsetof(struct arguments, path),
-     .value = "FILE",
-     .help = "weights",
-     .required = 1},
+    V2V_OPTION_NAMELESS(struct arguments, path, "FILE", "weights"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "print one JSON object"),
     V2V_OPTION_SLICES,
     {0}};

@@ -22,12 +22,7 @@ struct arguments {
 };
 
 static const struct v2v_option options[] = {
-    {.name = "volume",
-     .kind = V2V_OPTION_OPERAND,
-     .at = offsetof(struct arguments, volume),
-     .value = "VOLUME",
-     .help = "HDF5 or TIFF",
-     .required = 1},
+    V2V_OPTION_NAMELESS(struct arguments, volume, "VOLUME", "HDF5 or TIFF"),
     V2V_OPTION_OUTPUT(struct arguments, output, "picture to write, .png (animated with --frames)"),
     {.name = "frame",
      .kind = V2V_OPTION_TEXT,

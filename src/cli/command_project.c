@@ -57,6 +57,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
     struct v2v_part out =
         v2v_par_part(info.views, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    const float *own = p.views + out.first * p.pixels;
     V2V_TRY(v2v_recording_create(&writer, given->output, &info, session->world));
     v2v_progress_begin(&progress, "project", 0, info.frames);
     for (int64_t t = 0; t < info.frames; t++) {
@@ -67,9 +68,8 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         if (scratch != NULL) {
             v2v_calibration_distort(p.views, scratch, calibration);
         }
-        V2V_TRY(v2v_par_agree(session->world, check(p.views, info.views * p.pixels, t)));
-        V2V_TRY(
-            v2v_recording_write(writer, p.views + out.first * p.pixels, t, out.first, out.count));
+        V2V_TRY(v2v_par_agree(session->world, check(own, out.count * p.pixels, t)));
+        V2V_TRY(v2v_recording_write(writer, own, t, out.first, out.count));
         v2v_progress_step(&progress, t + 1, NULL);
     }
     v2v_progress_end(&progress);

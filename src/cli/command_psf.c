@@ -49,12 +49,7 @@ struct info_arguments {
 };
 
 static const struct v2v_option info_options[] = {
-    {.name = "psf",
-     .kind = V2V_OPTION_OPERAND,
-     .at = offsetof(struct info_arguments, psf),
-     .value = "PSF",
-     .help = "folder of psf_1.tif .. or HDF5 /psf",
-     .required = 1},
+    V2V_OPTION_NAMELESS(struct info_arguments, psf, "PSF", "folder of psf_1.tif .. or HDF5 /psf"),
     V2V_OPTION_FILE(struct info_arguments, picture, "picture", 0,
                     "projections of every view, .png to write"),
     V2V_OPTION_NORMALIZE,

@@ -28,12 +28,8 @@ static const char *const launchers[] = {"srun", "mpirun"};
     }
 
 static const struct v2v_option options[] = {
-    {.name = "kind",
-     .kind = V2V_OPTION_OPERAND,
-     .at = offsetof(struct arguments, kind),
-     .value = "train|reconstruct|array",
-     .help = "the command; array: reconstruct as many tasks",
-     .required = 1},
+    V2V_OPTION_NAMELESS(struct arguments, kind, "train|reconstruct|array",
+                        "the command; array: reconstruct as many tasks"),
     {.name = "arguments",
      .kind = V2V_OPTION_REST,
      .at = offsetof(struct arguments, words),

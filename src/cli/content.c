@@ -116,8 +116,8 @@ static enum v2v_status explain(const char *path, const struct v2v_session *sessi
 {
     enum v2v_status rc = V2V_OK;
     int64_t kind = -1;
-    for (int i = KINDS - 1; v2v_step_on_root(session) && i >= 0; i--) {
-        kind = kinds[i].name != NULL && v2v_weights_file_has(path, kinds[i].name) ? i : kind;
+    for (int i = 0; v2v_step_on_root(session) && kind < 0 && i < KINDS; i++) {
+        kind = kinds[i].name != NULL && v2v_weights_file_has(path, kinds[i].name) ? i : -1;
     }
     v2v_par_max_i64(session->world, &kind, 1);
     if (kind >= 0) {

@@ -277,7 +277,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,
                          path, info->views, info->slices, psf->views, psf->slices));
     }
-    if (!is_any && !v2v_weights_suit(info, psf)) {
+    if (!is_any && v2v_step_on_root(session) && !v2v_weights_suit(info, v2v_psf_file_sum(psf))) {
         v2v_log(V2V_LOG_WARNING,
                 "%s: its network was trained with other PSFs than these, or with these normalised "
                 "otherwise: volumes are wrong where that matters",

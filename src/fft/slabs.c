@@ -33,7 +33,7 @@ struct layout {
  * rank's piece for itself on the other side already. One rank has one side. */
 struct lane {
     struct v2v_complex *rows_side, *columns_side;
-    MPI_Request *received, *sent; /* [rank]: of the own exchange */
+    MPI_Request *received, *sent; /* [rank]: of the own exchange; all null with FFTW3-MPI */
 };
 
 /* Exchanges on their way at once: a rank may be that many ahead of another before it waits. */
@@ -439,9 +439,7 @@ static void start(const struct v2v_fft_slabs *fft, struct lane *lane, int64_t n,
 static void wait_for(const struct v2v_fft_slabs *fft, MPI_Request *requests)
 {
     const double began = v2v_clock_now();
-    if (requests != NULL) { /* FFTW3-MPI has none */
-        MPI_Waitall(v2v_comm_size(fft->comm), requests, MPI_STATUSES_IGNORE);
-    }
+    MPI_Waitall(v2v_comm_size(fft->comm), requests, MPI_STATUSES_IGNORE);
     v2v_par_spent(V2V_PAR_EXCHANGE, began);
 }
 

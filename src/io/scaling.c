@@ -19,7 +19,8 @@
 #define LEAST_MEAN_OF_NOISE 0.1
 
 /* A mean that is less than this part of the samples' root mean square is what a subtracted
- * background left: rounding would decide its sign. */
+ * background left: rounding would decide its sign. Light in a millionth of dark samples, less than
+ * the PSFs of one point take of a frame, is as much. */
 #define LEAST_MEAN_OF_SAMPLES 1e-3
 
 struct statistics {

@@ -63,9 +63,9 @@ const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS] = {
     {"step", offsetof(struct v2v_weights_info, step), 0, 1},
     {"psf_crc32c", offsetof(struct v2v_weights_info, psf_sum), 0, 1}};
 
-int v2v_weights_suit(const struct v2v_weights_info *info, const struct v2v_psf_file *psf)
+int v2v_weights_suit(const struct v2v_weights_info *info, int64_t psf_sum)
 {
-    return info->psf_sum == 0 || psf->data == NULL || info->psf_sum == v2v_psf_file_sum(psf);
+    return info->psf_sum == 0 || psf_sum == 0 || info->psf_sum == psf_sum;
 }
 
 const char *const v2v_weights_level_names[V2V_LEVEL_FIGURES] = {

@@ -141,9 +141,8 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
         V2V_TRY(try_choice(&self, &own, choice));
     }
     if (!(self.square > 0.0)) {
-        v2v_log(V2V_LOG_WARNING,
-                "the first frame has no light to choose the strength of the "
-                "network's correction by: all of it is taken; --strength N sets it");
+        v2v_log(V2V_LOG_INFO, "the frame has no light to choose the strength of the network's "
+                              "correction by: all of it is taken");
         goto done;
     }
     const double best = self.product / self.square;

@@ -423,7 +423,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
             (long long)estimator->frame, (long long)done, missed);
     estimator->iterations = done;
-    if (done == MOST_ITERATIONS && change > self->tolerance) {
+    if (self->iterations == 0 && done == MOST_ITERATIONS) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
                 (long long)estimator->frame, (long long)done, change);
     }

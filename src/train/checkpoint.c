@@ -207,7 +207,8 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
     *step = info.step;
-    if (!is_any && info.psf_sum != 0 && info.psf_sum != trainer->psf_sum) {
+    const int on_root = v2v_comm_rank(trainer->grid.world) == 0;
+    if (!is_any && on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
     }
     V2V_TRY(v2v_network_adopt(&config, &info, path)); /* settings as this program writes them */

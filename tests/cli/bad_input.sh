@@ -22,6 +22,8 @@ head -c 2000000 /dev/zero | tr '\0' '#' >large.yaml
 works weights init --psf psf.h5 --width 4 -o weights.h5
 works weights init --psf psf.h5 --set model.method=unrolled --rule he -o unrolled.h5
 works convert --input weights.h5 -o weights.safetensors
+works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording_dark.h5 -o dark.h5
+grep -q 'no light to choose the strength' stderr || fail "a dark first frame: $(cat stderr)"
 works preview good.tif -o fine.png
 works preview volume.h5 -o fine.png --force
 works psf info psf.h5

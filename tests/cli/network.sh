@@ -224,7 +224,9 @@ works weights info run/weights.h5
 says 'step 4'
 timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run
 [ $? -eq 2 ] || fail "a second run in the folder was not refused: $(cat stderr)"
-works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6 \
+    --set model.features=8
+grep -q 'run: its network goes on as it is' stderr || fail "no word on its network: $(cat stderr)"
 works weights info run/weights.h5
 says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'

@@ -3,7 +3,6 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/io/level.h"
-#include "v2v3d/io/psf_file.h"
 #include "v2v3d/tensor/fields.h"
 #include <stdint.h>
 
@@ -36,8 +35,9 @@ struct v2v_weights_info {
     struct v2v_level_range levels; /**< of what it was trained on; older files say nothing */
 };
 
-/** Are these the PSFs that the weights were made for, as far as is known? @kind Local. */
-int v2v_weights_suit(const struct v2v_weights_info *info, const struct v2v_psf_file *psf);
+/** Are PSFs of this v2v_psf_file_sum those that the weights were made for, as far as is known?
+ *  @kind Local. */
+int v2v_weights_suit(const struct v2v_weights_info *info, int64_t psf_sum);
 
 /** Read the attributes only. Of files without `method` the settings are what the attributes width,
  *  features and volume_scale say. @kind Local. @return V2V_OK | V2V_E_INPUT */

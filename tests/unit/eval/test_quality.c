@@ -199,6 +199,27 @@ static void uncertainty_is_the_standard_error_of_the_mean(void **state)
     assert_true(fabs(predicted / (0.3 * 0.3 / 2) - 1.0) < 0.065);
 }
 
+/* Squares neither overflow nor vanish: powers of two change no bit. */
+static void uncertainty_scales_with_the_volumes(void **state)
+{
+    (void)state;
+    static const float scales[] = {0x1p100f, 0x1p-100f};
+    static float a[PIXELS], b[PIXELS], c[PIXELS], plain[PIXELS], scratch[PIXELS];
+    for (int s = 0; s < 3; s++) {
+        const float scale = s > 0 ? scales[s - 1] : 1.0f;
+        for (int i = 0; i < PIXELS; i++) {
+            a[i] = scale * (float)v2v_random_uniform(13, 0, (uint64_t)i);
+            b[i] = scale * (float)v2v_random_uniform(13, 1, (uint64_t)i);
+            c[i] = scale * (float)v2v_random_uniform(13, 2, (uint64_t)i);
+        }
+        v2v_uncertainty_of(a, b, c, scratch, 1, HEIGHT, WIDTH);
+        for (int i = 0; i < PIXELS; i++) {
+            plain[i] = s > 0 ? plain[i] : a[i];
+            assert_true(a[i] == scale * plain[i] && a[i] > 0.0f);
+        }
+    }
+}
+
 /* Errors that grow as the inverse of the number of views: by 3 with all of them, by 6 with half. */
 static void uncertainty_has_the_bias_of_both(void **state)
 {
@@ -239,6 +260,7 @@ int main(void)
         cmocka_unit_test(views_cut_off_are_saturated),
         cmocka_unit_test(unknown_figures_are_left_out_of_the_mean),
         cmocka_unit_test(uncertainty_is_the_standard_error_of_the_mean),
+        cmocka_unit_test(uncertainty_scales_with_the_volumes),
         cmocka_unit_test(uncertainty_has_the_bias_of_both),
         cmocka_unit_test(a_difference_is_spread_over_five_pixels),
     };
