@@ -191,7 +191,7 @@ const struct v2v_key v2v_key_table[] = {
            "light, of the brightest, below which nothing is computed; tv, unrolled: change of it "
            "since the last whole frame"),
     WORD(recon, combine, V2V_COMBINE_MEAN, "what becomes of a network's two volumes",
-         "mean", "max"),
+         "mean", "max", "learned"),
     WHOLE(recon, refresh, 1, BILLION, 20, "with skip over time: from one whole frame to the next"),
     AUTO(recon, strength, V2V_NUMBER_AUTO, 0.0, 1.0, 0.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),

@@ -1,5 +1,6 @@
 #include "v2v3d/recon/recon.h"
 
+#include "recon/combination.h"
 #include "recon/still.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
@@ -29,17 +30,18 @@ struct v2v_recon {
     const char *title; /* of the progress */
     int outputs;
     int64_t views, slices;
-    int64_t height, width;           /* of a frame */
-    struct v2v_part own;             /* slices that this rank writes */
-    int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
-    int64_t own_rows;                /* .. and what of them is not padding */
-    struct v2v_fusion *fusion;       /* with neighbouring frames */
-    struct v2v_fusion *of_key;       /* of key frames, with some at least; NULL: as all frames */
-    float *recorded;                 /* [v,y,x] as recorded, or fused */
-    float *padded;                   /* [v,y,x] what the method takes */
-    float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
-    float *cut[MOST];                /* [z,own rows,x] in units of the recording; NULL likewise */
-    float *mean;                     /* [z,own rows,x]; the cut output itself where there is one */
+    int64_t height, width;     /* of a frame */
+    struct v2v_part own;       /* slices that this rank writes */
+    int64_t first_row, rows;   /* of the padded frame that this rank computes .. */
+    int64_t own_rows;          /* .. and what of them is not padding */
+    struct v2v_fusion *fusion; /* with neighbouring frames */
+    struct v2v_fusion *of_key; /* of key frames, with some at least; NULL: as all frames */
+    float *recorded;           /* [v,y,x] as recorded, or fused */
+    float *padded;             /* [v,y,x] what the method takes */
+    float *output[MOST];       /* [z,rows,x] padded; NULL for one not held */
+    float *cut[MOST];          /* [z,own rows,x] in units of the recording; NULL likewise */
+    float *mean;               /* [z,own rows,x]; the cut output itself where there is one */
+    struct v2v_combination *combination; /* of two outputs, else NULL */
     struct v2v_slicing *slicing;     /* rows of all ranks of the shard and whole slices; NULL: the
                                     method's slices are whole */
     float *whole;                    /* [z of this rank,y,x], in an output that was cut already */
@@ -56,7 +58,6 @@ struct v2v_recon {
     const struct v2v_scaling *scaling;
     struct v2v_volume_writer *writer;
     const struct v2v_monitor *monitor;
-    int combine;   /* enum v2v_combine */
     int branches;  /* are written, too */
     int64_t *todo; /* [frames] those that are not done yet, in order */
     int64_t frames;
@@ -133,7 +134,8 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
     problem->floats = recon->views * (pixels + padded) + slices * pixels +
                       v2v_fusion_floats(problem->config->recon.neighbours, recon->views,
-                                        recon->height, recon->width);
+                                        recon->height, recon->width) +
+                      (recon->outputs > 1 ? v2v_combination_floats(problem, (int)ranks) : 0);
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
@@ -217,7 +219,6 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .height = problem->height,
                            .width = problem->width,
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
-                           .combine = problem->config->recon.combine,
                            .refresh = problem->config->recon.refresh,
                            .level = 1.0};
     V2V_TRY(lay_out(made, &work, problem, frames, world));
@@ -234,6 +235,10 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                                    made->width);
         }
         rc = v2v_par_agree(made->grid.shard, rc);
+        if (rc == V2V_OK && made->outputs > 1) {
+            rc = v2v_combination_create(&made->combination, &own, &made->grid, made->slicing,
+                                        made->own_rows);
+        }
         if (rc == V2V_OK && is_still) {
             rc = v2v_still_create(&made->still, made->estimator, &own);
         }
@@ -258,6 +263,7 @@ void v2v_recon_destroy(struct v2v_recon **recon)
         v2v_mem_free(old->cut[o]);
         v2v_mem_free(old->output[o]);
     }
+    v2v_combination_destroy(&old->combination);
     v2v_slicing_destroy(&old->slicing);
     v2v_agreement_destroy(&old->agreement);
     v2v_mem_free(old->mean);
@@ -363,50 +369,15 @@ done:
     return rc;
 }
 
-/** Collective(pair): the larger of two outputs, voxel by voxel. */
-static const float *take_larger(struct v2v_recon *recon)
-{
-    const int64_t count = recon->slices * recon->own_rows * recon->width;
-    const float *first = recon->cut[0] != NULL ? recon->cut[0] : recon->cut[1];
-    const float *second = first == recon->cut[0] ? recon->cut[1] : NULL;
-    if (recon->grid.branch_size == 2) {
-        v2v_par_exchange_f32(recon->grid.pair, recon->mean, first, count,
-                             1 - recon->grid.branch_rank);
-        second = recon->mean;
-    }
-#pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < count; i++) {
-        recon->mean[i] = fmaxf(first[i], second[i]);
-    }
-    return recon->mean;
-}
-
-/** Collective(pair): the result, which both ranks of a pair hold: the mean of two outputs, or the
- *  one. Halves are added, so that nothing overflows, and x + y = y + x: one rank and two give the
- *  same bits. */
-static const float *average(struct v2v_recon *recon)
-{
-    int64_t count = recon->slices * recon->own_rows * recon->width;
-    const float *first = recon->cut[0] != NULL ? recon->cut[0] : recon->cut[1];
-    const float *second = first == recon->cut[0] ? recon->cut[1] : NULL;
-#pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < count; i++) {
-        float sum = 0.0f + 0.5f * first[i];
-        recon->mean[i] = second != NULL ? sum + 0.5f * second[i] : sum;
-    }
-    if (recon->grid.branch_size == 2) {
-        v2v_par_sum_f32(recon->grid.pair, recon->mean, count);
-    }
-    return recon->mean;
-}
-
-/** Collective(pair): the result of a frame. */
+/** Collective(sample): the result of a frame, which both ranks of a pair hold. */
 static const float *combine(struct v2v_recon *recon)
 {
     if (recon->outputs == 1) {
         return recon->cut[0];
     }
-    return recon->combine == V2V_COMBINE_MAX ? take_larger(recon) : average(recon);
+    v2v_combination_run(recon->combination, recon->mean,
+                        (const float *const[]){recon->cut[0], recon->cut[1]}, recon->recorded);
+    return recon->mean;
 }
 
 /** Collective(shard): slices of a volume that this rank writes; `rows` itself if they are whole. */

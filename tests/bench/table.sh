@@ -72,6 +72,7 @@ unrolled||unrolled|recording||10|reconstruct|weights
 vcdnet|37.71 / 0.792|vcdnet|recording||3|reconstruct|weights
 v2v3d|39.05 / 0.898|v2v3d|recording||3|reconstruct|weights
 v2v3d-max||v2v3d|recording||3|reconstruct --set recon.combine=max|
+v2v3d-learned||v2v3d|recording||4|reconstruct --set recon.combine=learned|
 v2v3d-all-views|30.81|v2v3d-all-views|recording||3|reconstruct|
 v2v3d-random-halves||v2v3d-random-halves|recording||3|reconstruct|weights
 v2v3d-no-alignment|38.25|v2v3d-no-alignment|recording||3|reconstruct|weights

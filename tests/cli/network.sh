@@ -200,13 +200,18 @@ same unskipped.h5 off.h5 /volume 0
 timed "$limit" reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o large.h5 --max-mem 0.001
 [ $? -eq 70 ] || fail "--max-mem did not end with 70: $(cat stderr)"
 grep -q 'of the limit of 1000000 bytes' stderr || fail "--max-mem: $(cat stderr)"
+weigh() { # FILE
+    works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o "$1" --set recon.combine=learned
+}
+weigh weighted.h5
 if [ "$ranks" -gt 1 ]; then
     # Branches on different ranks compute what one rank computes; only the mean is added elsewhere.
     mv volumes.h5 many.h5
     (ranks=1 && works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.h5 \
-        --branches --offset none --gain none --normalize none; exit "$failures") ||
+        --branches --offset none --gain none --normalize none && weigh alone.h5; exit "$failures") ||
         failures=$((failures + 1))
     same volumes.h5 many.h5 /volume 1e-5
+    same weighted.h5 alone.h5 /volume 1e-5
 fi
 
 # The golden configuration takes the network from the weight file.

@@ -51,8 +51,9 @@ enum v2v_reduce { V2V_REDUCE_SUM, V2V_REDUCE_MEAN };
 /** Which views the two volumes of the paper's network see: halves, each judged by the other one; or
  *  both all, judged by what they see. */
 enum v2v_view_split { V2V_VIEWS_EVEN_ODD, V2V_VIEWS_RANDOM, V2V_VIEWS_ALL };
-/** What becomes of several volumes of a frame. */
-enum v2v_combine { V2V_COMBINE_MEAN, V2V_COMBINE_MAX };
+/** What becomes of two volumes of a frame: their mean, the larger voxel, or a mean by weights of
+ *  slices, with which it explains the frame's views best. */
+enum v2v_combine { V2V_COMBINE_MEAN, V2V_COMBINE_MAX, V2V_COMBINE_LEARNED };
 enum v2v_backend { V2V_BACKEND_ONEDNN, V2V_BACKEND_OPENBLAS };
 /** Of the convolutions. BF16: on processors with the instructions, else float32; BF16_ALWAYS: also
  *  where they are emulated. */
