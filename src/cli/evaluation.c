@@ -1,13 +1,16 @@
 #include "cli/evaluation.h"
 
 #include "cli/steps.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/eval/quality.h"
+#include "v2v3d/io/attributes.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
+#include <string.h>
 
 const char *const v2v_figure_names[V2V_FIGURE_COUNT] = {
     "psnr", "ssim", "background_truth", "background_volume", "scale", "residual", "flux"};
@@ -37,15 +40,38 @@ static enum v2v_status check_shapes(const struct v2v_evaluation_job *job,
                     volume->slices, volume->height, volume->width);
 }
 
-/* Local: scores of frame t, which shows frame t mod T of the truth as `simulate` does. */
+static void skip_text(void *context, const char *name, const char *text)
+{
+    (void)context;
+    (void)name;
+    (void)text;
+}
+
+static void take_first_frame(void *context, const char *name, double number)
+{
+    if (strcmp(name, V2V_PROVENANCE_FIRST_FRAME) == 0 && number >= 0.0 && number < 1e15) {
+        *(int64_t *)context = (int64_t)number;
+    }
+}
+
+/* Local: the frame of its recording that a volume begins with; -1: it doesn't say. */
+static enum v2v_status first_frame_of(int64_t *first, const char *path)
+{
+    const struct v2v_attribute_reader reader = {
+        .context = first, .text = skip_text, .number = take_first_frame};
+    *first = -1;
+    return v2v_step_is_hdf5_name(path) ? v2v_attributes_read(path, &reader) : V2V_OK;
+}
+
+/* Local: scores of frame t, which shows frame `shown` of what was simulated. */
 static enum v2v_status score_frame(struct v2v_evaluation *evaluation, struct v2v_volume *truth,
                                    struct v2v_volume *volume, float *a, float *b, int64_t t,
-                                   int fit_scale)
+                                   int64_t shown, int fit_scale)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_scores scores;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
-    V2V_TRY(v2v_volume_read(truth, a, t % v2v_volume_info(truth)->frames, 0, info->slices));
+    V2V_TRY(v2v_volume_read(truth, a, shown, 0, info->slices));
     V2V_TRY(v2v_volume_read(volume, b, t, 0, info->slices));
     V2V_TRY(v2v_scores_of(&scores, a, b, info->slices, info->height, info->width, fit_scale));
     evaluation->value[V2V_FIGURE_PSNR][t] = scores.psnr;
@@ -76,13 +102,17 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     float *a = NULL, *b = NULL;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     int64_t voxels = info->slices * info->height * info->width;
+    int64_t first = -1;
     V2V_TRY(settings_of(&settings, session, job->truth_dataset));
     if (settings.slices == 0) {
         settings.slices = info->slices; /* of a TIFF that doesn't say */
     }
     V2V_TRY(v2v_volume_open(&truth, job->truth, &settings, session->world));
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
-    rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
+    rc = first_frame_of(&first, job->truth);
+    if (rc == V2V_OK) {
+        rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
+    }
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(a, "evaluate.truth", voxels);
     }
@@ -91,9 +121,13 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     int64_t ranks = v2v_comm_size(session->world);
+    /* As `simulate` has it: frame t of a recording shows frame t mod T of the truth. */
+    const int64_t in_turn = v2v_volume_info(truth)->frames;
+    const int64_t from = v2v_larger(evaluation->first_frame, 0) - v2v_larger(first, 0);
+    const int64_t ahead = (from % in_turn + in_turn) % in_turn;
     for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
         v2v_watchdog_beat("evaluate: a frame");
-        rc = score_frame(evaluation, truth, volume, a, b, t, job->fit_scale);
+        rc = score_frame(evaluation, truth, volume, a, b, t, (t + ahead) % in_turn, job->fit_scale);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     for (int f = V2V_FIGURE_PSNR; f <= V2V_FIGURE_SCALE; f++) {
@@ -122,6 +156,7 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
     settings.channel = 0; /* which is the truth's and the recording's */
     V2V_TRY(v2v_volume_open(&volume, job->volume, &settings, session->world));
     evaluation->frames = v2v_volume_info(volume)->frames;
+    V2V_TRY(v2v_par_agree(session->world, first_frame_of(&evaluation->first_frame, job->volume)));
     if (job->truth != NULL) {
         V2V_TRY(score(evaluation, job, volume, session));
     }

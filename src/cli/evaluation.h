@@ -36,6 +36,8 @@ enum { V2V_WARNING_TEXT = 1024 };
 
 struct v2v_evaluation {
     int64_t frames;
+    int64_t first_frame;             /**< of the recording: the volume's first one; -1: it
+                                          doesn't say */
     double *value[V2V_FIGURE_COUNT]; /**< [t]; NULL: not asked for */
     double mean[V2V_FIGURE_COUNT];
     int64_t views, slices;                  /**< 0: without --psf and --input */

@@ -307,8 +307,13 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     V2V_TRY(v2v_step_psf(session, &work.psf, job->psf));
     V2V_TRY(v2v_step_recording(session, &work.recording, job->input, &work.psf));
-    V2V_TRY(check_shapes(&work, info));
+    /* of the whole recording, as that of its volume */
     V2V_TRY(v2v_step_offset(session, &work.scaling, work.recording));
+    if (evaluation->first_frame >= 0 &&
+        evaluation->first_frame + info->frames <= v2v_recording_info(work.recording)->frames) {
+        V2V_TRY(v2v_recording_cut(work.recording, evaluation->first_frame, info->frames));
+    }
+    V2V_TRY(check_shapes(&work, info));
     work.height = info->height;
     work.width = info->width;
     evaluation->views = work.psf.views;

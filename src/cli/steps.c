@@ -481,7 +481,7 @@ enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
     char *text = NULL;
     uint64_t sum = 0;
     V2V_TRY(v2v_file_sum(&sum, recording, session->world));
-    add_number(provenance, "first_frame", (double)first_frame);
+    add_number(provenance, V2V_PROVENANCE_FIRST_FRAME, (double)first_frame);
     if (v2v_step_on_root(session)) { /* the other ranks' attributes are not written */
         rc = task_text(&text, provenance, session, sum);
     }

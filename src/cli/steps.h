@@ -103,6 +103,9 @@ enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *s
                                const struct v2v_session *session, const struct v2v_psf_file *psf,
                                const char *size) V2V_MUST_CHECK;
 
+/** The attribute that tells which frame of its recording a volume begins with. */
+#define V2V_PROVENANCE_FIRST_FRAME "first_frame"
+
 /** Attributes that tell how a volume was made; the texts live until _fini. */
 enum { V2V_PROVENANCE_MOST = 16 };
 struct v2v_provenance {

@@ -91,6 +91,19 @@ says 'volume, 4 frames'
 works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
+# A volume of frames 2 and 3 is judged by these of the truth, of the recording and of other volumes.
+judged() { # VOLUME FIRST: a line of figures a frame, from that frame on
+    works evaluate --truth moving_truth.h5 --volume "$1" --psf one/psf.h5 --input moving.h5 --frames 0
+    awk -v "first=$2" '/^$/ { exit } $1 >= first && /^ +[0-9]/ { $1 -= first; print }' stdout
+}
+works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o every.h5 --iterations 2
+works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o two.h5 --iterations 2 --frames 2:2
+judged every.h5 2 >of_every
+judged two.h5 0 >of_two
+[ "$(wc -l <of_two)" -eq 2 ] || fail "no two frames: $(cat of_two)"
+cmp -s of_every of_two || fail "a range is judged otherwise: $(cat of_every of_two)"
+works evaluate --truth every.h5 --volume two.h5
+says '^ mean +inf +1 '
 "$program" simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise gaussian:0.2 \
     --size 64 -o still_alone.h5 --truth still_truth_alone.h5 2>stderr || fail "$(cat stderr)"
 same still_truth.h5 still_truth_alone.h5 /volume
