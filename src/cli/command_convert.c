@@ -72,12 +72,16 @@ static enum v2v_status convert_volume(const struct arguments *given,
     struct v2v_volume *volume = NULL;
     struct v2v_volume_writer *writer = NULL;
     float *slices = NULL;
-    struct v2v_attribute attributes[] = {{.name = "program", .text = "v2v3d " V2V_VERSION},
-                                         {.name = "command_line", .text = session->command_line}};
+    struct v2v_origin origin;
+    struct v2v_attribute attributes[2 + V2V_ORIGIN_ATTRIBUTES] = {
+        {.name = "program", .text = "v2v3d " V2V_VERSION},
+        {.name = "command_line", .text = session->command_line}};
     if (v2v_bdv_is_name(given->output)) {
         return convert_to_bdv(given, session);
     }
     V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
+    V2V_TRY(v2v_origin_read(&origin, given->input, session));
+    const int64_t described = 2 + v2v_origin_attributes(attributes + 2, &origin);
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     struct v2v_volume_info written = *info;
     V2V_TRY(v2v_storage_settle(&written.storage, &given->storage, given->output));
@@ -87,7 +91,7 @@ static enum v2v_status convert_volume(const struct arguments *given,
         V2V_ALLOC(slices, "convert.slices", v2v_mem_product(mine.count, info->height, info->width));
     V2V_TRY(v2v_par_agree(session->world, rc));
     V2V_TRY(v2v_volume_create(&writer, given->output, &written, 1u << V2V_VOLUME_MEAN, attributes,
-                              2, session->world));
+                              described, session->world));
     for (int64_t t = 0; t < info->frames; t++) {
         v2v_watchdog_beat("convert: a frame");
         rc = v2v_volume_read(volume, slices, t, mine.first, mine.count);

@@ -2,15 +2,14 @@
 
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/eval/quality.h"
-#include "v2v3d/io/attributes.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
-#include <string.h>
 
 const char *const v2v_figure_names[V2V_FIGURE_COUNT] = {
     "psnr", "ssim", "background_truth", "background_volume", "scale", "residual", "flux"};
@@ -40,27 +39,31 @@ static enum v2v_status check_shapes(const struct v2v_evaluation_job *job,
                     volume->slices, volume->height, volume->width);
 }
 
-static void skip_text(void *context, const char *name, const char *text)
+/* The frame of the truth that the volume's first one shows. As `simulate` has it, frame t of a
+ * recording shows frame t mod T of the truth; volumes of one recording show it side by side. */
+static enum v2v_status align(int64_t *first, const struct v2v_evaluation *evaluation,
+                             const struct v2v_evaluation_job *job, const struct v2v_origin *truth,
+                             int64_t of_truth)
 {
-    (void)context;
-    (void)name;
-    (void)text;
-}
-
-static void take_first_frame(void *context, const char *name, double number)
-{
-    if (strcmp(name, V2V_PROVENANCE_FIRST_FRAME) == 0 && number >= 0.0 && number < 1e15) {
-        *(int64_t *)context = (int64_t)number;
+    const struct v2v_origin *volume = &evaluation->origin;
+    *first = v2v_larger(volume->first_frame, 0);
+    if (v2v_origin_is_same(volume, truth)) {
+        *first -= truth->first_frame;
+        if (*first < 0 || *first + evaluation->frames > of_truth) {
+            return V2V_FAIL(V2V_E_INPUT,
+                            "%s shows frames %" PRId64 " to %" PRId64
+                            " of its recording, %s %" PRId64 " to %" PRId64,
+                            job->volume, volume->first_frame,
+                            volume->first_frame + evaluation->frames - 1, job->truth,
+                            truth->first_frame, truth->first_frame + of_truth - 1);
+        }
     }
-}
-
-/* Local: the frame of its recording that a volume begins with; -1: it doesn't say. */
-static enum v2v_status first_frame_of(int64_t *first, const char *path)
-{
-    const struct v2v_attribute_reader reader = {
-        .context = first, .text = skip_text, .number = take_first_frame};
-    *first = -1;
-    return v2v_step_is_hdf5_name(path) ? v2v_attributes_read(path, &reader) : V2V_OK;
+    *first %= of_truth;
+    if (*first > 0) {
+        v2v_log(V2V_LOG_INFO, "the volume's first frame shows frame %" PRId64 " of %s", *first,
+                job->truth);
+    }
+    return V2V_OK;
 }
 
 /* Local: scores of frame t, which shows frame `shown` of what was simulated. */
@@ -102,17 +105,18 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     float *a = NULL, *b = NULL;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     int64_t voxels = info->slices * info->height * info->width;
-    int64_t first = -1;
+    struct v2v_origin origin;
+    int64_t first = 0;
     V2V_TRY(settings_of(&settings, session, job->truth_dataset));
     if (settings.slices == 0) {
         settings.slices = info->slices; /* of a TIFF that doesn't say */
     }
     V2V_TRY(v2v_volume_open(&truth, job->truth, &settings, session->world));
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
-    rc = first_frame_of(&first, job->truth);
-    if (rc == V2V_OK) {
-        rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
-    }
+    const int64_t of_truth = v2v_volume_info(truth)->frames;
+    V2V_TRY(v2v_origin_read(&origin, job->truth, session));
+    V2V_TRY(align(&first, evaluation, job, &origin, of_truth));
+    rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(a, "evaluate.truth", voxels);
     }
@@ -121,13 +125,10 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     int64_t ranks = v2v_comm_size(session->world);
-    /* As `simulate` has it: frame t of a recording shows frame t mod T of the truth. */
-    const int64_t in_turn = v2v_volume_info(truth)->frames;
-    const int64_t from = v2v_larger(evaluation->first_frame, 0) - v2v_larger(first, 0);
-    const int64_t ahead = (from % in_turn + in_turn) % in_turn;
     for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
         v2v_watchdog_beat("evaluate: a frame");
-        rc = score_frame(evaluation, truth, volume, a, b, t, (t + ahead) % in_turn, job->fit_scale);
+        rc =
+            score_frame(evaluation, truth, volume, a, b, t, (first + t) % of_truth, job->fit_scale);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     for (int f = V2V_FIGURE_PSNR; f <= V2V_FIGURE_SCALE; f++) {
@@ -156,7 +157,7 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
     settings.channel = 0; /* which is the truth's and the recording's */
     V2V_TRY(v2v_volume_open(&volume, job->volume, &settings, session->world));
     evaluation->frames = v2v_volume_info(volume)->frames;
-    V2V_TRY(v2v_par_agree(session->world, first_frame_of(&evaluation->first_frame, job->volume)));
+    V2V_TRY(v2v_origin_read(&evaluation->origin, job->volume, session));
     if (job->truth != NULL) {
         V2V_TRY(score(evaluation, job, volume, session));
     }

@@ -3,6 +3,7 @@
 #define V2V_CLI_EVALUATION_H
 
 #include "cli/command.h"
+#include "cli/origin.h"
 #include "v2v3d/eval/consistency.h"
 
 enum v2v_figure {
@@ -36,8 +37,7 @@ enum { V2V_WARNING_TEXT = 1024 };
 
 struct v2v_evaluation {
     int64_t frames;
-    int64_t first_frame;             /**< of the recording: the volume's first one; -1: it
-                                          doesn't say */
+    struct v2v_origin origin;        /**< of the volume */
     double *value[V2V_FIGURE_COUNT]; /**< [t]; NULL: not asked for */
     double mean[V2V_FIGURE_COUNT];
     int64_t views, slices;                  /**< 0: without --psf and --input */

@@ -34,6 +34,9 @@ struct work {
     float *views, *scratch; /* [v,y,x], [y,x] */
     int64_t *known;         /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
+    struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
+    struct v2v_scaling trained_by;  /* .. the recording are taken by */
+    int is_homogeneous;
     char levels[V2V_LEVELS_TEXT]; /* what is to be said of them, or "" */
 };
 
@@ -143,6 +146,8 @@ static enum v2v_status open_output(struct work *work, struct v2v_volume_writer *
                             (const char *const[]){job->volume, job->truth, job->psf, job->input},
                             4));
     V2V_TRY(v2v_provenance_init(&provenance, work->session, &work->psf, NULL, &work->scaling));
+    V2V_TRY(v2v_provenance_origin(&provenance, work->session, job->input,
+                                  v2v_recording_info(work->recording)->before));
     V2V_TRY(v2v_volume_create(writer, job->uncertainty, &info,
                               1u << V2V_VOLUME_MEAN | 1u << V2V_VOLUME_UNCERTAINTY, provenance.item,
                               provenance.count, work->session->world));
@@ -245,29 +250,43 @@ static void judge_flux(struct work *work)
     }
 }
 
-/* Frames that are unlike those that the network was trained on. Collective. */
-static enum v2v_status compare_levels(struct work *work)
+/* The levels that the network was trained at. Collective. */
+static enum v2v_status read_levels(struct work *work)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_session *session = work->session;
     struct v2v_weights_info info;
-    struct v2v_scaling scaling;
     const struct v2v_network_ops *network = NULL;
     rc = v2v_weights_file_info(&info, work->job->weights);
     if (rc == V2V_OK) {
         rc = v2v_network_of_weights(&network, &info, work->job->weights);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
-    const int is_homogeneous =
+    work->trained = info.levels;
+    work->trained_by = work->scaling; /* of homogeneous networks: a gain changes nothing */
+    work->is_homogeneous =
         !v2v_estimator_of_network(network)->has_gain || session->config.model.homogeneous;
-    if (is_homogeneous) {
-        scaling = work->scaling; /* a gain changes nothing */
-    } else {
-        V2V_TRY(
-            v2v_scaling_decide(&scaling, work->recording, &session->config.input, session->world));
+    if (!work->is_homogeneous) {
+        V2V_TRY(v2v_scaling_decide(&work->trained_by, work->recording, &session->config.input,
+                                   session->world));
     }
-    V2V_TRY(v2v_levels_compare(work->levels, &info.levels, is_homogeneous, work->recording,
-                               &scaling, 0, session));
+done:
+    return rc;
+}
+
+/* What is decided by the whole recording, as it is where the volume is made; then only the frames
+ * that the volume shows are left. Collective. */
+static enum v2v_status settle(struct work *work, const struct v2v_volume_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t first = work->evaluation->origin.first_frame;
+    V2V_TRY(v2v_step_offset(work->session, &work->scaling, work->recording));
+    if (work->job->weights != NULL) {
+        V2V_TRY(read_levels(work));
+    }
+    if (first >= 0 && first + info->frames <= v2v_recording_info(work->recording)->frames) {
+        V2V_TRY(v2v_recording_cut(work->recording, first, info->frames));
+    }
 done:
     return rc;
 }
@@ -307,12 +326,7 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     V2V_TRY(v2v_step_psf(session, &work.psf, job->psf));
     V2V_TRY(v2v_step_recording(session, &work.recording, job->input, &work.psf));
-    /* of the whole recording, as that of its volume */
-    V2V_TRY(v2v_step_offset(session, &work.scaling, work.recording));
-    if (evaluation->first_frame >= 0 &&
-        evaluation->first_frame + info->frames <= v2v_recording_info(work.recording)->frames) {
-        V2V_TRY(v2v_recording_cut(work.recording, evaluation->first_frame, info->frames));
-    }
+    V2V_TRY(settle(&work, info));
     V2V_TRY(check_shapes(&work, info));
     work.height = info->height;
     work.width = info->width;
@@ -324,7 +338,9 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
         V2V_TRY(leave_out(&work));
     }
     if (job->weights != NULL) {
-        V2V_TRY(compare_levels(&work));
+        V2V_TRY(v2v_levels_compare(work.levels, &work.trained, work.is_homogeneous, work.recording,
+                                   &work.trained_by, v2v_recording_info(work.recording)->before,
+                                   session));
     }
     find_faults(&work);
 done:

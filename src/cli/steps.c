@@ -434,9 +434,22 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_provenance_origin(struct v2v_provenance *provenance,
+                                      const struct v2v_session *session, const char *recording,
+                                      int64_t first_frame)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_origin_of(&provenance->origin, recording, first_frame, session));
+    V2V_ASSERT(provenance->count + V2V_ORIGIN_ATTRIBUTES <= V2V_PROVENANCE_MOST);
+    provenance->count +=
+        v2v_origin_attributes(provenance->item + provenance->count, &provenance->origin);
+done:
+    return rc;
+}
+
 /* Everything the voxels depend on, as text; to be freed with free(). */
 static enum v2v_status task_text(char **text, const struct v2v_provenance *provenance,
-                                 const struct v2v_session *session, uint64_t recording)
+                                 const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_config config, defaults;
@@ -462,7 +475,6 @@ static enum v2v_status task_text(char **text, const struct v2v_provenance *prove
                     item->number);
         }
     }
-    fprintf(stream, "recording %016" PRIx64 "\n", recording);
     if (session->calibration.views > 0) {
         v2v_calibration_print(&session->calibration, stream);
     }
@@ -474,16 +486,12 @@ done:
 }
 
 enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
-                                    const struct v2v_session *session, const char *recording,
-                                    int64_t first_frame)
+                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     char *text = NULL;
-    uint64_t sum = 0;
-    V2V_TRY(v2v_file_sum(&sum, recording, session->world));
-    add_number(provenance, V2V_PROVENANCE_FIRST_FRAME, (double)first_frame);
     if (v2v_step_on_root(session)) { /* the other ranks' attributes are not written */
-        rc = task_text(&text, provenance, session, sum);
+        rc = task_text(&text, provenance, session);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     snprintf(provenance->task, sizeof provenance->task, "%016" PRIx64,

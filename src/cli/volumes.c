@@ -202,7 +202,8 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
     }
     V2V_TRY(
         v2v_provenance_init(&work->provenance, session, work->psf, given->weights, &work->scaling));
-    V2V_TRY(v2v_provenance_task(&work->provenance, session, given->input, work->frames.first));
+    V2V_TRY(v2v_provenance_origin(&work->provenance, session, given->input, work->frames.first));
+    V2V_TRY(v2v_provenance_task(&work->provenance, session));
     V2V_TRY(check_weights(work, session));
 done:
     return rc;

@@ -50,9 +50,11 @@ int64_t v2v_combination_floats(const struct v2v_problem *problem, int ranks)
     if (problem->config->recon.combine != V2V_COMBINE_LEARNED) {
         return 0;
     }
+    /* one of its own, and where ranks hold rows, the two that are fitted */
+    const int64_t volumes = ranks > 1 ? 3 : 1;
     return v2v_projector_bytes(psf, problem->height, problem->width, V2V_SPLIT_SLICES, ranks) /
                (int64_t)sizeof(float) +
-           (4 * v2v_parts(psf->slices, ranks) + psf->views) * pixels;
+           (volumes * v2v_parts(psf->slices, ranks) + psf->views) * pixels;
 }
 
 /** Collective(shard). The status is this rank's but for the projector's. */

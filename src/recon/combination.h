@@ -11,7 +11,8 @@
 
 struct v2v_combination;
 
-/** Floats that v2v_combination_create would take on a rank. @kind Local. */
+/** Floats that v2v_combination_create would take on one of so many ranks of a shard, beside a
+ *  volume of the rows that it has. @kind Local. */
 int64_t v2v_combination_floats(const struct v2v_problem *problem, int ranks);
 
 /** @kind  Collective(grid->shard)

@@ -13,7 +13,6 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
-#include <math.h>
 #include <stdio.h>
 
 enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
@@ -120,15 +119,16 @@ done:
     return rc;
 }
 
-/** Local: the outputs of this rank, which is not idle, and room for the views and for take_volumes:
- *  of every row the mean and two of each output held, and whole slices. */
+/** Local: the outputs of this rank, which is not idle, and room for the views, for take_volumes: of
+ *  every row the mean and two of each output held, and whole slices; and for the combination. */
 static void give_share(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
 {
     const int is_alone = recon->grid.branch_size == 1;
     int64_t pixels = recon->height * recon->width;
     int64_t padded_width = v2v_pad_size(recon->width, unit);
     int64_t padded = v2v_pad_size(recon->height, unit) * padded_width;
-    int64_t images = 2 * (is_alone ? recon->outputs : 1) + (recon->outputs > 1);
+    int64_t images = 2 * (is_alone ? recon->outputs : 1) + (recon->outputs > 1) +
+                     (problem->config->recon.combine == V2V_COMBINE_LEARNED);
     int64_t ranks = recon->grid.shard_size;
     int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
     problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
@@ -204,6 +204,9 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     *recon = NULL;
     const int is_still = problem->skip > 0.0 && !ops->skips_light;
     rc = ops->describe_work(&work, problem);
+    if (rc == V2V_OK && work.most_branches > 1) {
+        work.bytes = v2v_mem_bytes(v2v_combination_floats(problem, 1), work.bytes);
+    }
     if (rc == V2V_OK && is_still) {
         rc = v2v_still_allow(&work, ops, problem);
     }

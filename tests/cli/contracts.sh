@@ -91,19 +91,41 @@ says 'volume, 4 frames'
 works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
-# A volume of frames 2 and 3 is judged by these of the truth, of the recording and of other volumes.
-judged() { # VOLUME FIRST: a line of figures a frame, from that frame on
+# A volume of frames 1 and 2 is judged by these of the truth, of the recording and of other volumes.
+judged() { # VOLUME FIRST: a line of figures of two frames, from that frame on
     works evaluate --truth moving_truth.h5 --volume "$1" --psf one/psf.h5 --input moving.h5 --frames 0
-    awk -v "first=$2" '/^$/ { exit } $1 >= first && /^ +[0-9]/ { $1 -= first; print }' stdout
+    awk -v "first=$2" '/^$/ { exit }
+        /^ +[0-9]/ && $1 >= first && $1 < first + 2 { $1 -= first; print }' stdout
 }
 works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o every.h5 --iterations 2
-works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o two.h5 --iterations 2 --frames 2:2
-judged every.h5 2 >of_every
+works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o two.h5 --iterations 2 --frames 1:2
+judged every.h5 1 >of_every
 judged two.h5 0 >of_two
 [ "$(wc -l <of_two)" -eq 2 ] || fail "no two frames: $(cat of_two)"
 cmp -s of_every of_two || fail "a range is judged otherwise: $(cat of_every of_two)"
-works evaluate --truth every.h5 --volume two.h5
-says '^ mean +inf +1 '
+works convert --input two.h5 -o copy.h5
+works convert --input two.h5 -o copy.tif
+for words in 'every.h5 two.h5' 'two.h5 two.h5' 'two.h5 copy.h5' 'copy.h5 two.h5' 'two.h5 copy.tif'; do
+    works evaluate --truth "${words% *}" --volume "${words#* }"
+    says '^ mean +inf +1 '
+done
+refuses 65 'every.h5 shows frames 0 to 3 of its recording, two.h5 1 to 2' evaluate --truth two.h5 \
+    --volume every.h5
+# A phantom is counted from its own first frame, whatever recording its light once came from.
+works simulate --psf one/psf.h5 --volume two.h5 --frames 2 -o phantom.h5
+works deconvolve --method rld --psf one/psf.h5 --input phantom.h5 -o of_phantom.h5 --iterations 20
+works evaluate --truth two.h5 --volume of_phantom.h5 --json
+psnr() { sed 's/^{"psnr": \([-0-9.]*\),.*/\1/' stdout; }
+straight=$(psnr)
+works deconvolve --method rld --psf one/psf.h5 --input phantom.h5 -o last.h5 --iterations 20 --frames 1:1
+works convert --input last.h5 -o last.tif
+works evaluate --truth two.h5 --volume last.tif --json
+awk -v "a=$straight" -v "b=$(psnr)" 'BEGIN { exit !(a > b) }' ||
+    fail "frame 0 of a phantom is not frame 0 of its recording: $straight dB"
+works evaluate --volume two.h5 --psf one/psf.h5 --input moving.h5 --frames 1 --uncertainty range.h5
+works info range.h5
+says '^first_frame: 1$'
+rm last.h5
 "$program" simulate --scene neurons --psf one/psf.h5 --seed 3 --frames 4 --noise gaussian:0.2 \
     --size 64 -o still_alone.h5 --truth still_truth_alone.h5 2>stderr || fail "$(cat stderr)"
 same still_truth.h5 still_truth_alone.h5 /volume

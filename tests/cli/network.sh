@@ -204,6 +204,13 @@ weigh() { # FILE
     works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o "$1" --set recon.combine=learned
 }
 weigh weighted.h5
+! h5diff weighted.h5 whole.h5 /volume /volume >/dev/null 2>&1 || fail 'learned weights are the mean'
+works evaluate --volume whole.h5 --psf psf.h5 --input recording.h5 --frames 0 --json
+cp stdout of_mean.json
+works evaluate --volume weighted.h5 --psf psf.h5 --input recording.h5 --frames 0 --json
+residual() { sed 's/.* "residual": \([0-9.]*\),.*/\1/' "$1"; }
+awk -v "mean=$(residual of_mean.json)" -v "learned=$(residual stdout)" 'BEGIN { exit !(learned < mean) }' ||
+    fail "learned weights explain the views no better: $(cat of_mean.json stdout)"
 if [ "$ranks" -gt 1 ]; then
     # Branches on different ranks compute what one rank computes; only the mean is added elsewhere.
     mv volumes.h5 many.h5
