@@ -13,8 +13,8 @@ static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, volume, "volume", 1, "volume to judge"),
     V2V_OPTION_FILE(
         struct arguments, truth, "truth", 0,
-        "true volume, its frames in turn; integers are read as fractions of their type's "
-        "maximum"),
+        "true volume, its frames in turn from the recording's first on; integers are read as "
+        "fractions of their type's maximum"),
     V2V_OPTION_PSF(struct arguments, psf, 0),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_FILE(struct arguments, input, "input", 0,

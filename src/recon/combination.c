@@ -156,33 +156,22 @@ static void meet(const struct v2v_combination *self, const float **both, float *
     }
 }
 
-/** Collective(pair): the larger of two volumes, voxel by voxel. */
-static void take_larger(const struct v2v_combination *self, float *result,
-                        const float *const *volume)
+static void take_larger(const struct v2v_combination *self, float *result, const float **both)
 {
     const int64_t count = count_of(self);
-    const float *both[2];
-    meet(self, both, result, volume);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i++) {
         result[i] = fmaxf(both[0][i], both[1][i]);
     }
 }
 
-/** Collective(pair). Halves are added, so that nothing overflows, and x + y = y + x: one rank and
- *  two give the same bits. */
-static void average(const struct v2v_combination *self, float *result, const float *const *volume)
+/** Halves are added, so that nothing overflows. */
+static void average(const struct v2v_combination *self, float *result, const float **both)
 {
     const int64_t count = count_of(self);
-    const float *first = volume[0] != NULL ? volume[0] : volume[1];
-    const float *second = first == volume[0] ? volume[1] : NULL;
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        const float sum = 0.0f + 0.5f * first[i];
-        result[i] = second != NULL ? sum + 0.5f * second[i] : sum;
-    }
-    if (self->grid->branch_size == 2) {
-        v2v_par_sum_f32(self->grid->pair, result, count);
+        result[i] = 0.0f + 0.5f * both[0][i] + 0.5f * both[1][i]; /* no -0 */
     }
 }
 
@@ -309,15 +298,13 @@ static float lean_of(const struct least_squares *fit, int64_t z)
     return (float)fmin(fmax(fit->lean[1 + z] / norm / brightness, -1.0), 1.0);
 }
 
-/** Collective(sample): each slice's weights are those with which the volume explains the views
+/** Collective(shard): each slice's weights are those with which the volume explains the views
  *  best. The ranks of a pair do the same. */
-static void weigh(struct v2v_combination *self, float *result, const float *const *volume,
+static void weigh(struct v2v_combination *self, float *result, const float **both,
                   const float *views)
 {
     struct least_squares *fit = &self->fit;
     const int64_t slice = self->rows * self->width, count = count_of(self);
-    const float *both[2];
-    meet(self, both, self->other, volume);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < count; i++) {
         const float first = 0.5f * both[0][i], second = 0.5f * both[1][i];
@@ -344,15 +331,14 @@ static void weigh(struct v2v_combination *self, float *result, const float *cons
 void v2v_combination_run(struct v2v_combination *combination, float *result,
                          const float *const *volume, const float *views)
 {
-    switch (combination->kind) {
-    case V2V_COMBINE_MEAN:
-        average(combination, result, volume);
-        break;
-    case V2V_COMBINE_MAX:
-        take_larger(combination, result, volume);
-        break;
-    case V2V_COMBINE_LEARNED:
-        weigh(combination, result, volume, views);
-        break;
+    const int is_learned = combination->kind == V2V_COMBINE_LEARNED;
+    const float *both[2];
+    meet(combination, both, is_learned ? combination->other : result, volume);
+    if (is_learned) {
+        weigh(combination, result, both, views);
+    } else if (combination->kind == V2V_COMBINE_MAX) {
+        take_larger(combination, result, both);
+    } else {
+        average(combination, result, both);
     }
 }

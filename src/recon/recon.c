@@ -28,19 +28,19 @@ struct v2v_recon {
     struct v2v_grid grid;
     const char *title; /* of the progress */
     int outputs;
-    int64_t views, slices;
-    int64_t height, width;     /* of a frame */
-    struct v2v_part own;       /* slices that this rank writes */
-    int64_t first_row, rows;   /* of the padded frame that this rank computes .. */
-    int64_t own_rows;          /* .. and what of them is not padding */
-    struct v2v_fusion *fusion; /* with neighbouring frames */
-    struct v2v_fusion *of_key; /* of key frames, with some at least; NULL: as all frames */
-    float *recorded;           /* [v,y,x] as recorded, or fused */
-    float *padded;             /* [v,y,x] what the method takes */
-    float *output[MOST];       /* [z,rows,x] padded; NULL for one not held */
-    float *cut[MOST];          /* [z,own rows,x] in units of the recording; NULL likewise */
-    float *mean;               /* [z,own rows,x]; the cut output itself where there is one */
     struct v2v_combination *combination; /* of two outputs, else NULL */
+    int64_t views, slices;
+    int64_t height, width;           /* of a frame */
+    struct v2v_part own;             /* slices that this rank writes */
+    int64_t first_row, rows;         /* of the padded frame that this rank computes .. */
+    int64_t own_rows;                /* .. and what of them is not padding */
+    struct v2v_fusion *fusion;       /* with neighbouring frames */
+    struct v2v_fusion *of_key;       /* of key frames, with some at least; NULL: as all frames */
+    float *recorded;                 /* [v,y,x] as recorded, or fused */
+    float *padded;                   /* [v,y,x] what the method takes */
+    float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
+    float *cut[MOST];                /* [z,own rows,x] in units of the recording; NULL likewise */
+    float *mean;                     /* [z,own rows,x]; the cut output itself where there is one */
     struct v2v_slicing *slicing;     /* rows of all ranks of the shard and whole slices; NULL: the
                                     method's slices are whole */
     float *whole;                    /* [z of this rank,y,x], in an output that was cut already */
@@ -123,19 +123,19 @@ done:
  *  every row the mean and two of each output held, and whole slices; and for the combination. */
 static void give_share(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
 {
-    const int is_alone = recon->grid.branch_size == 1;
+    const int is_alone = recon->grid.branch_size == 1, is_one = recon->outputs == 1;
+    const int is_learned = !is_one && problem->config->recon.combine == V2V_COMBINE_LEARNED;
     int64_t pixels = recon->height * recon->width;
     int64_t padded_width = v2v_pad_size(recon->width, unit);
     int64_t padded = v2v_pad_size(recon->height, unit) * padded_width;
-    int64_t images = 2 * (is_alone ? recon->outputs : 1) + (recon->outputs > 1) +
-                     (problem->config->recon.combine == V2V_COMBINE_LEARNED);
+    int64_t images = 2 * (is_alone ? recon->outputs : 1) + !is_one + is_learned;
     int64_t ranks = recon->grid.shard_size;
     int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
     problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
     problem->floats = recon->views * (pixels + padded) + slices * pixels +
                       v2v_fusion_floats(problem->config->recon.neighbours, recon->views,
                                         recon->height, recon->width) +
-                      (recon->outputs > 1 ? v2v_combination_floats(problem, (int)ranks) : 0);
+                      (is_learned ? v2v_combination_floats(problem, (int)ranks) : 0);
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
