@@ -314,7 +314,7 @@ static void run_block(struct v2v_data_step *step, int64_t b)
     const struct v2v_projector_layout *layout = &projector->layout;
     const struct v2v_block *block = &projector->block[b];
     const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
-    const int64_t of_view = step->slices * V2V_BLOCK_FLOATS, of_block = step->views * of_view;
+    const int64_t of_view = step->slices * V2V_BLOCK_FLOATS;
     float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
     float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
     float *solved = rest + step->views * V2V_BLOCK_FLOATS;
@@ -322,12 +322,12 @@ static void run_block(struct v2v_data_step *step, int64_t b)
                     step->slices, block->width);
     for (int64_t v = 0; v < step->views; v++) {
         v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS,
-                       otf + v * of_view, slice, step->slices, of_block);
+                       otf + v * of_view, slice, step->slices);
     }
     v2v_hermitian_multiply(solved, factor_of(step, b), rest, step->views);
     for (int64_t v = 0; v < step->views; v++) {
         v2v_block_project_adjoint(slice, otf + v * of_view, solved + v * V2V_BLOCK_FLOATS,
-                                  step->slices, of_block);
+                                  step->slices);
     }
     v2v_block_merge(projector->view_spectra + block->first, solved, layout->view_stride,
                     step->views, block->width);

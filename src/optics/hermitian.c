@@ -115,10 +115,9 @@ void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix,
 }
 
 /* Row i of the upper triangle: y_i = its sum, what came from above included, and what it adds to
- * the rows below. @param row its entries from the diagonal on, n of them
- * @param ahead floats to the next block's, which memory is asked for meanwhile */
+ * the rows below. @param row its entries from the diagonal on, n of them */
 V2V_SIMD_CLONES
-static void multiply_row(float *y_i, const float *row, const float *x_i, int64_t n, int64_t ahead)
+static void multiply_row(float *y_i, const float *row, const float *x_i, int64_t n)
 {
     float re[V2V_BLOCK], im[V2V_BLOCK];
 #pragma omp simd
@@ -129,8 +128,6 @@ static void multiply_row(float *y_i, const float *row, const float *x_i, int64_t
     for (int64_t j = 1; j < n; j++) {
         const float *m = row + j * V2V_BLOCK_FLOATS, *x_j = x_i + j * V2V_BLOCK_FLOATS;
         float *restrict y_j = y_i + j * V2V_BLOCK_FLOATS;
-        __builtin_prefetch(m + ahead);
-        __builtin_prefetch(m + ahead + V2V_BLOCK);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
             re[f] += m[f] * x_j[f] - m[V2V_BLOCK + f] * x_j[V2V_BLOCK + f];
@@ -145,10 +142,9 @@ static void multiply_row(float *y_i, const float *row, const float *x_i, int64_t
 
 void v2v_hermitian_multiply(float *y, const float *inverse, const float *x, int64_t n)
 {
-    const int64_t ahead = v2v_hermitian_pairs(n) * V2V_BLOCK_FLOATS;
     memset(y, 0, (size_t)(n * V2V_BLOCK_FLOATS) * sizeof *y);
     for (int64_t i = 0; i < n; i++) {
-        multiply_row(y + i * V2V_BLOCK_FLOATS, inverse, x + i * V2V_BLOCK_FLOATS, n - i, ahead);
+        multiply_row(y + i * V2V_BLOCK_FLOATS, inverse, x + i * V2V_BLOCK_FLOATS, n - i);
         inverse += (n - i) * V2V_BLOCK_FLOATS;
     }
 }

@@ -228,7 +228,7 @@ static void project_adjoint(struct v2v_projector *projector, const struct views 
         for (int64_t i = 0; i < views->count; i++) {
             const float *otf = v2v_projector_otf(projector, b, view_at(projector, views, i));
             v2v_block_split(view, fetch(projector, b, rounds, i, views->count), 0, 1, block->width);
-            v2v_block_project_adjoint(slice, otf, view, slices, slices * V2V_BLOCK_FLOATS);
+            v2v_block_project_adjoint(slice, otf, view, slices);
         }
         v2v_block_merge(projector->slice_spectra + block->first, slice, layout->slice_stride,
                         slices, block->width);

@@ -87,12 +87,11 @@ void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t wi
 /* Four sums, so that none waits for another's addition. */
 V2V_SIMD_CLONES
 void v2v_block_rest(float *rest, const float *recorded, const float *otf, const float *slice,
-                    int64_t slices, int64_t ahead)
+                    int64_t slices)
 {
     float re_re[V2V_BLOCK] = {0}, im_im[V2V_BLOCK] = {0};
     float re_im[V2V_BLOCK] = {0}, im_re[V2V_BLOCK] = {0};
     for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
-        __builtin_prefetch(otf + ahead);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
             re_re[f] += otf[f] * slice[f];
@@ -109,14 +108,12 @@ void v2v_block_rest(float *rest, const float *recorded, const float *otf, const 
 }
 
 V2V_SIMD_CLONES
-void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices,
-                               int64_t ahead)
+void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices)
 {
     float re[V2V_BLOCK], im[V2V_BLOCK];
     memcpy(re, view, sizeof re);
     memcpy(im, view + V2V_BLOCK, sizeof im);
     for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
-        __builtin_prefetch(otf + ahead + V2V_BLOCK);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
             slice[f] += otf[f] * re[f] + otf[V2V_BLOCK + f] * im[f];

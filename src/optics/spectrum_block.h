@@ -31,14 +31,11 @@ void v2v_block_project(double *sum, const float *otf, const float *slice, int64_
 /** The sum, rounded. @param spectrum [width] */
 void v2v_block_round(struct v2v_complex *spectrum, const double *sum, int64_t width);
 
-/** rest[2,V2V_BLOCK] = recorded - sum_z otf[z] * slice[z], in single precision.
- *  @param ahead floats to the OTF that memory is asked for meanwhile: half of it here, the other
- *         half by v2v_block_project_adjoint */
+/** rest[2,V2V_BLOCK] = recorded - sum_z otf[z] * slice[z], in single precision. */
 void v2v_block_rest(float *rest, const float *recorded, const float *otf, const float *slice,
-                    int64_t slices, int64_t ahead);
+                    int64_t slices);
 
-/** slice[z,f] += conj(otf[z,f]) * view[f]. @param ahead as of v2v_block_rest */
-void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices,
-                               int64_t ahead);
+/** slice[z,f] += conj(otf[z,f]) * view[f]. */
+void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices);
 
 #endif

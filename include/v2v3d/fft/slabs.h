@@ -14,9 +14,9 @@ extern "C" {
  *  the ranks of a communicator: a rank holds some rows of every frame and some columns of every
  *  spectrum, which is stored column by column, [kx,ky].
  *
- *  Rows are transformed one by one, exchanged, and then columns one by one, each by the same plan
- *  whatever the rank count: any number of ranks gets the same bits. Rows of zeros are neither
- *  transformed nor sent. Several frames go in one exchange.
+ *  Rows are transformed sixteen side by side, exchanged, and then columns likewise; what each
+ *  becomes doesn't depend on those beside it: any number of ranks gets the same bits. Rows of zeros
+ *  are neither transformed nor sent. Several frames go in one exchange.
  *
  *  Two back ends exchange, and change no bit: the own one is under way while the frames before and
  *  after are transformed; FFTW3-MPI's distributed transposition, which a cluster may bring tuned
@@ -26,7 +26,7 @@ struct v2v_fft_slabs;
 
 struct v2v_fft_shape {
     int64_t height, width; /**< of a frame */
-    int64_t ny, nx;        /**< of its transform: even, and not smaller */
+    int64_t ny, nx;        /**< of its transform: v2v_fft_good_size keeps them; not smaller */
     int64_t frames;        /**< that one call transforms, about: no exchange has room for more */
     int uses_fftw3_mpi;    /**< bool: FFTW3-MPI exchanges; on one rank nothing is exchanged */
 };
