@@ -1,7 +1,7 @@
 /* Transforms cut over ranks by the own exchange, by FFTW3-MPI's transposition, and by FFTW3-MPI
  * alone, in turn: frames of SIDE x SIDE in zeros, there and back. FFTW3-MPI alone transforms and
- * sends the zeros too: planned by estimate as all transforms are here (MEASURE gives other bits
- * from run to run), transposed spectra, a frame after the other.
+ * sends the zeros too: planned by estimate (MEASURE gives other bits from run to run), transposed
+ * spectra, a frame after the other.
  *   mpirun -n RANKS bench_slabs [SIDE [FRAMES [TURNS]]] */
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
