@@ -3,21 +3,22 @@
 #include "v2v3d/base/memory.h"
 #include <math.h>
 
-enum { MOST_STEPS = 64 };
+/* 3^39 < 2^63: no length has more. */
+enum { MOST_STEPS = 40 };
 
-/* Stockham's algorithm: step q with radix r, after steps of s in all, takes numbers of n/s apart
- * into r times as many runs: number j of run p, of those that lie m = n/(s r) runs apart, times
- * exp(-2 pi i j p / (n/s)). Runs are s numbers long, so that later steps have long ones. */
+/* Stockham's algorithm, decimation in frequency: after steps of s in all, one of radix r makes
+ *   y[s (r p + j) + i] = exp(-2 pi i j p s/n) sum_q x[s (p + m q) + i] exp(-2 pi i j q/r)
+ * for p < m = n / (s r), j < r, i < s. */
 struct v2v_fft_lanes {
     int64_t n;
     int steps, radix[MOST_STEPS];
-    struct v2v_complex *turns;      /* [step,p,j-1], n-1 in all */
-    struct v2v_complex *real_turns; /* [n/2+1]: exp(-pi i k / n) */
+    struct v2v_complex *twiddles;      /* [step,p,j-1], n-1 in all */
+    struct v2v_complex *real_twiddles; /* [n/2+1]: exp(-pi i k / n) */
 };
 
 static const int radices[] = {7, 5, 3, 4, 2};
 
-static struct v2v_complex turn_of(int64_t part, int64_t whole)
+static struct v2v_complex twiddle_of(int64_t part, int64_t whole)
 {
     const double angle = -2.0 * acos(-1.0) * (double)(part % whole) / (double)whole;
     return (struct v2v_complex){(float)cos(angle), (float)sin(angle)};
@@ -31,14 +32,14 @@ int64_t v2v_fft_lanes_bytes(int64_t n)
 
 static void plan_steps(struct v2v_fft_lanes *plan)
 {
-    struct v2v_complex *turn = plan->turns;
+    struct v2v_complex *twiddle = plan->twiddles;
     int64_t left = plan->n;
     for (size_t k = 0; k < sizeof radices / sizeof *radices; k++) {
         while (left % radices[k] == 0) {
             const int r = plan->radix[plan->steps++] = radices[k];
             for (int64_t p = 0; p < left / r; p++) {
                 for (int64_t j = 1; j < r; j++) {
-                    *turn++ = turn_of(j * p, left);
+                    *twiddle++ = twiddle_of(j * p, left);
                 }
             }
             left /= r;
@@ -53,11 +54,11 @@ enum v2v_status v2v_fft_lanes_create(struct v2v_fft_lanes **plan, int64_t n)
     V2V_ASSERT(n >= 1);
     V2V_TRY(V2V_ALLOC(*plan, "fft.plan", 1));
     (*plan)->n = n;
-    V2V_TRY(V2V_ALLOC((*plan)->turns, "fft.plan", n));
-    V2V_TRY(V2V_ALLOC((*plan)->real_turns, "fft.plan", n / 2 + 1));
+    V2V_TRY(V2V_ALLOC((*plan)->twiddles, "fft.plan", n));
+    V2V_TRY(V2V_ALLOC((*plan)->real_twiddles, "fft.plan", n / 2 + 1));
     plan_steps(*plan);
     for (int64_t k = 0; k <= n / 2; k++) {
-        (*plan)->real_turns[k] = turn_of(k, 2 * n);
+        (*plan)->real_twiddles[k] = twiddle_of(k, 2 * n);
     }
 done:
     if (rc != V2V_OK) {
@@ -71,8 +72,8 @@ void v2v_fft_lanes_destroy(struct v2v_fft_lanes **plan)
     struct v2v_fft_lanes *old = *plan;
     *plan = NULL;
     if (old != NULL) {
-        v2v_mem_free(old->turns);
-        v2v_mem_free(old->real_turns);
+        v2v_mem_free(old->twiddles);
+        v2v_mem_free(old->real_twiddles);
         v2v_mem_free(old);
     }
 }
@@ -86,8 +87,8 @@ struct planes {
 /* From x to y. */
 struct step {
     struct planes x, y;
-    int64_t runs, length;            /* m; s, in floats */
-    const struct v2v_complex *turns; /* [m,r-1] */
+    int64_t runs, length;               /* m; s, in floats */
+    const struct v2v_complex *twiddles; /* [m,r-1] */
 };
 
 static inline struct v2v_complex add(struct v2v_complex a, struct v2v_complex b)
@@ -112,7 +113,7 @@ static inline struct v2v_complex plus(struct v2v_complex a, float c, struct v2v_
 }
 
 /* -i a. */
-static inline struct v2v_complex turned(struct v2v_complex a)
+static inline struct v2v_complex rotated(struct v2v_complex a)
 {
     return (struct v2v_complex){a.im, -a.re};
 }
@@ -140,7 +141,7 @@ static void step_2(const struct step *step)
     const int64_t s = step->length, apart = step->runs * s;
     for (int64_t p = 0; p < step->runs; p++) {
         const struct planes x = from(step->x, p * s), y = from(step->y, 2 * p * s);
-        const struct v2v_complex w = step->turns[p];
+        const struct v2v_complex w = step->twiddles[p];
 #pragma omp simd
         for (int64_t i = 0; i < s; i++) {
             const struct v2v_complex a = at(x, i), b = at(x, i + apart);
@@ -157,12 +158,12 @@ static void step_3(const struct step *step)
     const int64_t s = step->length, apart = step->runs * s;
     for (int64_t p = 0; p < step->runs; p++) {
         const struct planes x = from(step->x, p * s), y = from(step->y, 3 * p * s);
-        const struct v2v_complex w1 = step->turns[2 * p], w2 = step->turns[2 * p + 1];
+        const struct v2v_complex w1 = step->twiddles[2 * p], w2 = step->twiddles[2 * p + 1];
 #pragma omp simd
         for (int64_t i = 0; i < s; i++) {
             const struct v2v_complex a = at(x, i), b = at(x, i + apart), c = at(x, i + 2 * apart);
             const struct v2v_complex sum = add(b, c), even = plus(a, -0.5f, sum);
-            const struct v2v_complex odd = turned(subtract(b, c));
+            const struct v2v_complex odd = rotated(subtract(b, c));
             put(y, i, add(a, sum));
             put(y, i + s, times(plus(even, sine, odd), w1));
             put(y, i + 2 * s, times(plus(even, -sine, odd), w2));
@@ -176,14 +177,14 @@ static void step_4(const struct step *step)
     const int64_t s = step->length, apart = step->runs * s;
     for (int64_t p = 0; p < step->runs; p++) {
         const struct planes x = from(step->x, p * s), y = from(step->y, 4 * p * s);
-        const struct v2v_complex *w = step->turns + 3 * p;
+        const struct v2v_complex *w = step->twiddles + 3 * p;
         const struct v2v_complex w1 = w[0], w2 = w[1], w3 = w[2];
 #pragma omp simd
         for (int64_t i = 0; i < s; i++) {
             const struct v2v_complex a = at(x, i), b = at(x, i + apart);
             const struct v2v_complex c = at(x, i + 2 * apart), d = at(x, i + 3 * apart);
             const struct v2v_complex ac = add(a, c), a_c = subtract(a, c);
-            const struct v2v_complex bd = add(b, d), b_d = turned(subtract(b, d));
+            const struct v2v_complex bd = add(b, d), b_d = rotated(subtract(b, d));
             put(y, i, add(ac, bd));
             put(y, i + s, times(add(a_c, b_d), w1));
             put(y, i + 2 * s, times(subtract(ac, bd), w2));
@@ -200,14 +201,14 @@ static void step_5(const struct step *step)
     const int64_t s = step->length, apart = step->runs * s;
     for (int64_t p = 0; p < step->runs; p++) {
         const struct planes x = from(step->x, p * s), y = from(step->y, 5 * p * s);
-        const struct v2v_complex *w = step->turns + 4 * p;
+        const struct v2v_complex *w = step->twiddles + 4 * p;
         const struct v2v_complex w1 = w[0], w2 = w[1], w3 = w[2], w4 = w[3];
 #pragma omp simd
         for (int64_t i = 0; i < s; i++) {
             const struct v2v_complex a = at(x, i), b = at(x, i + apart), c = at(x, i + 2 * apart);
             const struct v2v_complex d = at(x, i + 3 * apart), e = at(x, i + 4 * apart);
-            const struct v2v_complex be = add(b, e), b_e = turned(subtract(b, e));
-            const struct v2v_complex cd = add(c, d), c_d = turned(subtract(c, d));
+            const struct v2v_complex be = add(b, e), b_e = rotated(subtract(b, e));
+            const struct v2v_complex cd = add(c, d), c_d = rotated(subtract(c, d));
             const struct v2v_complex even_1 = plus(plus(a, c1, be), c2, cd);
             const struct v2v_complex even_2 = plus(plus(a, c2, be), c1, cd);
             const struct v2v_complex none = {0.0f, 0.0f};
@@ -240,7 +241,7 @@ static void step_7(const struct step *step)
     const int64_t s = step->length, apart = step->runs * s;
     for (int64_t p = 0; p < step->runs; p++) {
         const struct planes x = from(step->x, p * s), y = from(step->y, 7 * p * s);
-        const struct v2v_complex *w = step->turns + 6 * p;
+        const struct v2v_complex *w = step->twiddles + 6 * p;
         const struct v2v_complex w1 = w[0], w2 = w[1], w3 = w[2], w4 = w[3], w5 = w[4], w6 = w[5];
 #pragma omp simd
         for (int64_t i = 0; i < s; i++) {
@@ -248,9 +249,9 @@ static void step_7(const struct step *step)
             const struct v2v_complex b = at(x, i + apart), g = at(x, i + 6 * apart);
             const struct v2v_complex c = at(x, i + 2 * apart), f = at(x, i + 5 * apart);
             const struct v2v_complex d = at(x, i + 3 * apart), e = at(x, i + 4 * apart);
-            const struct v2v_complex bg = add(b, g), b_g = turned(subtract(b, g));
-            const struct v2v_complex cf = add(c, f), c_f = turned(subtract(c, f));
-            const struct v2v_complex de = add(d, e), d_e = turned(subtract(d, e));
+            const struct v2v_complex bg = add(b, g), b_g = rotated(subtract(b, g));
+            const struct v2v_complex cf = add(c, f), c_f = rotated(subtract(c, f));
+            const struct v2v_complex de = add(d, e), d_e = rotated(subtract(d, e));
             const struct v2v_complex even_1 = plus_three(a, c1, bg, c2, cf, c3, de);
             const struct v2v_complex even_2 = plus_three(a, c2, bg, c3, cf, c1, de);
             const struct v2v_complex even_3 = plus_three(a, c3, bg, c1, cf, c2, de);
@@ -277,13 +278,13 @@ void v2v_fft_lanes_forward(const struct v2v_fft_lanes *plan, struct v2v_lanes *l
                         {lanes->other_re, lanes->other_im},
                         plan->n,
                         V2V_LANES,
-                        plan->turns};
+                        plan->twiddles};
     for (int q = 0; q < plan->steps; q++) {
         const int r = plan->radix[q];
         const struct planes x = step.x;
         step.runs /= r;
         step_of[r](&step);
-        step.turns += step.runs * (r - 1);
+        step.twiddles += step.runs * (r - 1);
         step.length *= r;
         step.x = step.y;
         step.y = x;
@@ -309,7 +310,7 @@ static inline struct v2v_complex conjugate(struct v2v_complex a)
 /* z, of x[2i] + i x[2i+1], becomes the spectrum of x: of numbers k and n-k the even samples' and,
  * turned, the odd samples'. */
 V2V_SIMD_CLONES
-static void untangle(struct planes z, const struct v2v_complex *turns, int64_t n)
+static void untangle(struct planes z, const struct v2v_complex *twiddles, int64_t n)
 {
     for (int64_t f = 0; f < V2V_LANES; f++) {
         const struct v2v_complex a = at(z, f);
@@ -318,11 +319,11 @@ static void untangle(struct planes z, const struct v2v_complex *turns, int64_t n
     }
     for (int64_t k = 1; k <= n / 2; k++) {
         const struct planes z_k = from(z, k * V2V_LANES), z_l = from(z, (n - k) * V2V_LANES);
-        const struct v2v_complex w = turns[k];
+        const struct v2v_complex w = twiddles[k];
 #pragma omp simd
         for (int64_t f = 0; f < V2V_LANES; f++) {
             const struct v2v_complex a = at(z_k, f), b = conjugate(at(z_l, f));
-            const struct v2v_complex even = add(a, b), odd = times(turned(subtract(a, b)), w);
+            const struct v2v_complex even = add(a, b), odd = times(rotated(subtract(a, b)), w);
             const struct v2v_complex none = {0.0f, 0.0f};
             put(z_k, f, plus(none, 0.5f, add(even, odd)));
             put(z_l, f, plus(none, 0.5f, conjugate(subtract(even, odd))));
@@ -332,7 +333,7 @@ static void untangle(struct planes z, const struct v2v_complex *turns, int64_t n
 
 /* The way back, times 2. */
 V2V_SIMD_CLONES
-static void tangle(struct planes z, const struct v2v_complex *turns, int64_t n)
+static void tangle(struct planes z, const struct v2v_complex *twiddles, int64_t n)
 {
     for (int64_t f = 0; f < V2V_LANES; f++) {
         const float first = z.re[f], last = z.re[n * V2V_LANES + f];
@@ -340,11 +341,11 @@ static void tangle(struct planes z, const struct v2v_complex *turns, int64_t n)
     }
     for (int64_t k = 1; k <= n / 2; k++) {
         const struct planes z_k = from(z, k * V2V_LANES), z_l = from(z, (n - k) * V2V_LANES);
-        const struct v2v_complex w = conjugate(turns[k]);
+        const struct v2v_complex w = conjugate(twiddles[k]);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_LANES; f++) {
             const struct v2v_complex a = at(z_k, f), b = conjugate(at(z_l, f));
-            const struct v2v_complex even = add(a, b), odd = turned(times(subtract(a, b), w));
+            const struct v2v_complex even = add(a, b), odd = rotated(times(subtract(a, b), w));
             put(z_k, f, subtract(even, odd));
             put(z_l, f, conjugate(add(even, odd)));
         }
@@ -354,11 +355,11 @@ static void tangle(struct planes z, const struct v2v_complex *turns, int64_t n)
 void v2v_fft_lanes_real_forward(const struct v2v_fft_lanes *plan, struct v2v_lanes *lanes)
 {
     v2v_fft_lanes_forward(plan, lanes);
-    untangle((struct planes){lanes->re, lanes->im}, plan->real_turns, plan->n);
+    untangle((struct planes){lanes->re, lanes->im}, plan->real_twiddles, plan->n);
 }
 
 void v2v_fft_lanes_real_inverse(const struct v2v_fft_lanes *plan, struct v2v_lanes *lanes)
 {
-    tangle((struct planes){lanes->re, lanes->im}, plan->real_turns, plan->n);
+    tangle((struct planes){lanes->re, lanes->im}, plan->real_twiddles, plan->n);
     v2v_fft_lanes_inverse(plan, lanes);
 }

@@ -9,10 +9,10 @@
 #define V2V3D_SRC_FFT_LANES_H
 
 #include "v2v3d/base/status.h"
-#include "v2v3d/fft/fft2.h"
+#include "v2v3d/fft/slabs.h"
 #include <stdint.h>
 
-#define V2V_LANES 16
+#define V2V_LANES V2V_FFT_SIDE_BY_SIDE
 
 /** A plan; run by any number of threads, on lanes of their own. */
 struct v2v_fft_lanes;

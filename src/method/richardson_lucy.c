@@ -1,5 +1,6 @@
 #include "method/richardson_lucy.h"
 
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
@@ -259,24 +260,34 @@ static void multiply_at_once(const struct v2v_richardson_lucy *self, float *volu
     }
 }
 
-/** x <- max(x * ((1-w) + w * numerator / denominator), 0) where the view sees the voxel. */
+/** x <- max(x * ((1-w) + w * numerator / denominator), 0) where the view sees the voxel.
+ *  @param own the denominator; NULL: what the view sees */
+V2V_SIMD_CLONES
+static void multiply_row(float *restrict volume, const float *numerator, const float *own,
+                         const double *seen, double floor, double w, int64_t width)
+{
+    const double least = own != NULL ? (double)V2V_PROJECTION_FLOOR : 1.0;
+#pragma omp simd
+    for (int64_t x = 0; x < width; x++) {
+        const double lowest = least * seen[x];
+        const double below = own != NULL && own[x] > lowest ? own[x] : lowest;
+        const double factor = seen[x] > floor ? (1.0 - w) + w * (double)numerator[x] / below : 1.0;
+        volume[x] = factor < 0.0 ? 0.0f : (float)(volume[x] * factor); /* NaN stays */
+    }
+}
+
 static void multiply(const struct v2v_richardson_lucy *self, float *volume, int64_t v)
 {
-    double floor = sensitivity_floor * self->sensitivity.total[v], w = self->weight;
+    const double floor = sensitivity_floor * self->sensitivity.total[v];
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;
         for (int64_t y = 0; y < self->share.rows.count; y++) {
-            int64_t row = (z * self->share.rows.count + y) * self->width;
+            const int64_t row = (z * self->share.rows.count + y) * self->width;
             const float *own = self->denominator != NULL ? self->denominator + row : NULL;
             v2v_sensitivity_row(&self->sensitivity, seen, v, z, self->share.rows.first + y);
-            for (int64_t x = 0; x < self->width; x++) {
-                double below =
-                    own != NULL ? fmax(own[x], (double)V2V_PROJECTION_FLOOR * seen[x]) : seen[x];
-                double factor =
-                    seen[x] > floor ? (1 - w) + w * (double)self->numerator[row + x] / below : 1;
-                volume[row + x] = factor < 0 ? 0 : (float)(volume[row + x] * factor);
-            }
+            multiply_row(volume + row, self->numerator + row, own, seen, floor, self->weight,
+                         self->width);
         }
     }
 }

@@ -1,5 +1,6 @@
 #include "method/sensitivity.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 
 #include <string.h>
@@ -82,18 +83,34 @@ void v2v_sensitivity_fini(struct v2v_sensitivity *sensitivity)
     *sensitivity = (struct v2v_sensitivity){0};
 }
 
+/* Voxels first .. end of a row of `width`; low, high: the rows of a table between which their taps
+ * lie. */
+static void look_up(double *row, const double *low, const double *high, int64_t first, int64_t end,
+                    int64_t width, int64_t kernel)
+{
+    for (int64_t x = first; x < end; x++) {
+        struct taps kx = taps_inside(x, width, kernel);
+        row[x] = (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+    }
+}
+
 void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row, int64_t v,
                          int64_t z, int64_t y)
 {
-    int64_t stride = sensitivity->kernel_width + 1;
-    int64_t cells = (sensitivity->kernel_height + 1) * stride;
+    const int64_t width = sensitivity->width, kernel = sensitivity->kernel_width;
+    const int64_t stride = kernel + 1, cells = (sensitivity->kernel_height + 1) * stride;
     const double *table = sensitivity->table + (v * sensitivity->slices.count + z) * cells;
-    struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
+    const struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
     const double *low = table + ky.first * stride, *high = table + ky.end * stride;
-    for (int64_t x = 0; x < sensitivity->width; x++) {
-        struct taps kx = taps_inside(x, sensitivity->width, sensitivity->kernel_width);
-        row[x] = (high[kx.end] - low[kx.end]) - (high[kx.first] - low[kx.first]);
+    /* Between them voxels have all columns of the kernel. */
+    const int64_t centre = (kernel + 1) / 2 - 1, first = v2v_smaller(centre, width);
+    const int64_t end = v2v_within(width + centre + 1 - kernel, first, width);
+    const double whole = (high[kernel] - low[kernel]) - (high[0] - low[0]);
+    look_up(row, low, high, 0, first, width, kernel);
+    for (int64_t x = first; x < end; x++) {
+        row[x] = whole;
     }
+    look_up(row, low, high, end, width, width, kernel);
 }
 
 void v2v_sensitivity_light(const struct v2v_sensitivity *sensitivity, double *light,

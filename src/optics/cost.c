@@ -1,6 +1,7 @@
 #include "v2v3d/optics/cost.h"
 #include "optics/projector_plan.h"
 #include "optics/spectrum_block.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include <math.h>
@@ -214,6 +215,14 @@ done:
     return rc;
 }
 
+/* What the fullest rank transforms of `count` rows or columns. */
+static double part_of(int64_t count, int ranks)
+{
+    const int64_t mine = v2v_par_part(count, ranks, 0).count;
+    return (double)v2v_round_up(mine, V2V_FFT_SIDE_BY_SIDE) /
+           (double)v2v_round_up(count, V2V_FFT_SIDE_BY_SIDE);
+}
+
 struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost *cost,
                                                  const struct v2v_psf_file *psf, int64_t height,
                                                  int64_t width, int64_t count, enum v2v_split split,
@@ -226,9 +235,7 @@ struct v2v_projector_times v2v_projector_predict(const struct v2v_projector_cost
     }
     const struct v2v_fft_shape *shape = &layout->shape;
     work.frame_s = cost->transform_s * operations(shape->ny, shape->nx);
-    work.largest =
-        0.5 * ((double)v2v_par_part(height, ranks, 0).count / (double)height +
-               (double)v2v_par_part(layout->half, ranks, 0).count / (double)layout->half);
+    work.largest = 0.5 * (part_of(height, ranks) + part_of(layout->half, ranks));
     if (split == V2V_SPLIT_SLABS_FFTW3_MPI && ranks > 1 && cost->own_s > 0) {
         work.ratio = cost->fftw3_mpi_s / cost->own_s;
     }

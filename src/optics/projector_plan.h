@@ -69,7 +69,7 @@ int64_t v2v_kernel_after(int64_t kernel, int64_t size);
 enum v2v_beyond { V2V_BEYOND_ZERO, V2V_BEYOND_PERIODIC };
 
 /** @param beyond periodic: sides that v2v_fft_good_size keeps, none shorter than the kernel's
- *  @return 0 when a size leaves int64_t or the int that FFTW and MPI count in */
+ *  @return 0 when a size leaves int64_t or the int that MPI counts in */
 int v2v_projector_plan(struct v2v_projector_layout *layout, const struct v2v_psf_file *psf,
                        int64_t height, int64_t width, enum v2v_beyond beyond, enum v2v_split split,
                        int ranks, int rank);

@@ -62,7 +62,6 @@ void v2v_block_project(double *sum, const float *otf, const float *slice, int64_
 {
     double re[V2V_BLOCK] = {0}, im[V2V_BLOCK] = {0};
     for (int64_t z = 0; z < slices; z++, otf += V2V_BLOCK_FLOATS, slice += V2V_BLOCK_FLOATS) {
-        ask_ahead(otf);
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
             const double b_re = slice[f], b_im = slice[V2V_BLOCK + f];

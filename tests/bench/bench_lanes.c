@@ -1,6 +1,7 @@
 /* Sixteen transforms side by side beside FFTW's of one signal after the other, planned by estimate
  * and by measurement (which picks other steps from run to run, so that no two runs have the same
  * bits): microseconds of one, one thread, in turn, the least of TURNS rounds.
+ * What turns rows and columns into lanes and back is not in it (bench_slabs has it).
  *   bench_lanes [SIZE ...] */
 #include "fft/lanes.h"
 #include "v2v3d/base/clock.h"
@@ -16,7 +17,7 @@ struct bench {
     int64_t n;
     struct v2v_fft_lanes *whole, *half; /* of n and of n/2 numbers */
     fftwf_plan plan[WAYS - 1][KINDS];   /* complex; of real signals; to real signals */
-    float *planes;                      /* [4, n/2+1 or n, V2V_LANES] */
+    float *planes;                      /* [4, n+1, V2V_LANES] */
     float *from, *to;                   /* [2 (n+1)] */
 };
 

@@ -1,7 +1,8 @@
 /** Real two-dimensional Fourier transforms, planned once.
  *
- *  Purpose: the only room that speaks FFTW. Single precision; FFTW_ESTIMATE plans, so that the same
- *  machine repeats the same bits; only what moves numbers between ranks is planned by measuring.
+ *  Purpose: the only room that speaks FFTW. Single precision; FFTW_ESTIMATE plans here and steps of
+ *  the room's own in slabs.h, so that the same machine repeats the same bits; only what moves
+ *  numbers between ranks is planned by measuring.
  *  Invariants: nothing is planned or allocated inside forward or inverse; transforms are not
  *  normalised (inverse(forward(x)) = ny*nx * x); spectra are half spectra [ny, nx/2+1].
  *

@@ -24,6 +24,9 @@ extern "C" {
  *  would transform and send the zeros too (tests/bench/bench_slabs.c compares). */
 struct v2v_fft_slabs;
 
+/** Rows, or columns, of which as many take the time of one. */
+#define V2V_FFT_SIDE_BY_SIDE 16
+
 struct v2v_fft_shape {
     int64_t height, width; /**< of a frame */
     int64_t ny, nx;        /**< of its transform: v2v_fft_good_size keeps them; not smaller */
@@ -50,7 +53,7 @@ struct v2v_part v2v_fft_slabs_columns(const struct v2v_fft_slabs *fft);
 
 /** spectrum[kx,ky] = sum frame[y,x] exp(-2 pi i (ky y/ny + kx x/nx)) for n frames.
  *  @kind   Collective(comm), no allocation; on one rank frames are shared by the threads
- *  @param  spectra [columns of this rank,ny] each, `stride` complex numbers apart (even)
+ *  @param  spectra [columns of this rank,ny] each, `stride` complex numbers apart
  *  @param  frames [n, rows of this rank, width]
  *  @cost   2 * (ranks-1)/ranks^2 * n * height * (nx/2+1) * 4 bytes sent by a rank, rows and columns
  *          rounded up to multiples of ranks */
@@ -64,7 +67,7 @@ void v2v_fft_slabs_inverse(struct v2v_fft_slabs *fft, float *frames, float facto
 
 /** This rank's columns of the spectrum of an image that it has as a whole: rows `first` ..
  *  first+count-1 (modulo ny) of it are not zero. @kind Local, thread-safe.
- *  @param spectrum [columns of this rank,ny] @param rows [count,nx], 64-byte aligned each */
+ *  @param spectrum [columns of this rank,ny] @param rows [count,nx] */
 void v2v_fft_slabs_local(const struct v2v_fft_slabs *fft, struct v2v_complex *spectrum,
                          const float *rows, int64_t first, int64_t count);
 

@@ -46,8 +46,10 @@ struct v2v_torus {
 struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t height,
                                         int64_t width);
 
-/** @kind Collective(comm). @param torus as torus_of, or of the views' own sides, which then lie on
- *  it; not below the PSFs' @param split V2V_SPLIT_SLABS or V2V_SPLIT_SLABS_FFTW3_MPI
+/** @kind Collective(comm).
+ *  @param torus as torus_of, or of the views' own sides, which then lie on it: v2v_fft_good_size
+ *         keeps them, not below the PSFs'
+ *  @param split V2V_SPLIT_SLABS or V2V_SPLIT_SLABS_FFTW3_MPI
  *  @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v2v_psf_file *psf,
                                      int64_t height, int64_t width, const struct v2v_torus *torus,

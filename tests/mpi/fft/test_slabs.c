@@ -12,9 +12,10 @@
 
 /* FFTW3-MPI: uneven cuts; 4 + 1 frames; more ranks than columns and rows; frames one by one. */
 static const struct v2v_fft_shape shapes[] = {
-    {1, 1, 2, 2, 1, 0},     {3, 5, 4, 6, 2, 0},    {17, 12, 20, 16, 3, 0},
-    {20, 7, 20, 8, 40, 0},  {9, 40, 10, 42, 1, 0}, {300, 290, 300, 320, 5, 0},
-    {17, 12, 20, 16, 4, 1}, {1, 1, 2, 2, 1, 1},    {300, 290, 300, 320, 5, 1},
+    {1, 1, 2, 2, 1, 0},         {3, 5, 4, 6, 2, 0},     {17, 12, 20, 16, 3, 0},
+    {20, 7, 20, 8, 40, 0},      {9, 40, 10, 42, 1, 0},  {300, 290, 300, 320, 5, 0},
+    {40, 37, 42, 40, 2, 0},     {17, 12, 20, 16, 4, 1}, {1, 1, 2, 2, 1, 1},
+    {300, 290, 300, 320, 5, 1},
 };
 enum { SHAPES = sizeof shapes / sizeof shapes[0], FRAMES = 5 };
 
@@ -230,8 +231,8 @@ static void the_bytes_of_the_fullest_rank_are_foretold(void **state)
         int64_t held = (int64_t)(v2v_mem_held() - before);
         v2v_fft_slabs_destroy(&fft);
         v2v_par_max_i64(test_world(), &held, 1);
-        /* Beside a header of each of at most 12 allocations and MPI's counts. */
-        const int64_t beside = 12 * 128 + 2 * 4 * size * 4;
+        /* Beside what FFTW3-MPI's transposition holds for itself. */
+        const int64_t beside = shapes[k].uses_fftw3_mpi && size > 1 ? 1024 : 0;
         assert_true(llabs(held - v2v_fft_slabs_bytes(&shapes[k], size)) <= beside);
     }
 }

@@ -2,14 +2,21 @@
 #include "v2v3d/base/clones.h"
 #include <string.h>
 
-/* Eight signals of four numbers, re and im in turn, are eight vectors of eight floats. */
-enum { EIGHT = 8, NUMBERS = EIGHT / 2 };
-typedef float eight __attribute__((vector_size(EIGHT * 4), aligned(4), may_alias));
+/* As many signals of half as many numbers, re and im in turn, are a square of floats. Without AVX
+ * vectors of side would be taken apart. */
+#ifdef V2V_X86
+enum { SIDE = 8 };
+#else
+enum { SIDE = 4 };
+#endif
+enum { NUMBERS = SIDE / 2 };
+typedef float side __attribute__((vector_size(SIDE * 4), aligned(4), may_alias));
 
-/* Rows become columns: halves, pairs and single floats change places in turn. */
-static inline __attribute__((always_inline)) void turn(eight to[EIGHT], const eight from[EIGHT])
+/* to = the transpose of from: halves, then pairs, then single floats change places. */
+#ifdef V2V_X86
+static inline __attribute__((always_inline)) void transpose(side to[SIDE], const side from[SIDE])
 {
-    eight halves[EIGHT], pairs[EIGHT];
+    side halves[SIDE], pairs[SIDE];
     for (int i = 0; i < 4; i++) {
         halves[i] = __builtin_shufflevector(from[i], from[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
         halves[i + 4] = __builtin_shufflevector(from[i], from[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
@@ -20,11 +27,25 @@ static inline __attribute__((always_inline)) void turn(eight to[EIGHT], const ei
         pairs[i + 2] =
             __builtin_shufflevector(halves[i], halves[i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
     }
-    for (int i = 0; i < EIGHT; i += 2) {
+    for (int i = 0; i < SIDE; i += 2) {
         to[i] = __builtin_shufflevector(pairs[i], pairs[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
         to[i + 1] = __builtin_shufflevector(pairs[i], pairs[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
     }
 }
+#else
+static inline __attribute__((always_inline)) void transpose(side to[SIDE], const side from[SIDE])
+{
+    side pairs[SIDE];
+    for (int i = 0; i < 2; i++) {
+        pairs[i] = __builtin_shufflevector(from[i], from[i + 2], 0, 1, 4, 5);
+        pairs[i + 2] = __builtin_shufflevector(from[i], from[i + 2], 2, 3, 6, 7);
+    }
+    for (int i = 0; i < SIDE; i += 2) {
+        to[i] = __builtin_shufflevector(pairs[i], pairs[i + 1], 0, 4, 2, 6);
+        to[i + 1] = __builtin_shufflevector(pairs[i], pairs[i + 1], 1, 5, 3, 7);
+    }
+}
+#endif
 
 /* The numbers from `first` on, one by one. */
 static void take_singly(float *re, float *im, const float *from, int64_t stride, int64_t first,
@@ -42,17 +63,18 @@ V2V_SIMD_CLONES
 void v2v_lanes_take(float *re, float *im, const float *from, int64_t stride, int64_t n,
                     int64_t signals)
 {
-    const int64_t whole = signals == V2V_LANES ? n / NUMBERS * NUMBERS : 0;
+    const int64_t whole = n / NUMBERS * NUMBERS;
     for (int64_t i = 0; i < whole; i += NUMBERS) {
-        for (int64_t s = 0; s < V2V_LANES; s += EIGHT) {
-            eight rows[EIGHT], columns[EIGHT];
-            for (int k = 0; k < EIGHT; k++) {
-                rows[k] = *(const eight *)(from + (s + k) * stride + 2 * i);
+        for (int64_t s = 0; s < V2V_LANES; s += SIDE) {
+            side rows[SIDE], columns[SIDE];
+            for (int k = 0; k < SIDE; k++) {
+                rows[k] = s + k < signals ? *(const side *)(from + (s + k) * stride + 2 * i)
+                                          : (side){0.0f};
             }
-            turn(columns, rows);
+            transpose(columns, rows);
             for (int k = 0; k < NUMBERS; k++) {
-                *(eight *)(re + (i + k) * V2V_LANES + s) = columns[2 * k];
-                *(eight *)(im + (i + k) * V2V_LANES + s) = columns[2 * k + 1];
+                *(side *)(re + (i + k) * V2V_LANES + s) = columns[2 * k];
+                *(side *)(im + (i + k) * V2V_LANES + s) = columns[2 * k + 1];
             }
         }
     }
@@ -74,17 +96,17 @@ V2V_SIMD_CLONES
 void v2v_lanes_give(float *to, int64_t stride, const float *re, const float *im, float factor,
                     int64_t n, int64_t signals)
 {
-    const int64_t whole = signals == V2V_LANES ? n / NUMBERS * NUMBERS : 0;
+    const int64_t whole = n / NUMBERS * NUMBERS;
     for (int64_t i = 0; i < whole; i += NUMBERS) {
-        for (int64_t s = 0; s < V2V_LANES; s += EIGHT) {
-            eight rows[EIGHT], columns[EIGHT];
+        for (int64_t s = 0; s < V2V_LANES; s += SIDE) {
+            side rows[SIDE], columns[SIDE];
             for (int k = 0; k < NUMBERS; k++) {
-                rows[2 * k] = factor * *(const eight *)(re + (i + k) * V2V_LANES + s);
-                rows[2 * k + 1] = factor * *(const eight *)(im + (i + k) * V2V_LANES + s);
+                rows[2 * k] = factor * *(const side *)(re + (i + k) * V2V_LANES + s);
+                rows[2 * k + 1] = factor * *(const side *)(im + (i + k) * V2V_LANES + s);
             }
-            turn(columns, rows);
-            for (int k = 0; k < EIGHT; k++) {
-                *(eight *)(to + (s + k) * stride + 2 * i) = columns[k];
+            transpose(columns, rows);
+            for (int k = 0; k < SIDE && s + k < signals; k++) {
+                *(side *)(to + (s + k) * stride + 2 * i) = columns[k];
             }
         }
     }
