@@ -129,7 +129,7 @@ static inline void put(struct planes y, int64_t i, struct v2v_complex a)
     y.im[i] = a.im;
 }
 
-/* Runs that run p goes to begin at r p. */
+/* From float `first` on. */
 static inline struct planes from(struct planes x, int64_t first)
 {
     return (struct planes){x.re + first, x.im + first};

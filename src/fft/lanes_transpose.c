@@ -1,9 +1,8 @@
 #include "fft/lanes.h"
 #include "v2v3d/base/clones.h"
-#include <string.h>
 
 /* As many signals of half as many numbers, re and im in turn, are a square of floats. Without AVX
- * vectors of side would be taken apart. */
+ * vectors of eight would be taken apart. */
 #ifdef V2V_X86
 enum { SIDE = 8 };
 #else

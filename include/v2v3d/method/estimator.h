@@ -39,7 +39,8 @@ struct v2v_problem {
                               be told of them */
     int64_t height, width;        /**< of a frame as recorded */
     int is_part;                  /**< bool: no frame, but a part of the plane that a frame and what
-                                       is beyond it are given on; for methods that `tell` */
+                                       is beyond it are given on; for methods that `tell`;
+                                       v2v_fft_good_size keeps its sides */
     int precision;                /**< V2V_PRECISION_F32 or _BF16 */
     double skip;                  /**< tolerance; 0: nothing is left out */
     unsigned outputs;             /**< bits 1u << output: those of this rank; 0: all */
