@@ -202,7 +202,7 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1500"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
-    AUTO(deconv, lambda, V2V_NUMBER_GIVEN, 0.0, 1e3, 0.048,
+    AUTO(deconv, lambda, V2V_NUMBER_GIVEN, 0.0, 1e3, 0.03,
          "tv: weight of the variation, in noise of the views"),
     WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
          "tv: the same for all samples, or of photons; auto: as the first frame shows", "auto",
@@ -212,6 +212,7 @@ const struct v2v_key v2v_key_table[] = {
     AUTO(deconv, read_noise, V2V_NUMBER_AUTO, 0.0, 1e9, 0.0,
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
+    REAL(deconv, curvature, 0.0, 100.0, 0.5, "tv: weight of curvature in the plane, of lambda"),
     REAL(deconv, tolerance, 0.0, 1.0, 5e-3, "tv: least change of an iteration, of the volume"),
 
     MULTIPLE(diner, width, 32, 32, 256, 64, "of the network's hidden layers"),

@@ -163,7 +163,8 @@ enum v2v_status v2v_network_of_weights(const struct v2v_network_ops **ops,
     return V2V_OK;
 }
 
-/* What a file does not name is older than it: it was made as the default has it. */
+/* What a file does not name is younger than the file, which was made as the default has it, or the
+ * network says by what. */
 static enum v2v_status set_defaults(struct v2v_config *config, const struct v2v_network_ops *ops)
 {
     enum v2v_status rc = V2V_OK;
@@ -174,6 +175,9 @@ static enum v2v_status set_defaults(struct v2v_config *config, const struct v2v_
         V2V_TRY(v2v_config_get(value, sizeof value, &defaults, ops->keys[i]));
         V2V_TRY(v2v_text_format(line, sizeof line, "%s=%s", ops->keys[i], value));
         V2V_TRY(v2v_config_set(config, line));
+    }
+    for (int i = 0; ops->before != NULL && ops->before[i] != NULL; i++) {
+        V2V_TRY(v2v_config_set(config, ops->before[i]));
     }
 done:
     return rc;

@@ -10,9 +10,9 @@
 
 #include <math.h>
 
-/* Weights that may be tried, 0.011 to 0.24 of sigma; from the middle on downhill. */
-enum { WEIGHTS = 10, MIDDLE = 4 };
-#define LEAST_WEIGHT 0.0106
+/* Weights that may be tried, 0.0075 to 0.24 of sigma; from 0.03 on downhill. */
+enum { WEIGHTS = 11, MIDDLE = 4 };
+#define LEAST_WEIGHT 0.0075
 #define WEIGHT_RATIO 1.4142135623730951
 
 enum { FOLDS = V2V_LEFT_OUT_CHOICES };

@@ -1,5 +1,6 @@
 #include "method/tv_planes.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 
@@ -7,42 +8,62 @@
 #include <omp.h>
 #include <string.h>
 
-enum { AXES = 3 };
+enum { SIDES = V2V_TV_SIDES, BEYOND = V2V_TV_BEYOND, DUALS = V2V_TV_DUALS };
+
+/* Lines of a thread, each with a pixel more at either end: three rows of the volume, extrapolated,
+ * in turn, and three rows of a dual summed up. */
+enum { IN_TURN = 3, SUMS = IN_TURN, LINES, ENDS = 2 };
 
 int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width)
 {
-    enum { OF_ROWS = 6, GHOSTS = 2 + 3 + 2 * V2V_TV_SIDES };
-    return v2v_mem_product(slices, OF_ROWS * rows + GHOSTS, width);
+    enum {
+        OF_ROWS = DUALS + 3, /* duals, w, volume, what it becomes */
+        MORE = 2 * BEYOND + 2 * DUALS + 2 * SIDES * BEYOND
+    };
+    return v2v_mem_product(slices, OF_ROWS * rows + MORE, width);
+}
+
+static int64_t volume_floats(const struct v2v_tv_planes *planes)
+{
+    return (planes->rows + 2 * BEYOND) * planes->width;
+}
+
+static int64_t dual_floats(const struct v2v_tv_planes *planes)
+{
+    return (planes->rows + 2) * planes->width;
 }
 
 enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices, int64_t rows,
                                    int64_t width, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t beside = v2v_mem_product(V2V_TV_SIDES, slices, width);
+    const int64_t beside = v2v_mem_product(SIDES * slices, BEYOND, width);
     *planes = (struct v2v_tv_planes){.comm = comm,
                                      .threads = omp_get_max_threads(),
                                      .slices = slices,
                                      .rows = rows,
                                      .width = width};
-    V2V_TRY(V2V_ALLOC(planes->volume, "tv.volume", v2v_mem_product(slices, rows + 2, width)));
+    V2V_TRY(
+        V2V_ALLOC(planes->volume, "tv.volume", v2v_mem_product(slices, volume_floats(planes), 1)));
     V2V_TRY(V2V_ALLOC(planes->next, "tv.volume", v2v_mem_product(slices, rows, width)));
     V2V_TRY(V2V_ALLOC(planes->beside, "tv.beside", beside));
     V2V_TRY(V2V_ALLOC(planes->edges, "tv.beside", beside));
-    for (int i = 0; i < AXES; i++) {
-        V2V_TRY(V2V_ALLOC(planes->dual[i], "tv.dual", v2v_mem_product(slices, rows + 1, width)));
+    for (int i = 0; i < DUALS; i++) {
+        V2V_TRY(
+            V2V_ALLOC(planes->dual[i], "tv.dual", v2v_mem_product(slices, dual_floats(planes), 1)));
     }
     V2V_TRY(V2V_ALLOC(planes->positive, "tv.dual", v2v_mem_product(slices, rows, width)));
-    V2V_TRY(V2V_ALLOC(planes->scratch, "tv.lines", v2v_mem_product(planes->threads, width + 1, 1)));
+    V2V_TRY(V2V_ALLOC(planes->scratch, "tv.lines",
+                      v2v_mem_product(planes->threads, LINES, width + ENDS)));
     V2V_TRY(V2V_ALLOC(planes->of_row, "tv.change", 2 * rows));
-    V2V_TRY(v2v_transfers_create(&planes->transfers, comm, 2 * V2V_TV_SIDES));
+    V2V_TRY(v2v_transfers_create(&planes->transfers, comm, 2 * SIDES));
 done:
     return rc;
 }
 
 void v2v_tv_planes_fini(struct v2v_tv_planes *planes)
 {
-    for (int i = 0; i < AXES; i++) {
+    for (int i = 0; i < DUALS; i++) {
         v2v_mem_free(planes->dual[i]);
     }
     v2v_mem_free(planes->volume);
@@ -58,53 +79,74 @@ void v2v_tv_planes_fini(struct v2v_tv_planes *planes)
 /* A slice a thread: the first time it is the kernel that clears, page by page. */
 void v2v_tv_planes_clear(struct v2v_tv_planes *planes)
 {
-    const int64_t rows = planes->rows, width = planes->width;
+    const int64_t inside = planes->rows * planes->width;
 #pragma omp parallel for schedule(static) num_threads(planes->threads)
     for (int64_t z = 0; z < planes->slices; z++) {
-        const int64_t of_volume = (rows + 2) * width, inside = rows * width;
-        const int64_t of_dual = (rows + 1) * width;
+        const int64_t of_volume = volume_floats(planes), of_dual = dual_floats(planes);
         memset(planes->volume + z * of_volume, 0, (size_t)of_volume * sizeof(float));
         memset(planes->next + z * inside, 0, (size_t)inside * sizeof(float));
         memset(planes->positive + z * inside, 0, (size_t)inside * sizeof(float));
-        for (int i = 0; i < AXES; i++) {
+        for (int i = 0; i < DUALS; i++) {
             memset(planes->dual[i] + z * of_dual, 0, (size_t)of_dual * sizeof(float));
         }
     }
 }
 
-/* Rows -1 .. rows of one slice. */
-static float *volume_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+float *v2v_tv_planes_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
-    return planes->volume + (z * (planes->rows + 2) + y + 1) * planes->width;
+    return planes->volume + z * volume_floats(planes) + (y + BEYOND) * planes->width;
 }
 
+/* Row `i` of those beyond this rank's, or of those that others have there. */
+static float *beside_row(const struct v2v_tv_planes *planes, float *beside, int side, int64_t z,
+                         int64_t i)
+{
+    return beside + ((side * planes->slices + z) * BEYOND + i) * planes->width;
+}
+
+/* Rows -2 .. rows+1. */
 static float *next_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
-    if (y >= 0 && y < planes->rows) {
-        return planes->next + (z * planes->rows + y) * planes->width;
+    if (y < 0) {
+        return beside_row(planes, planes->beside, V2V_TV_ABOVE, z, y + BEYOND);
     }
-    const int side = y < 0 ? V2V_TV_ABOVE : V2V_TV_BELOW;
-    return planes->beside + (side * planes->slices + z) * planes->width;
+    if (y >= planes->rows) {
+        return beside_row(planes, planes->beside, V2V_TV_BELOW, z, y - planes->rows);
+    }
+    return planes->next + (z * planes->rows + y) * planes->width;
 }
 
-/* Rows -1 .. rows-1. */
-static float *dual_row(const struct v2v_tv_planes *planes, int axis, int64_t z, int64_t y)
+/* Rows -1 .. rows. */
+static float *dual_row(const struct v2v_tv_planes *planes, int dual, int64_t z, int64_t y)
 {
-    return planes->dual[axis] + (z * (planes->rows + 1) + y + 1) * planes->width;
+    return planes->dual[dual] + z * dual_floats(planes) + (y + 1) * planes->width;
 }
 
-/* Rows of `next` from the neighbours, of a ring of ranks. A rank's first row is what the one before
- * it has below, its last row what the one behind it has above. Collective(comm). */
+static float *positive_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+{
+    return planes->positive + (z * planes->rows + y) * planes->width;
+}
+
+static int is_inside(const struct v2v_tv_planes *planes, int64_t y)
+{
+    return y >= 0 && y < planes->rows;
+}
+
+/* Rows of `next` from the neighbours, of a ring of ranks. A rank's first rows are what the one
+ * before it has below, its last rows what the one behind it has above. Collective(comm). */
 static void exchange(struct v2v_tv_planes *planes)
 {
     const int rank = v2v_comm_rank(planes->comm), size = v2v_comm_size(planes->comm);
-    const int64_t side = planes->slices * planes->width;
+    const int64_t side = planes->slices * BEYOND * planes->width;
+    const size_t bytes = (size_t)planes->width * sizeof(float);
     float *mine = size > 1 ? planes->edges : planes->beside;
     for (int64_t z = 0; z < planes->slices; z++) {
-        const size_t bytes = (size_t)planes->width * sizeof(float);
-        memcpy(mine + V2V_TV_BELOW * side + z * planes->width, next_row(planes, z, 0), bytes);
-        memcpy(mine + V2V_TV_ABOVE * side + z * planes->width,
-               next_row(planes, z, planes->rows - 1), bytes);
+        for (int64_t i = 0; i < BEYOND; i++) { /* alone it may have one row */
+            const int64_t first = i % planes->rows, last = planes->rows - 1 - first;
+            memcpy(beside_row(planes, mine, V2V_TV_BELOW, z, i), next_row(planes, z, first), bytes);
+            memcpy(beside_row(planes, mine, V2V_TV_ABOVE, z, BEYOND - 1 - i),
+                   next_row(planes, z, last), bytes);
+        }
     }
     if (size > 1) {
         const int before = (rank + size - 1) % size, behind = (rank + 1) % size;
@@ -118,14 +160,10 @@ static void exchange(struct v2v_tv_planes *planes)
     }
 }
 
-/* line[width+1] = 2 * next - volume of a row, and its first pixel again. */
-V2V_SIMD_CLONES
-static void extrapolate(float *restrict line, const float *next, const float *volume, int64_t width)
+/* A row is periodic: line[-1], line[width]. */
+static void close_ring(float *line, int64_t width)
 {
-#pragma omp simd
-    for (int64_t x = 0; x < width; x++) {
-        line[x] = 2.0f * next[x] - volume[x];
-    }
+    line[-1] = line[width - 1];
     line[width] = line[0];
 }
 
@@ -136,30 +174,73 @@ struct pair {
 
 static struct pair pair_of(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
-    return (struct pair){volume_row(planes, z, y), next_row(planes, z, y)};
+    return (struct pair){v2v_tv_planes_row(planes, z, y), next_row(planes, z, y)};
 }
 
-/* Duals of a row, from the extrapolated volume here, and what a row below and a slice further (here
- * again: in the last slice, and of no weight) will be extrapolated from. */
+/* line[-1..width] = 2 * next - volume. */
 V2V_SIMD_CLONES
-static void move_duals(float *restrict ux, float *restrict uy, float *restrict uz,
-                       const float *here, struct pair below, struct pair behind, float depth,
-                       const struct v2v_tv_steps *steps, int64_t width)
+static void extrapolate(float *restrict line, struct pair row, int64_t width)
 {
-    const float sigma = steps->sigma, lambda = steps->lambda;
-    const float relax = steps->relax, shrink = steps->shrink;
 #pragma omp simd
     for (int64_t x = 0; x < width; x++) {
-        const float dy = 2.0f * below.next[x] - below.volume[x] - here[x];
-        const float dz = 2.0f * behind.next[x] - behind.volume[x] - here[x];
-        const float px = shrink * (ux[x] + sigma * (here[x + 1] - here[x]));
-        const float py = shrink * (uy[x] + sigma * dy);
-        const float pz = shrink * (uz[x] + sigma * depth * dz);
+        line[x] = 2.0f * row.next[x] - row.volume[x];
+    }
+    close_ring(line, width);
+}
+
+/* sums[-1..width] = above + 2 * here + below. */
+V2V_SIMD_CLONES
+static void sum_rows(float *restrict sums, const float *above, const float *here,
+                     const float *below, int64_t width)
+{
+#pragma omp simd
+    for (int64_t x = 0; x < width; x++) {
+        sums[x] = above[x] + 2.0f * here[x] + below[x];
+    }
+    close_ring(sums, width);
+}
+
+/* (1 2 1; 2 -12 2; 1 2 1) / 4 at x, of what is here and sums of the rows above, here and below. */
+static inline float curvature(float left, float middle, float right, float here)
+{
+    return 0.25f * (left + 2.0f * middle + right) - 4.0f * here;
+}
+
+/* Of one row: what moves its duals. */
+struct moving {
+    const float *above, *here, *below; /* [-1..width] of the extrapolated volume */
+    struct pair behind;                /* the row a slice further, here in the last slice .. */
+    float depth;                       /* .. and of no weight */
+    float *x, *y, *z, *bent;
+};
+
+V2V_SIMD_CLONES
+static void move_duals(const struct moving *row, const struct v2v_tv_steps *steps, int64_t width)
+{
+    const float sigma = steps->sigma, lambda = steps->lambda, relax = steps->relax;
+    const float shrink = steps->shrink, depth = sigma * row->depth, bend = sigma * steps->bend;
+    const float bound = steps->bound;
+    const float *above = row->above, *here = row->here, *below = row->below;
+    const float *next = row->behind.next, *volume = row->behind.volume;
+    float *restrict ux = row->x, *restrict uy = row->y, *restrict uz = row->z;
+    float *restrict bent = row->bent;
+#pragma omp simd
+    for (int64_t x = 0; x < width; x++) {
+        const float e = here[x], right = here[x + 1];
+        const float px = shrink * (ux[x] + sigma * (right - e));
+        const float py = shrink * (uy[x] + sigma * (below[x] - e));
+        const float pz = shrink * (uz[x] + depth * (2.0f * next[x] - volume[x] - e));
         const float norm = sqrtf(px * px + py * py + pz * pz);
         const float factor = norm > lambda ? lambda / norm : 1.0f;
         ux[x] += relax * (px * factor - ux[x]);
         uy[x] += relax * (py * factor - uy[x]);
         uz[x] += relax * (pz * factor - uz[x]);
+        const float c = curvature(above[x - 1] + 2.0f * here[x - 1] + below[x - 1],
+                                  above[x] + 2.0f * e + below[x],
+                                  above[x + 1] + 2.0f * right + below[x + 1], e);
+        const float moved = shrink * (bent[x] + bend * c);
+        const float low = moved > -bound ? moved : -bound;
+        bent[x] += relax * ((low < bound ? low : bound) - bent[x]);
     }
 }
 
@@ -174,49 +255,41 @@ static void move_positive(float *restrict w, const float *here, float sigma, flo
     }
 }
 
-static float *positive_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+/* A line of this thread, from its first pixel on. */
+static float *line_of(const struct v2v_tv_planes *planes, int64_t i)
 {
-    return planes->positive + (z * planes->rows + y) * planes->width;
+    return planes->scratch + (omp_get_thread_num() * LINES + i) * (planes->width + ENDS) + 1;
 }
 
-static inline void ask_for(const float *row, int64_t width)
+/* Row y >= -BEYOND of the slice at hand, extrapolated. */
+static float *line_of_row(const struct v2v_tv_planes *planes, int64_t y)
 {
-    enum { LINE = 16 };
-    for (int64_t x = 0; x < width; x += LINE) {
-        __builtin_prefetch(row + x);
-    }
+    return line_of(planes, (y + BEYOND) % IN_TURN);
 }
 
-/* What dual_row_step reads first of all: rows of all slices in turn are more places than the
- * processor looks ahead in. */
-static void ask_for_rows(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+static void extrapolate_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
-    const int64_t width = planes->width;
-    for (int axis = 0; axis < AXES; axis++) {
-        ask_for(dual_row(planes, axis, z, y), width);
-    }
-    if (y >= 0) {
-        ask_for(positive_row(planes, z, y), width);
-    }
-    ask_for(volume_row(planes, z, y + 1), width);
-    ask_for(next_row(planes, z, y + 1), width);
+    extrapolate(line_of_row(planes, y), pair_of(planes, z, y), planes->width);
 }
 
+/* After extrapolate_row of y-1, y and y+1. */
 static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps, int64_t z,
                           int64_t y)
 {
-    const int64_t width = planes->width;
     const int is_last = z + 1 == planes->slices;
-    float *here = planes->scratch + omp_get_thread_num() * (width + 1);
-    if (!is_last) {
-        ask_for_rows(planes, z + 1, y);
-    }
-    extrapolate(here, next_row(planes, z, y), volume_row(planes, z, y), width);
-    move_duals(dual_row(planes, 0, z, y), dual_row(planes, 1, z, y), dual_row(planes, 2, z, y),
-               here, pair_of(planes, z, y + 1), pair_of(planes, is_last ? z : z + 1, y),
-               is_last ? 0.0f : steps->depth, steps, width);
-    if (y >= 0) {
-        move_positive(positive_row(planes, z, y), here, steps->sigma, steps->relax, width);
+    const struct moving row = {.above = line_of_row(planes, y - 1),
+                               .here = line_of_row(planes, y),
+                               .below = line_of_row(planes, y + 1),
+                               .behind = pair_of(planes, is_last ? z : z + 1, y),
+                               .depth = is_last ? 0.0f : steps->depth,
+                               .x = dual_row(planes, V2V_TV_DX, z, y),
+                               .y = dual_row(planes, V2V_TV_DY, z, y),
+                               .z = dual_row(planes, V2V_TV_DZ, z, y),
+                               .bent = dual_row(planes, V2V_TV_CURVATURE, z, y)};
+    move_duals(&row, steps, planes->width);
+    if (is_inside(planes, y)) {
+        move_positive(positive_row(planes, z, y), row.here, steps->sigma, steps->relax,
+                      planes->width);
     }
 }
 
@@ -231,9 +304,9 @@ static void relax_row(float *restrict volume, const float *next, float relax, in
     }
 }
 
-/* The duals that a row of v reads; before: NULL in the first slice. */
+/* The duals that a row of v reads; before: NULL in the first slice; sums: of those of curvature. */
 struct duals {
-    const float *x, *y, *above, *z, *before, *positive;
+    const float *x, *y, *above, *z, *before, *positive, *bent, *sums;
 };
 
 /* relax_row, and next <- x - tau * (K^T u + w). @param squares += those of next - x and of next */
@@ -241,8 +314,9 @@ V2V_SIMD_CLONES
 static void move_row(double squares[2], float *restrict volume, float *restrict next,
                      const struct duals *u, const struct v2v_tv_steps *steps, int64_t width)
 {
-    const float relax = steps->relax, tau = steps->tau, depth = steps->depth;
+    const float relax = steps->relax, tau = steps->tau, depth = steps->depth, bend = steps->bend;
     const float *ux = u->x, *uy = u->y, *above = u->above, *uz = u->z, *w = u->positive;
+    const float *sums = u->sums, *bent = u->bent;
     const float *before = u->before != NULL ? u->before : u->z;
     const float before_weight = u->before != NULL ? depth : 0.0f;
     double change = 0.0, whole = 0.0;
@@ -253,7 +327,8 @@ static void move_row(double squares[2], float *restrict volume, float *restrict 
         whole += (double)n * (double)n;
         volume[x] += relax * d;
         next[x] = volume[x] - tau * ((above[x] - uy[x]) +
-                                     (before_weight * before[x] - depth * uz[x]) + (w[x] - ux[x]));
+                                     (before_weight * before[x] - depth * uz[x]) + (w[x] - ux[x]) +
+                                     bend * curvature(sums[x - 1], sums[x], sums[x + 1], bent[x]));
     }
     next[0] -= tau * ux[width - 1];
 #pragma omp simd
@@ -267,45 +342,59 @@ static void move_row(double squares[2], float *restrict volume, float *restrict 
 static void primal_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps,
                             int64_t z, int64_t y)
 {
-    if (y < 0 || y >= planes->rows) {
-        relax_row(volume_row(planes, z, y), next_row(planes, z, y), steps->relax, planes->width);
+    const int64_t width = planes->width;
+    float *sums = line_of(planes, SUMS);
+    if (!is_inside(planes, y)) {
+        relax_row(v2v_tv_planes_row(planes, z, y), next_row(planes, z, y), steps->relax, width);
         return;
     }
-    const struct duals duals = {.x = dual_row(planes, 0, z, y),
-                                .y = dual_row(planes, 1, z, y),
-                                .above = dual_row(planes, 1, z, y - 1),
-                                .z = dual_row(planes, 2, z, y),
-                                .before = z > 0 ? dual_row(planes, 2, z - 1, y) : NULL,
-                                .positive = positive_row(planes, z, y)};
-    move_row(planes->of_row + 2 * y, volume_row(planes, z, y), next_row(planes, z, y), &duals,
-             steps, planes->width);
+    const struct duals duals = {.x = dual_row(planes, V2V_TV_DX, z, y),
+                                .y = dual_row(planes, V2V_TV_DY, z, y),
+                                .above = dual_row(planes, V2V_TV_DY, z, y - 1),
+                                .z = dual_row(planes, V2V_TV_DZ, z, y),
+                                .before = z > 0 ? dual_row(planes, V2V_TV_DZ, z - 1, y) : NULL,
+                                .positive = positive_row(planes, z, y),
+                                .bent = dual_row(planes, V2V_TV_CURVATURE, z, y),
+                                .sums = sums};
+    sum_rows(sums, dual_row(planes, V2V_TV_CURVATURE, z, y - 1), duals.bent,
+             dual_row(planes, V2V_TV_CURVATURE, z, y + 1), width);
+    move_row(planes->of_row + 2 * y, v2v_tv_planes_row(planes, z, y), next_row(planes, z, y),
+             &duals, steps, width);
 }
 
-/* A row of all slices after the other, as long as it is in the cache: its duals, then its volume,
- * which no later row reads. The row above does, so that a thread's first row waits for the thread
- * before it. */
+/* A slice after the other, and of it row by row, as long as they are in the cache: its duals, then
+ * the volume's row before, which no later row reads. A thread's first and last row, which those of
+ * other threads read, wait for all. */
 void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps)
 {
+    const int64_t rows = planes->rows, slices = planes->slices;
     exchange(planes);
-    memset(planes->of_row, 0, (size_t)(2 * planes->rows) * sizeof *planes->of_row);
+    memset(planes->of_row, 0, (size_t)(2 * rows) * sizeof *planes->of_row);
 #pragma omp parallel num_threads(planes->threads)
     {
         const struct v2v_part part =
-            v2v_par_part(planes->rows + 1, omp_get_num_threads(), omp_get_thread_num());
+            v2v_par_part(rows + 2, omp_get_num_threads(), omp_get_thread_num());
         const int64_t first = part.first - 1, end = first + part.count;
-        for (int64_t y = first; y < end; y++) {
-            for (int64_t z = 0; z < planes->slices; z++) {
+        for (int64_t z = 0; z < slices && part.count > 0; z++) {
+            extrapolate_row(planes, z, first - 1);
+            extrapolate_row(planes, z, first);
+            for (int64_t y = first; y < end; y++) {
+                extrapolate_row(planes, z, y + 1);
                 dual_row_step(planes, steps, z, y);
-                if (y > first) {
-                    primal_row_step(planes, steps, z, y);
+                if (y > first + 1) {
+                    primal_row_step(planes, steps, z, y - 1);
                 }
             }
         }
 #pragma omp barrier
-        for (int64_t z = 0; z < planes->slices && part.count > 0; z++) {
-            primal_row_step(planes, steps, z, first);
-            if (end == planes->rows) {
-                primal_row_step(planes, steps, z, end);
+        const int64_t last = end - 1;
+        for (int64_t z = 0; z < slices && part.count > 0; z++) {
+            for (int64_t y = first == -1 ? -BEYOND : first; y <= first; y++) {
+                primal_row_step(planes, steps, z, y);
+            }
+            for (int64_t y = v2v_larger(last, first + 1); y <= (last == rows ? rows + 1 : last);
+                 y++) {
+                primal_row_step(planes, steps, z, y);
             }
         }
     }

@@ -1,9 +1,9 @@
 /** The local half of an iteration of total variation (method/tv.c): everything but the data step.
  *
- *  A primal-dual method: duals u of the differences of x along x, y and z, each of magnitude lambda
- *  at most, and w <= 0 of x >= 0. Every number of a step depends on its neighbours alone. A rank
- *  holds rows of the torus and, of what its neighbours read, one row more at either side, computed
- *  there as here.
+ *  A primal-dual method: duals of the differences of x along x, y and z, together of magnitude
+ *  lambda at most, of its curvature (REFERENCE.md 10) in the plane, and w <= 0 of x >= 0. Every
+ *  number of a step depends on its neighbours alone. A rank holds rows of the torus and, at either
+ *  side, two more of the volume and one of the duals, computed there as here.
  */
 #ifndef METHOD_TV_PLANES_H
 #define METHOD_TV_PLANES_H
@@ -13,18 +13,25 @@
 #include <stdint.h>
 
 enum { V2V_TV_BELOW, V2V_TV_ABOVE, V2V_TV_SIDES };
+enum { V2V_TV_DX, V2V_TV_DY, V2V_TV_DZ, V2V_TV_CURVATURE, V2V_TV_DUALS };
+
+/** Rows of the volume beyond a rank's at either side; a rank of several has as many of its own. */
+enum { V2V_TV_BEYOND = 2 };
+
+/** The largest square of the curvature's norm, over that of x. */
+#define V2V_TV_CURVATURE_NORM 16.0
 
 struct v2v_tv_planes {
     const struct v2v_comm *comm; /* borrowed */
     int threads;
     int64_t slices, rows, width; /* of this rank; the torus is periodic in rows and columns */
-    float *volume;               /* [z,rows+2,x], from one row above on: x, over-relaxed */
+    float *volume;               /* [z,rows+4,x], from two rows above on: x, over-relaxed */
     float *next;                 /* [z,rows,x]: what the data step makes of v, and v in its place */
-    float *beside;               /* [V2V_TV_SIDES,z,x]: rows of `next` beyond this rank's */
-    float *edges;                /* [V2V_TV_SIDES,z,x]: rows that others have there */
-    float *dual[3];              /* [z,rows+1,x], from one row above on: of dx, dy, depth * dz */
+    float *beside;               /* [V2V_TV_SIDES,z,2,x]: rows of `next` beyond this rank's */
+    float *edges;                /* [V2V_TV_SIDES,z,2,x]: rows that others have there */
+    float *dual[V2V_TV_DUALS];   /* [z,rows+2,x], from one row above on */
     float *positive;             /* [z,rows,x]: w */
-    float *scratch;              /* [thread,x+1] */
+    float *scratch;              /* [thread,2,x+2] */
     double *of_row;              /* [rows,2]: squares of the change and of x */
     struct v2v_transfers *transfers;
 };
@@ -33,6 +40,8 @@ struct v2v_tv_planes {
 struct v2v_tv_steps {
     float lambda; /**< weight of the total variation, in units of the volume */
     float depth;  /**< of a difference along z, against one along x or y */
+    float bend;   /**< of the curvature's own difference, against one along x or y .. */
+    float bound;  /**< .. and of its dual, likewise in units of the volume */
     float tau;    /**< of the data step */
     float sigma;  /**< of the dual step */
     float shrink; /**< 0 .. 1: of the duals before they are bounded; 1: total variation, less: its
@@ -50,6 +59,9 @@ int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width);
 
 /** An empty volume, no duals. @kind Local. */
 void v2v_tv_planes_clear(struct v2v_tv_planes *planes);
+
+/** Row y of slice z of the volume, -2 .. rows+1. @kind Local. */
+float *v2v_tv_planes_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y);
 
 /** After the data step: the duals move along the differences of 2 * next - x, x moves towards
  *  `next`, and `next` becomes v of the next data step. of_row holds what this rank changed.

@@ -9,10 +9,13 @@
 static const double relax = 1.8, smooth_below = 0.03;
 enum { EXTEND_EVERY = 4, AXES = 3 };
 
+/* Of the Laplacian in the operator. */
+static const double bend = 0.3;
+
 /* On the torus, [z,y,x] each. */
 struct planes {
     int64_t slices, height, width, voxels;
-    double *volume, *next, *extrapolated, *positive, *dual[AXES];
+    double *volume, *next, *extrapolated, *positive, *curved, *dual[AXES];
 };
 
 static int64_t neighbour(const struct planes *p, int64_t i, int64_t dz, int64_t dy, int64_t dx)
@@ -23,10 +26,23 @@ static int64_t neighbour(const struct planes *p, int64_t i, int64_t dz, int64_t 
     return z < 0 || z >= p->slices ? -1 : (z * p->height + y) * p->width + x;
 }
 
+/* (1 2 1; 2 -12 2; 1 2 1) / 4. */
+static double laplacian(const struct planes *p, const double *x, int64_t i)
+{
+    static const double weights[3] = {1.0, 2.0, 1.0};
+    double sum = -4.0 * x[i];
+    for (int64_t dy = -1; dy <= 1; dy++) {
+        for (int64_t dx = -1; dx <= 1; dx++) {
+            sum += 0.25 * weights[dy + 1] * weights[dx + 1] * x[neighbour(p, i, 0, dy, dx)];
+        }
+    }
+    return sum;
+}
+
 static void move_duals(struct planes *p, const struct twin_tv *settings, double sigma)
 {
     const double shrink = 1.0 / (1.0 + sigma * smooth_below / settings->weight);
-    const double *e = p->extrapolated;
+    const double *e = p->extrapolated, bound = settings->weight * settings->curvature / bend;
     for (int64_t i = 0; i < p->voxels; i++) {
         const int64_t behind = neighbour(p, i, 1, 0, 0);
         const double d[AXES] = {e[neighbour(p, i, 0, 0, 1)] - e[i],
@@ -42,6 +58,8 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
             p->dual[a][i] +=
                 relax * (squares > 0.0 ? moved[a] * factor - p->dual[a][i] : -p->dual[a][i]);
         }
+        const double curved = shrink * (p->curved[i] + sigma * bend * laplacian(p, e, i));
+        p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
         p->positive[i] += relax * (fmin(0.0, p->positive[i] + sigma * e[i]) - p->positive[i]);
     }
 }
@@ -54,14 +72,14 @@ static double pull(const struct planes *p, const struct twin_tv *settings, int64
     const double own_z = behind < 0 ? 0.0 : p->dual[2][i];
     return p->dual[0][neighbour(p, i, 0, 0, -1)] - p->dual[0][i] +
            p->dual[1][neighbour(p, i, 0, -1, 0)] - p->dual[1][i] +
-           settings->depth * (above_z - own_z) + p->positive[i];
+           settings->depth * (above_z - own_z) + bend * laplacian(p, p->curved, i) + p->positive[i];
 }
 
 static void iterate(struct planes *p, struct twin_data_step *step, const struct twin_tv *settings,
                     int64_t iteration)
 {
     const double a = settings->depth;
-    const double sigma = 1.0 / (settings->tau * (8.0 + 4.0 * a * a + 1.0));
+    const double sigma = 1.0 / (settings->tau * (8.0 + 4.0 * a * a + 16.0 * bend * bend + 1.0));
     twin_data_step_run(step, p->next, settings->tau);
     if (iteration % EXTEND_EVERY == 0) {
         twin_data_step_extend(step, p->next);
@@ -80,7 +98,7 @@ static void iterate(struct planes *p, struct twin_data_step *step, const struct 
 
 void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings)
 {
-    enum { ARRAYS = 4 + AXES };
+    enum { ARRAYS = 5 + AXES };
     struct planes p = {
         .slices = step->slices, .height = step->torus_height, .width = step->torus_width};
     p.voxels = p.slices * p.height * p.width;
@@ -95,6 +113,7 @@ void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_
     for (int a = 0; a < AXES; a++) {
         p.dual[a] = memory + (4 + a) * p.voxels;
     }
+    p.curved = memory + (4 + AXES) * p.voxels;
     for (int64_t i = 1; i <= settings->iterations; i++) {
         iterate(&p, step, settings, i);
     }

@@ -5,7 +5,7 @@
 #include "twin_data_step.h"
 
 struct twin_tv {
-    double weight, depth; /**< lambda and a, for PSFs that sum to 1 a view */
+    double weight, depth, curvature; /**< lambda, a and c, for PSFs that sum to 1 a view */
     double tau;
     int64_t iterations;
 };

@@ -190,6 +190,7 @@ struct v2v_deconv_settings {
     struct v2v_number electrons_per_count; /**< tv: of the camera, for noise of photons .. */
     struct v2v_number read_noise;          /**< .. and, in electrons, beside it; auto: estimated */
     double depth;     /**< tv: of differences along z, against those along x and y */
+    double curvature; /**< tv: weight of curvature in the plane, of lambda; 0: variation alone */
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };
 

@@ -128,8 +128,10 @@ struct v2v_examples_ops;
 struct v2v_network_ops {
     const char *name;                        /**< in configurations and weight files */
     const struct v2v_examples_ops *examples; /**< NULL: views that its volumes have not seen */
-    const char *const *keys; /**< "section.key" .., NULL: settings that its parameters' shapes and
+    const char *const *keys;   /**< "section.key" .., NULL: settings that its parameters' shapes and
                                   its function depend on; weight files carry them */
+    const char *const *before; /**< "section.key=value" .., NULL: what a file that does not name the
+                                    key was made with, where that is not the default; may be NULL */
     const char *split; /**< which views which volume sees, in a word; NULL: model.view_split says */
     int outputs;
     unsigned traits;  /**< V2V_TRAIT_.. */

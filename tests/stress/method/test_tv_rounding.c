@@ -70,6 +70,7 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
     struct v2v_config config;
     double sigma = 0.0;
     v2v_config_defaults(&config);
+    const double weight = config.deconv.lambda.value * (1.0 + config.deconv.curvature);
     config.deconv.iterations = ITERATIONS;
     config.deconv.tolerance = 0.0;
     v2v_psf_normalize_views(psf);
@@ -77,7 +78,8 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
     const struct twin_tv settings = {
         .weight = config.deconv.lambda.value,
         .depth = config.deconv.depth,
-        .tau = tau_of(&sigma, views, psf->views * PIXELS, psf->views, config.deconv.lambda.value),
+        .curvature = config.deconv.curvature,
+        .tau = tau_of(&sigma, views, psf->views * PIXELS, psf->views, weight),
         .iterations = ITERATIONS};
     struct twin_data_step step = {.views = psf->views,
                                   .slices = psf->slices,
