@@ -20,7 +20,7 @@
 
 /* Total variation by maximum a posteriori (REFERENCE.md 10):
  *     min over x >= 0 of
- *         1/2 |A x - y|^2 + lambda sigma sum |(dx, dy, depth dz) x| + curvature |L x|
+ *         1/2 |A x - y|^2 + lambda sigma sum (|(dx, dy, depth dz) x| + curvature |L x|)
  * with sigma the noise of the views, L a Laplacian in the plane, and |.| squared below a small part
  * of sigma, by a primal-dual
  * method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011), over-relaxed as Condat, J.
@@ -44,8 +44,7 @@ static const double tau_factor = 0.15, least_tau = 1.0, most_tau = 4096.0;
  * is smooth, and 0.03 to 0.06 dB. */
 static const double smooth_below = 0.03;
 
-/* Of the Laplacian in the operator whose dual is bounded: it changes steps, not the minimum. 0.2
- * to 0.45 are within 12 % of steps and 0.1 dB; more takes more. */
+/* Of the Laplacian in the operator whose dual is bounded: it changes steps, not the minimum. */
 static const double bend = 0.3;
 
 /* Weights below count as this one: none, nearly. */
@@ -134,7 +133,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
-        .most_shards = (int)v2v_larger(torus.height / V2V_TV_BEYOND, 1),
+        .most_shards = (int)v2v_larger(height / V2V_TV_BEYOND, 1), /* of any views' torus */
         .most_branches = 1,
         .bytes = v2v_mem_bytes(volumes, v2v_mem_bytes(views, v2v_mem_bytes(floats, data_step))),
         .fixed_bytes = v2v_mem_bytes(views, 0)};
@@ -215,9 +214,9 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
     const int ranks = v2v_comm_size(self->comm);
     if (ranks > 1 && torus.height / ranks < V2V_TV_BEYOND) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
-                         "%lld rows, with the border, for %d ranks: each takes %d or more",
-                         (long long)torus.height, ranks, V2V_TV_BEYOND));
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%d ranks for %lld rows: %lld ranks at most can share them",
+                         ranks, (long long)torus.height,
+                         (long long)(torus.height / V2V_TV_BEYOND)));
     }
     V2V_TRY(v2v_data_step_create(&self->step, problem->psf, problem->height, problem->width, &torus,
                                  v2v_split_of_slabs(config), self->comm));
@@ -388,6 +387,13 @@ static enum v2v_status look(const struct v2v_estimator *estimator, int64_t itera
     return rc;
 }
 
+/* What a dual's step is multiplied by, so that what it is of counts by its square where it is
+ * small. */
+static double shrink_of(double step, double weight)
+{
+    return weight > 0.0 ? 1.0 / (1.0 + step * smooth_below / weight) : 1.0;
+}
+
 static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
 {
     enum v2v_status rc = V2V_OK;
@@ -408,7 +414,8 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         .bound = (float)(lambda * self->curvature / bend),
         .tau = (float)tau,
         .sigma = (float)sigma,
-        .shrink = (float)(1.0 / (1.0 + sigma * smooth_below / (light * lambda))),
+        .shrink = (float)shrink_of(sigma, lambda * light),
+        .shrink_bent = (float)shrink_of(sigma * bent * bent, lambda * light * self->curvature),
         .relax = relax};
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;

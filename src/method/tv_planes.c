@@ -219,7 +219,7 @@ static void move_duals(const struct moving *row, const struct v2v_tv_steps *step
 {
     const float sigma = steps->sigma, lambda = steps->lambda, relax = steps->relax;
     const float shrink = steps->shrink, depth = sigma * row->depth, bend = sigma * steps->bend;
-    const float bound = steps->bound;
+    const float bound = steps->bound, shrink_bent = steps->shrink_bent;
     const float *above = row->above, *here = row->here, *below = row->below;
     const float *next = row->behind.next, *volume = row->behind.volume;
     float *restrict ux = row->x, *restrict uy = row->y, *restrict uz = row->z;
@@ -238,7 +238,7 @@ static void move_duals(const struct moving *row, const struct v2v_tv_steps *step
         const float c = curvature(above[x - 1] + 2.0f * here[x - 1] + below[x - 1],
                                   above[x] + 2.0f * e + below[x],
                                   above[x + 1] + 2.0f * right + below[x + 1], e);
-        const float moved = shrink * (bent[x] + bend * c);
+        const float moved = shrink_bent * (bent[x] + bend * c);
         const float low = moved > -bound ? moved : -bound;
         bent[x] += relax * ((low < bound ? low : bound) - bent[x]);
     }

@@ -31,7 +31,7 @@ struct v2v_tv_planes {
     float *edges;                /* [V2V_TV_SIDES,z,2,x]: rows that others have there */
     float *dual[V2V_TV_DUALS];   /* [z,rows+2,x], from one row above on */
     float *positive;             /* [z,rows,x]: w */
-    float *scratch;              /* [thread,2,x+2] */
+    float *scratch;              /* [thread,4,x+2] */
     double *of_row;              /* [rows,2]: squares of the change and of x */
     struct v2v_transfers *transfers;
 };
@@ -40,13 +40,14 @@ struct v2v_tv_planes {
 struct v2v_tv_steps {
     float lambda; /**< weight of the total variation, in units of the volume */
     float depth;  /**< of a difference along z, against one along x or y */
-    float bend;   /**< of the curvature's own difference, against one along x or y .. */
-    float bound;  /**< .. and of its dual, likewise in units of the volume */
+    float bend;   /**< of the Laplacian in the operator, against a difference along x or y .. */
+    float bound;  /**< .. and the largest magnitude of its dual, in units of the volume */
     float tau;    /**< of the data step */
     float sigma;  /**< of the dual step */
     float shrink; /**< 0 .. 1: of the duals before they are bounded; 1: total variation, less: its
-                       square where differences are small (Huber) */
-    float relax;  /**< 1 .. 2: over-relaxation */
+                       square where differences are small (Huber) .. */
+    float shrink_bent; /**< .. and of the curvature's */
+    float relax;       /**< 1 .. 2: over-relaxation */
 };
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */

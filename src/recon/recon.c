@@ -149,7 +149,8 @@ static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *wo
         (int)v2v_smaller(problem->config->parallel.branches, work->most_branches),
         (int)problem->config->parallel.shards};
     if (wanted.shards > work->most_shards) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: ranks cannot share a frame's volume"));
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
+                         wanted.shards, work->most_shards));
     }
     work->items = frames;
     work->most_bytes = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);

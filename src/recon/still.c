@@ -70,7 +70,8 @@ enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_est
     work->fixed_bytes = 2 * v2v_smaller(work->fixed_bytes, INT64_MAX / 4);
     work->bytes = v2v_mem_bytes(floats, work->bytes);
     work->fixed_bytes = v2v_mem_bytes(floats, work->fixed_bytes);
-    const int64_t of_window = v2v_larger(psf->height / 2, 1); /* two rows of it for a rank */
+    const int64_t least = v2v_smaller(torus.height, v2v_larger(psf->height, psf->width));
+    const int64_t of_window = v2v_larger(least / 2, 1); /* ranks with two of its rows */
     work->most_shards = (int)v2v_smaller(work->most_shards, of_window);
     return V2V_OK;
 }

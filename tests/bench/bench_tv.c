@@ -41,7 +41,8 @@ struct bench {
     float sink;
 };
 
-static const struct v2v_tv_steps steps = {0.05f, 0.25f, 0.3f, 0.08f, 30.0f, 0.0031f, 1.0f, 1.8f};
+static const struct v2v_tv_steps steps = {0.05f,   0.25f, 0.3f, 0.08f, 30.0f,
+                                          0.0031f, 1.0f,  1.0f, 1.8f};
 
 static enum v2v_status prepare(struct bench *bench, int64_t side)
 {

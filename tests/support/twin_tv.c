@@ -42,6 +42,8 @@ static double laplacian(const struct planes *p, const double *x, int64_t i)
 static void move_duals(struct planes *p, const struct twin_tv *settings, double sigma)
 {
     const double shrink = 1.0 / (1.0 + sigma * smooth_below / settings->weight);
+    const double own = settings->weight * settings->curvature; /* of a step times 0.3 squared */
+    const double shrink_curved = 1.0 / (1.0 + sigma * bend * bend * smooth_below / own);
     const double *e = p->extrapolated, bound = settings->weight * settings->curvature / bend;
     for (int64_t i = 0; i < p->voxels; i++) {
         const int64_t behind = neighbour(p, i, 1, 0, 0);
@@ -58,7 +60,7 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
             p->dual[a][i] +=
                 relax * (squares > 0.0 ? moved[a] * factor - p->dual[a][i] : -p->dual[a][i]);
         }
-        const double curved = shrink * (p->curved[i] + sigma * bend * laplacian(p, e, i));
+        const double curved = shrink_curved * (p->curved[i] + sigma * bend * laplacian(p, e, i));
         p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
         p->positive[i] += relax * (fmin(0.0, p->positive[i] + sigma * e[i]) - p->positive[i]);
     }

@@ -46,7 +46,7 @@ struct v2v_consistency {
 };
 
 struct v2v_consistency_job {
-    const struct v2v_config *config; /**< deconv.lambda, depth, tolerance; parallel; model */
+    const struct v2v_config *config; /**< deconv, of tv; parallel; model */
     const struct v2v_psf_file *psf;
     struct v2v_recording *recording;
     const struct v2v_scaling *scaling;

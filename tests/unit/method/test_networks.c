@@ -190,6 +190,12 @@ static void what_a_file_does_not_name_is_as_it_was_before_there_was_the_setting(
     snprintf(info.settings, sizeof info.settings, "model.homogeneous=true\n");
     assert_ok(v2v_network_adopt(&taken, &info, "w.h5"));
     assert_int_equal(taken.model.homogeneous, 1);
+    info = (struct v2v_weights_info){.method = "unrolled", .settings = "deconv.lambda=0.048\n"};
+    assert_ok(v2v_network_adopt(&taken, &info, "w.h5"));
+    assert_true(taken.deconv.lambda.value == 0.048 && taken.deconv.curvature == 0.0);
+    snprintf(info.settings, sizeof info.settings, "deconv.curvature=0.5\n");
+    assert_ok(v2v_network_adopt(&taken, &info, "w.h5"));
+    assert_true(taken.deconv.curvature == 0.5);
 }
 
 static void what_a_network_does_not_offer_is_refused(void **state)

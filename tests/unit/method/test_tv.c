@@ -1,4 +1,5 @@
 /* Total variation where its minimum is known, and where nothing is easy. */
+#include "method/tv.h"
 #include "method/tv_lambda.h"
 #include "small_optics.h"
 
@@ -450,6 +451,21 @@ static void psfs_of_absurd_sums_are_refused(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* A rank reads two rows of its neighbours. */
+static void a_rank_takes_two_rows_at_least(void **state)
+{
+    (void)state;
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_grid_work work;
+    for (int64_t height = 1; height < 8; height++) {
+        const struct v2v_problem problem = {
+            .config = &config, .psf = &psf, .height = height, .width = SIDE};
+        assert_ok(v2v_estimator_tv.describe_work(&work, &problem));
+        assert_int_equal(work.most_shards, height < 2 ? 1 : height / 2);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
 static void a_rule_of_another_method_is_refused(void **state)
 {
     (void)state;
@@ -477,6 +493,7 @@ int main(void)
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(contradictory_views_come_to_rest_under_weights, setup),
         cmocka_unit_test_setup(psfs_of_absurd_sums_are_refused, setup),
+        cmocka_unit_test_setup(a_rank_takes_two_rows_at_least, setup),
         cmocka_unit_test_setup(a_rule_of_another_method_is_refused, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
