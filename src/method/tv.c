@@ -301,13 +301,20 @@ static struct level measure(const struct tv *self, const float *views)
     return level;
 }
 
+static double weight_of(const struct tv *self)
+{
+    return fmax(self->lambda, least_lambda);
+}
+
 /* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share
  * their factors. */
-static double tau_of(const struct level *level, double lambda)
+static double tau_of(const struct tv *self)
 {
-    const double wanted = tau_factor * level->brightness / (level->sigma * lambda);
+    const struct level *level = &self->level;
+    const double weight = weight_of(self) * (1.0 + self->curvature);
+    const double wanted = tau_factor * level->brightness / (level->sigma * weight);
     const double bounded = fmin(fmax(wanted, least_tau), most_tau);
-    return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU);
+    return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU) / (self->light * self->light);
 }
 
 /* The first rows and columns of the volume, none below zero. */
@@ -394,20 +401,15 @@ static double shrink_of(double step, double weight)
     return weight > 0.0 ? 1.0 / (1.0 + step * smooth_below / weight) : 1.0;
 }
 
-static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
+/* lambda and tau are meant for PSFs that sum to 1 a view. */
+static struct v2v_tv_steps steps_of(const struct tv *self, double tau)
 {
-    enum v2v_status rc = V2V_OK;
-    struct tv *self = estimator->self;
-    const struct level *level = &self->level;
-    /* lambda and tau are meant for PSFs that sum to 1 a view */
-    const double light = self->light, weight = fmax(self->lambda, least_lambda);
-    const double lambda = weight * light,
-                 tau = tau_of(level, weight * (1.0 + self->curvature)) / (light * light);
+    const double light = self->light, lambda = weight_of(self) * light;
     const double bent = self->curvature > 0.0 ? bend : 0.0;
     const double squared_norm = 8.0 + 4.0 * self->depth * self->depth +
                                 bent * bent * V2V_TV_CURVATURE_NORM + 1.0; /* of all at most */
     const double sigma = 1.0 / (tau * squared_norm);
-    const struct v2v_tv_steps steps = {
+    return (struct v2v_tv_steps){
         .lambda = (float)lambda,
         .depth = (float)self->depth,
         .bend = (float)bent,
@@ -417,6 +419,15 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         .shrink = (float)shrink_of(sigma, lambda * light),
         .shrink_bent = (float)shrink_of(sigma * bent * bent, lambda * light * self->curvature),
         .relax = relax};
+}
+
+static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
+{
+    enum v2v_status rc = V2V_OK;
+    struct tv *self = estimator->self;
+    const struct level *level = &self->level;
+    const double tau = tau_of(self);
+    const struct v2v_tv_steps steps = steps_of(self, tau);
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
     const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;

@@ -387,14 +387,12 @@ void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps 
             }
         }
 #pragma omp barrier
-        const int64_t last = end - 1;
+        const int64_t from = first < 0 ? -BEYOND : first, to = end > rows ? rows + BEYOND : end;
         for (int64_t z = 0; z < slices && part.count > 0; z++) {
-            for (int64_t y = first == -1 ? -BEYOND : first; y <= first; y++) {
-                primal_row_step(planes, steps, z, y);
-            }
-            for (int64_t y = v2v_larger(last, first + 1); y <= (last == rows ? rows + 1 : last);
-                 y++) {
-                primal_row_step(planes, steps, z, y);
+            for (int64_t y = from; y < to; y++) {
+                if (y <= first || y >= end - 1) {
+                    primal_row_step(planes, steps, z, y);
+                }
             }
         }
     }

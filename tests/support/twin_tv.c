@@ -42,9 +42,9 @@ static double laplacian(const struct planes *p, const double *x, int64_t i)
 static void move_duals(struct planes *p, const struct twin_tv *settings, double sigma)
 {
     const double shrink = 1.0 / (1.0 + sigma * smooth_below / settings->weight);
-    const double own = settings->weight * settings->curvature; /* of a step times 0.3 squared */
-    const double shrink_curved = 1.0 / (1.0 + sigma * bend * bend * smooth_below / own);
-    const double *e = p->extrapolated, bound = settings->weight * settings->curvature / bend;
+    const double bound = settings->weight * settings->curvature / bend;
+    const double shrink_curved = 1.0 / (1.0 + sigma * bend * smooth_below / bound);
+    const double *e = p->extrapolated;
     for (int64_t i = 0; i < p->voxels; i++) {
         const int64_t behind = neighbour(p, i, 1, 0, 0);
         const double d[AXES] = {e[neighbour(p, i, 0, 0, 1)] - e[i],

@@ -42,7 +42,7 @@ static int teardown(void **state)
  * much noise, which disagree, never meet a large one. */
 static double noise_of(double tau)
 {
-    return 0.15 / (0.045 * tau);
+    return 0.15 / (0.03 * (1.0 + 0.5) * tau);
 }
 
 /* Views of a random volume, as bright as 1, with that noise. */
