@@ -150,7 +150,8 @@ void v2v_features_of_volume(struct v2v_features *features, float *out, const flo
     for (int k = 1; k < V2V_FEATURES; k++) {
         v2v_watchdog_beat("features of a frame");
         memset(self->volume, 0, (size_t)whole * sizeof *self->volume);
-        v2v_data_step_factor(self->step, taus[k - 1] / (self->light * self->light));
+        v2v_data_step_factor(
+            self->step, &(struct v2v_penalty){.constant = self->light * self->light / taus[k - 1]});
         v2v_data_step_run(self->step, self->volume);
         cut(self, out + k * voxels, self->volume, self->slices);
     }

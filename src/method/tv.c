@@ -22,9 +22,11 @@
  *     min over x >= 0 of
  *         1/2 |A x - y|^2 + lambda sigma sum (|(dx, dy, depth dz) x| + curvature |L x|)
  * with sigma the noise of the views, L a Laplacian in the plane, and |.| squared below a small part
- * of sigma, by a primal-dual
- * method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011), over-relaxed as Condat, J.
- * Optim. Theory Appl. 158, 460 (2013)). The step towards the views is taken in closed form
+ * of sigma, by a primal-dual method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011),
+ * over-relaxed as Condat, J. Optim. Theory Appl. 158, 460 (2013)). With K all that has a dual, of
+ * step s, a step of the volume x costs 1/2 |x - v|_P^2, P >= s K^T K (Pock and Chambolle, Proc.
+ * ICCV, 1762 (2011)): what K does in the plane is a number a frequency, so that P is s K^T K itself
+ * but for differences along z, and the step towards the views is taken in closed form all the same
  * (optics/data_step.h). Views and volume are in units of sigma here, so that lambda is one number
  * for all scenes. Noise of photons weighs the squares by the inverse of its variance. */
 
@@ -32,20 +34,23 @@
 static const float relax = 1.8f;
 
 /* Iterations from one look at the views beyond the frame to the next. */
-enum { EXTEND_EVERY = 4 };
+enum { EXTEND_EVERY = 2 };
 
 /* At most, where deconv.iterations doesn't say; ended before by the tolerance. */
 enum { MOST_ITERATIONS = 500 };
 
-/* Size of a step: of brightness / (sigma lambda), and its bounds. */
-static const double tau_factor = 0.15, least_tau = 1.0, most_tau = 4096.0;
+/* Size of a dual's step: of sigma lambda / brightness, and its bounds. What answers a negative
+ * sample deeper than so many times the brightness is as large as that: steps grow by the root of
+ * it. */
+static const double step_factor = 2.0, least_step = 1.0 / 2048.0, most_step = 4.0, deep = 10.0;
 
 /* Differences below this part of sigma are weighted by their squares: fewer steps where the scene
  * is smooth, and 0.03 to 0.06 dB. */
 static const double smooth_below = 0.03;
 
-/* Of the Laplacian in the operator whose dual is bounded: it changes steps, not the minimum. */
-static const double bend = 0.3;
+/* Of x and of its Laplacian in K, whose differences count as they are: that changes steps, not the
+ * minimum. */
+static const double plain = 0.5, bend = 0.5;
 
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
@@ -53,8 +58,8 @@ static const double least_lambda = 1e-6;
 /* Of a view's PSFs, and one over it: its square divides steps, which are float32. */
 static const double most_light = 1e15;
 
-/* Of a factor of two. */
-#define STEPS_OF_TAU 2.0
+/* Sizes of a step, of a factor of two. */
+#define SIZES 2.0
 
 /* Views of less noise than this part of their brightness count as this noisy. */
 static const double least_noise = 1e-4;
@@ -62,6 +67,7 @@ static const double least_noise = 1e-4;
 /* What a frame's iterations are scaled by; all 0 without light. */
 struct level {
     double brightness; /* of the views */
+    double depth;      /* of their deepest negative sample, over it */
     double sigma;      /* of their noise; of photons: where they are that bright */
     double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
     double floor; /* the variance where there is no light, likewise, as weights take it .. */
@@ -80,12 +86,13 @@ struct tv {
     double lambda, depth, curvature, tolerance;
     enum v2v_noise_model model;
     struct v2v_camera camera;
-    double light;       /* sum of a view's PSF, mean of all views */
-    int is_told;        /* bool: `level` is that of a larger frame, for all runs */
-    struct level level; /* of the last run, or of all */
-    float *cut;         /* [slices,rows,width]: the frame's rows of the volume */
-    float *scratch;     /* [v,height,width] or [v,rows of the torus, its width] */
-    double *of_row;     /* [2 * torus height] */
+    double light;              /* sum of a view's PSF, mean of all views */
+    int is_told;               /* bool: `level` is that of a larger frame, for all runs */
+    struct level level;        /* of the last run, or of all */
+    float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
+    float *scratch;            /* [v,height,width] or [v,rows of the torus, its width] */
+    double *of_row;            /* [torus height]: light of a row of all slices */
+    struct v2v_tv_steps steps; /* of the last run */
 };
 
 static int is_open(const struct v2v_config *config)
@@ -175,7 +182,6 @@ static enum v2v_status take_memory(struct tv *self)
     V2V_TRY(V2V_ALLOC(self->scratch, "tv.noise",
                       v2v_mem_product(self->views, v2v_larger(self->height, self->torus.rows.count),
                                       self->torus.width)));
-    V2V_TRY(V2V_ALLOC(self->of_row, "tv.change", 2 * self->torus.height));
     if (self->model != V2V_NOISE_MODEL_GAUSSIAN) {
         V2V_TRY(v2v_data_step_take_weights(self->step));
     }
@@ -242,7 +248,6 @@ static void destroy(struct v2v_estimator *estimator)
         v2v_tv_planes_fini(&self->planes);
         v2v_mem_free(self->cut);
         v2v_mem_free(self->scratch);
-        v2v_mem_free(self->of_row);
         v2v_mem_free(self);
     }
 }
@@ -275,10 +280,10 @@ static void of_photons(struct level *level, const struct v2v_photons *photons, d
 static struct level measure(const struct tv *self, const float *views)
 {
     const int64_t count = self->views * self->height * self->width;
-    double brightest = 0.0, largest = 0.0;
+    double brightest = 0.0, deepest = 0.0;
     for (int64_t i = 0; i < count; i++) {
         brightest = fmax(brightest, (double)views[i]);
-        largest = fmax(largest, fabs((double)views[i]));
+        deepest = fmax(deepest, -(double)views[i]);
     }
     if (brightest == 0.0) {
         return (struct level){0};
@@ -291,8 +296,10 @@ static struct level measure(const struct tv *self, const float *views)
                  : v2v_photons_find(self->scratch, views, self->views, self->height, self->width,
                                     &self->camera);
     const double brightness = fmax(photons.bright, least_of_brightest * brightest);
-    const double noisy = fmax(brightness, least_of_brightest * largest);
-    struct level level = {.brightness = brightness, .sigma = fmax(sigma, least_noise * noisy)};
+    const double noisy = fmax(brightness, least_of_brightest * fmax(brightest, deepest));
+    struct level level = {.brightness = brightness,
+                          .depth = deepest / brightness,
+                          .sigma = fmax(sigma, least_noise * noisy)};
     level.dark = level.sigma;
     if (self->model == V2V_NOISE_MODEL_POISSON ||
         (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
@@ -306,26 +313,26 @@ static double weight_of(const struct tv *self)
     return fmax(self->lambda, least_lambda);
 }
 
-/* Of the data step: the volume's size over its dual's, about. In steps, so that frames alike share
- * their factors. */
-static double tau_of(const struct tv *self)
+/* The duals' size over the volume's, about. In steps of its own, so that frames alike share their
+ * factors. */
+static double step_of(const struct tv *self)
 {
     const struct level *level = &self->level;
     const double weight = weight_of(self) * (1.0 + self->curvature);
-    const double wanted = tau_factor * level->brightness / (level->sigma * weight);
-    const double bounded = fmin(fmax(wanted, least_tau), most_tau);
-    return exp2(round(STEPS_OF_TAU * log2(bounded)) / STEPS_OF_TAU) / (self->light * self->light);
+    const double wanted = step_factor * level->sigma * weight / level->brightness *
+                          sqrt(fmax(level->depth / deep, 1.0));
+    const double bounded = fmin(fmax(wanted, least_step), most_step);
+    return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light;
 }
 
-/* The first rows and columns of the volume, none below zero. */
-static void copy_volume(const struct tv *self, float *volume, int64_t rows, int64_t width,
-                        double scale)
+/* The first rows and columns of a volume on the torus, none below zero. */
+static void copy_volume(const struct tv *self, float *volume, const float *torus, int64_t rows,
+                        int64_t width, double scale)
 {
-    const struct v2v_tv_planes *planes = &self->planes;
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t z = 0; z < self->slices; z++) {
         for (int64_t y = 0; y < rows; y++) {
-            const float *from = v2v_tv_planes_row(planes, z, y);
+            const float *from = torus + (z * self->torus.rows.count + y) * self->torus.width;
             float *to = volume + (z * rows + y) * width;
             for (int64_t x = 0; x < width; x++) {
                 to[x] = from[x] < 0.0f ? 0.0f : (float)(from[x] * scale); /* NaN stays */
@@ -334,9 +341,11 @@ static void copy_volume(const struct tv *self, float *volume, int64_t rows, int6
     }
 }
 
+/* The frame's rows of the volume. Collective(comm). */
 static void cut(const struct tv *self, double scale)
 {
-    copy_volume(self, self->cut, self->rows.count, self->width, scale);
+    v2v_data_step_volume(self->step, self->planes.volume);
+    copy_volume(self, self->cut, self->planes.volume, self->rows.count, self->width, scale);
 }
 
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator)
@@ -348,7 +357,8 @@ struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator)
 void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume)
 {
     const struct tv *self = estimator->self;
-    copy_volume(self, volume, self->torus.rows.count, self->torus.width, self->level.sigma);
+    v2v_data_step_volume(self->step, volume);
+    copy_volume(self, volume, volume, self->torus.rows.count, self->torus.width, self->level.sigma);
 }
 
 struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator)
@@ -362,23 +372,8 @@ static void to_slices(struct v2v_estimator *estimator, float *slices, const floa
     struct tv *self = estimator->self;
     (void)volume;
     cut(self, 1.0);
+    v2v_tv_planes_gradient(&self->planes, &self->steps);
     v2v_slicing_to_slices(self->slicing, slices, self->cut);
-}
-
-/** How far the volume moved in this iteration, of its length. Collective(comm). */
-static double change_of(struct tv *self)
-{
-    const struct v2v_tv_planes *planes = &self->planes;
-    double change = 0.0, whole = 0.0;
-    memset(self->of_row, 0, (size_t)(2 * self->torus.height) * sizeof *self->of_row);
-    memcpy(self->of_row + 2 * self->torus.rows.first, planes->of_row,
-           (size_t)(2 * planes->rows) * sizeof *planes->of_row);
-    v2v_par_sum_f64(self->comm, self->of_row, 2 * self->torus.height);
-    for (int64_t y = 0; y < self->torus.height; y++) { /* one order for any number of ranks */
-        change += self->of_row[2 * y];
-        whole += self->of_row[2 * y + 1];
-    }
-    return whole == 0.0 ? 0.0 : sqrt(change / whole);
 }
 
 /** Local: a fault point, a request to stop or numbers that left their range end all ranks. */
@@ -401,24 +396,30 @@ static double shrink_of(double step, double weight)
     return weight > 0.0 ? 1.0 / (1.0 + step * smooth_below / weight) : 1.0;
 }
 
-/* lambda and tau are meant for PSFs that sum to 1 a view. */
-static struct v2v_tv_steps steps_of(const struct tv *self, double tau)
+/* lambda and steps are meant for PSFs that sum to 1 a view. */
+static struct v2v_tv_steps steps_of(const struct tv *self, double step)
 {
     const double light = self->light, lambda = weight_of(self) * light;
     const double bent = self->curvature > 0.0 ? bend : 0.0;
-    const double squared_norm = 8.0 + 4.0 * self->depth * self->depth +
-                                bent * bent * V2V_TV_CURVATURE_NORM + 1.0; /* of all at most */
-    const double sigma = 1.0 / (tau * squared_norm);
     return (struct v2v_tv_steps){
         .lambda = (float)lambda,
         .depth = (float)self->depth,
+        .plain = (float)plain,
         .bend = (float)bent,
         .bound = (float)(lambda * self->curvature / bend),
-        .tau = (float)tau,
-        .sigma = (float)sigma,
-        .shrink = (float)shrink_of(sigma, lambda * light),
-        .shrink_bent = (float)shrink_of(sigma * bent * bent, lambda * light * self->curvature),
+        .sigma = (float)step,
+        .shrink = (float)shrink_of(step, lambda * light),
+        .shrink_bent = (float)shrink_of(step * bent * bent, lambda * light * self->curvature),
         .relax = relax};
+}
+
+/* s K^T K, with 4 for the differences along z. */
+static struct v2v_penalty penalty_of(const struct v2v_tv_steps *steps)
+{
+    const double depth = (double)steps->depth, step = (double)steps->sigma;
+    return (struct v2v_penalty){.constant = step * (plain * plain + 4.0 * depth * depth),
+                                .differences = step,
+                                .curvature = step * (double)steps->bend * (double)steps->bend};
 }
 
 static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
@@ -426,8 +427,6 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
     const struct level *level = &self->level;
-    const double tau = tau_of(self);
-    const struct v2v_tv_steps steps = steps_of(self, tau);
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
     const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;
@@ -438,15 +437,17 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     double change = INFINITY, missed = 0.0;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
-    v2v_data_step_factor(self->step, tau);
+    self->steps = steps_of(self, step_of(self));
+    const struct v2v_penalty penalty = penalty_of(&self->steps);
+    v2v_data_step_factor(self->step, &penalty);
     for (int64_t i = 1, enough = 0; i <= most && !enough && change > self->tolerance; i++) {
         v2v_watchdog_beat("an iteration of total variation");
-        v2v_data_step_run(self->step, self->planes.next);
+        v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
             missed = sqrt(v2v_data_step_extend(self->step) / samples);
         }
-        v2v_tv_planes_step(&self->planes, &steps);
-        change = change_of(self);
+        v2v_tv_planes_step(&self->planes, &self->steps);
+        change = v2v_data_step_change(self->step);
         V2V_TRY(v2v_par_agree(self->comm, look(estimator, i, change)));
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
         done = i;
@@ -489,9 +490,9 @@ static void begin(struct v2v_estimator *estimator, const float *views)
     const double scale = 1.0 / level->sigma;
     v2v_data_step_begin(self->step, views, scale);
     if (around != NULL) {
-        take_rows(self, self->planes.next, around->light, self->slices, scale);
+        take_rows(self, self->planes.volume, around->light, self->slices, scale);
         take_rows(self, self->scratch, around->seen, self->views, scale);
-        v2v_data_step_surround(self->step, self->planes.next, self->scratch);
+        v2v_data_step_surround(self->step, self->planes.volume, self->scratch);
         v2v_data_step_know(self->step, &around->rows, &around->columns);
     }
     if (level->gain > 0.0) {
@@ -515,6 +516,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
         begin(estimator, views);
     }
     v2v_tv_planes_clear(&self->planes);
+    v2v_data_step_clear(self->step);
     if (is_lit) {
         V2V_TRY(iterate(estimator, monitor));
     }
@@ -527,9 +529,9 @@ done:
 static void plane(struct v2v_estimator *whole, float *volume, float *views)
 {
     struct tv *self = whole->self;
-    v2v_tv_torus_volume(whole, self->planes.next);
-    v2v_data_step_project(self->step, self->scratch, self->planes.next);
-    v2v_data_step_gather(self->step, volume, self->planes.next, self->slices);
+    v2v_tv_torus_volume(whole, self->planes.volume);
+    v2v_data_step_project(self->step, self->scratch, self->planes.volume);
+    v2v_data_step_gather(self->step, volume, self->planes.volume, self->slices);
     v2v_data_step_gather(self->step, views, self->scratch, self->views);
 }
 

@@ -16,8 +16,8 @@ void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
 /** Its step towards the views, free for other use between runs: lent. @kind Local. */
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
 
-/** The volume of the last run beyond the frame, too, in units of the views. @kind Local.
- *  @param volume [z, torus rows of this rank, torus width] out */
+/** The volume of the last run beyond the frame, too, in units of the views.
+ *  @kind Collective(shard). @param volume [z, torus rows of this rank, torus width] out */
 void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume);
 
 /** Noise of the views of a run, as it was taken, in their units: of variance

@@ -10,22 +10,17 @@
 
 enum { SIDES = V2V_TV_SIDES, BEYOND = V2V_TV_BEYOND, DUALS = V2V_TV_DUALS };
 
-/* Lines of a thread, each with a pixel more at either end: three rows of the volume, extrapolated,
- * in turn, and three rows of a dual summed up. */
+/* Lines of a thread, each with a pixel more at either end: three rows of the volume in turn, and
+ * three rows of a dual summed up. */
 enum { IN_TURN = 3, SUMS = IN_TURN, LINES, ENDS = 2 };
 
 int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width)
 {
     enum {
-        OF_ROWS = DUALS + 3, /* duals, w, volume, what it becomes */
-        MORE = 2 * BEYOND + 2 * DUALS + 2 * SIDES * BEYOND
+        OF_ROWS = DUALS + 2, /* duals, w, volume */
+        MORE = 2 * DUALS + 2 * SIDES * BEYOND
     };
     return v2v_mem_product(slices, OF_ROWS * rows + MORE, width);
-}
-
-static int64_t volume_floats(const struct v2v_tv_planes *planes)
-{
-    return (planes->rows + 2 * BEYOND) * planes->width;
 }
 
 static int64_t dual_floats(const struct v2v_tv_planes *planes)
@@ -43,9 +38,7 @@ enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices,
                                      .slices = slices,
                                      .rows = rows,
                                      .width = width};
-    V2V_TRY(
-        V2V_ALLOC(planes->volume, "tv.volume", v2v_mem_product(slices, volume_floats(planes), 1)));
-    V2V_TRY(V2V_ALLOC(planes->next, "tv.volume", v2v_mem_product(slices, rows, width)));
+    V2V_TRY(V2V_ALLOC(planes->volume, "tv.volume", v2v_mem_product(slices, rows, width)));
     V2V_TRY(V2V_ALLOC(planes->beside, "tv.beside", beside));
     V2V_TRY(V2V_ALLOC(planes->edges, "tv.beside", beside));
     for (int i = 0; i < DUALS; i++) {
@@ -55,7 +48,6 @@ enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices,
     V2V_TRY(V2V_ALLOC(planes->positive, "tv.dual", v2v_mem_product(slices, rows, width)));
     V2V_TRY(V2V_ALLOC(planes->scratch, "tv.lines",
                       v2v_mem_product(planes->threads, LINES, width + ENDS)));
-    V2V_TRY(V2V_ALLOC(planes->of_row, "tv.change", 2 * rows));
     V2V_TRY(v2v_transfers_create(&planes->transfers, comm, 2 * SIDES));
 done:
     return rc;
@@ -67,12 +59,10 @@ void v2v_tv_planes_fini(struct v2v_tv_planes *planes)
         v2v_mem_free(planes->dual[i]);
     }
     v2v_mem_free(planes->volume);
-    v2v_mem_free(planes->next);
     v2v_mem_free(planes->beside);
     v2v_mem_free(planes->edges);
     v2v_mem_free(planes->positive);
     v2v_mem_free(planes->scratch);
-    v2v_mem_free(planes->of_row);
     v2v_transfers_destroy(&planes->transfers);
 }
 
@@ -82,19 +72,13 @@ void v2v_tv_planes_clear(struct v2v_tv_planes *planes)
     const int64_t inside = planes->rows * planes->width;
 #pragma omp parallel for schedule(static) num_threads(planes->threads)
     for (int64_t z = 0; z < planes->slices; z++) {
-        const int64_t of_volume = volume_floats(planes), of_dual = dual_floats(planes);
-        memset(planes->volume + z * of_volume, 0, (size_t)of_volume * sizeof(float));
-        memset(planes->next + z * inside, 0, (size_t)inside * sizeof(float));
+        const int64_t of_dual = dual_floats(planes);
+        memset(planes->volume + z * inside, 0, (size_t)inside * sizeof(float));
         memset(planes->positive + z * inside, 0, (size_t)inside * sizeof(float));
         for (int i = 0; i < DUALS; i++) {
             memset(planes->dual[i] + z * of_dual, 0, (size_t)of_dual * sizeof(float));
         }
     }
-}
-
-float *v2v_tv_planes_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
-{
-    return planes->volume + z * volume_floats(planes) + (y + BEYOND) * planes->width;
 }
 
 /* Row `i` of those beyond this rank's, or of those that others have there. */
@@ -105,7 +89,7 @@ static float *beside_row(const struct v2v_tv_planes *planes, float *beside, int 
 }
 
 /* Rows -2 .. rows+1. */
-static float *next_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+static float *row_of(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
     if (y < 0) {
         return beside_row(planes, planes->beside, V2V_TV_ABOVE, z, y + BEYOND);
@@ -113,7 +97,7 @@ static float *next_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
     if (y >= planes->rows) {
         return beside_row(planes, planes->beside, V2V_TV_BELOW, z, y - planes->rows);
     }
-    return planes->next + (z * planes->rows + y) * planes->width;
+    return planes->volume + (z * planes->rows + y) * planes->width;
 }
 
 /* Rows -1 .. rows. */
@@ -132,7 +116,7 @@ static int is_inside(const struct v2v_tv_planes *planes, int64_t y)
     return y >= 0 && y < planes->rows;
 }
 
-/* Rows of `next` from the neighbours, of a ring of ranks. A rank's first rows are what the one
+/* Rows of the volume from the neighbours, of a ring of ranks. A rank's first rows are what the one
  * before it has below, its last rows what the one behind it has above. Collective(comm). */
 static void exchange(struct v2v_tv_planes *planes)
 {
@@ -143,9 +127,9 @@ static void exchange(struct v2v_tv_planes *planes)
     for (int64_t z = 0; z < planes->slices; z++) {
         for (int64_t i = 0; i < BEYOND; i++) { /* alone it may have one row */
             const int64_t first = i % planes->rows, last = planes->rows - 1 - first;
-            memcpy(beside_row(planes, mine, V2V_TV_BELOW, z, i), next_row(planes, z, first), bytes);
+            memcpy(beside_row(planes, mine, V2V_TV_BELOW, z, i), row_of(planes, z, first), bytes);
             memcpy(beside_row(planes, mine, V2V_TV_ABOVE, z, BEYOND - 1 - i),
-                   next_row(planes, z, last), bytes);
+                   row_of(planes, z, last), bytes);
         }
     }
     if (size > 1) {
@@ -165,27 +149,6 @@ static void close_ring(float *line, int64_t width)
 {
     line[-1] = line[width - 1];
     line[width] = line[0];
-}
-
-/* A row of the volume and what it becomes. */
-struct pair {
-    const float *volume, *next;
-};
-
-static struct pair pair_of(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
-{
-    return (struct pair){v2v_tv_planes_row(planes, z, y), next_row(planes, z, y)};
-}
-
-/* line[-1..width] = 2 * next - volume. */
-V2V_SIMD_CLONES
-static void extrapolate(float *restrict line, struct pair row, int64_t width)
-{
-#pragma omp simd
-    for (int64_t x = 0; x < width; x++) {
-        line[x] = 2.0f * row.next[x] - row.volume[x];
-    }
-    close_ring(line, width);
 }
 
 /* sums[-1..width] = above + 2 * here + below. */
@@ -208,8 +171,8 @@ static inline float curvature(float left, float middle, float right, float here)
 
 /* Of one row: what moves its duals. */
 struct moving {
-    const float *above, *here, *below; /* [-1..width] of the extrapolated volume */
-    struct pair behind;                /* the row a slice further, here in the last slice .. */
+    const float *above, *here, *below; /* [-1..width] of the volume */
+    const float *behind;               /* the row a slice further, here in the last slice .. */
     float depth;                       /* .. and of no weight */
     float *x, *y, *z, *bent;
 };
@@ -221,7 +184,7 @@ static void move_duals(const struct moving *row, const struct v2v_tv_steps *step
     const float shrink = steps->shrink, depth = sigma * row->depth, bend = sigma * steps->bend;
     const float bound = steps->bound, shrink_bent = steps->shrink_bent;
     const float *above = row->above, *here = row->here, *below = row->below;
-    const float *next = row->behind.next, *volume = row->behind.volume;
+    const float *behind = row->behind;
     float *restrict ux = row->x, *restrict uy = row->y, *restrict uz = row->z;
     float *restrict bent = row->bent;
 #pragma omp simd
@@ -229,7 +192,7 @@ static void move_duals(const struct moving *row, const struct v2v_tv_steps *step
         const float e = here[x], right = here[x + 1];
         const float px = shrink * (ux[x] + sigma * (right - e));
         const float py = shrink * (uy[x] + sigma * (below[x] - e));
-        const float pz = shrink * (uz[x] + depth * (2.0f * next[x] - volume[x] - e));
+        const float pz = shrink * (uz[x] + depth * (behind[x] - e));
         const float norm = sqrtf(px * px + py * py + pz * pz);
         const float factor = norm > lambda ? lambda / norm : 1.0f;
         ux[x] += relax * (px * factor - ux[x]);
@@ -261,18 +224,20 @@ static float *line_of(const struct v2v_tv_planes *planes, int64_t i)
     return planes->scratch + (omp_get_thread_num() * LINES + i) * (planes->width + ENDS) + 1;
 }
 
-/* Row y >= -BEYOND of the slice at hand, extrapolated. */
+/* Row y >= -BEYOND of the slice at hand. */
 static float *line_of_row(const struct v2v_tv_planes *planes, int64_t y)
 {
     return line_of(planes, (y + BEYOND) % IN_TURN);
 }
 
-static void extrapolate_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
+static void take_line(const struct v2v_tv_planes *planes, int64_t z, int64_t y)
 {
-    extrapolate(line_of_row(planes, y), pair_of(planes, z, y), planes->width);
+    float *line = line_of_row(planes, y);
+    memcpy(line, row_of(planes, z, y), (size_t)planes->width * sizeof *line);
+    close_ring(line, planes->width);
 }
 
-/* After extrapolate_row of y-1, y and y+1. */
+/* After take_line of y-1, y and y+1. */
 static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps, int64_t z,
                           int64_t y)
 {
@@ -280,7 +245,7 @@ static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_step
     const struct moving row = {.above = line_of_row(planes, y - 1),
                                .here = line_of_row(planes, y),
                                .below = line_of_row(planes, y + 1),
-                               .behind = pair_of(planes, is_last ? z : z + 1, y),
+                               .behind = row_of(planes, is_last ? z : z + 1, y),
                                .depth = is_last ? 0.0f : steps->depth,
                                .x = dual_row(planes, V2V_TV_DX, z, y),
                                .y = dual_row(planes, V2V_TV_DY, z, y),
@@ -288,66 +253,44 @@ static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_step
                                .bent = dual_row(planes, V2V_TV_CURVATURE, z, y)};
     move_duals(&row, steps, planes->width);
     if (is_inside(planes, y)) {
-        move_positive(positive_row(planes, z, y), row.here, steps->sigma, steps->relax,
-                      planes->width);
+        move_positive(positive_row(planes, z, y), row.here, steps->sigma * steps->plain,
+                      steps->relax, planes->width);
     }
 }
 
-/* x <- x + relax * (next - x), as move_row has it to the bit. */
-V2V_SIMD_CLONES
-static void relax_row(float *restrict volume, const float *next, float relax, int64_t width)
-{
-#pragma omp simd
-    for (int64_t x = 0; x < width; x++) {
-        const float d = next[x] - volume[x];
-        volume[x] += relax * d;
-    }
-}
-
-/* The duals that a row of v reads; before: NULL in the first slice; sums: of those of curvature. */
+/* The duals that a row of K^T u reads; before: NULL in the first slice; sums: of those of
+ * curvature. */
 struct duals {
     const float *x, *y, *above, *z, *before, *positive, *bent, *sums;
 };
 
-/* relax_row, and next <- x - tau * (K^T u + w). @param squares += those of next - x and of next */
+/* gradient = K^T u. */
 V2V_SIMD_CLONES
-static void move_row(double squares[2], float *restrict volume, float *restrict next,
-                     const struct duals *u, const struct v2v_tv_steps *steps, int64_t width)
+static void sum_duals(float *restrict gradient, const struct duals *u,
+                      const struct v2v_tv_steps *steps, int64_t width)
 {
-    const float relax = steps->relax, tau = steps->tau, depth = steps->depth, bend = steps->bend;
+    const float depth = steps->depth, bend = steps->bend, plain = steps->plain;
     const float *ux = u->x, *uy = u->y, *above = u->above, *uz = u->z, *w = u->positive;
     const float *sums = u->sums, *bent = u->bent;
     const float *before = u->before != NULL ? u->before : u->z;
     const float before_weight = u->before != NULL ? depth : 0.0f;
-    double change = 0.0, whole = 0.0;
-#pragma omp simd reduction(+ : change, whole)
+#pragma omp simd
     for (int64_t x = 0; x < width; x++) {
-        const float n = next[x], d = n - volume[x];
-        change += (double)d * (double)d;
-        whole += (double)n * (double)n;
-        volume[x] += relax * d;
-        next[x] = volume[x] - tau * ((above[x] - uy[x]) +
-                                     (before_weight * before[x] - depth * uz[x]) + (w[x] - ux[x]) +
-                                     bend * curvature(sums[x - 1], sums[x], sums[x + 1], bent[x]));
+        gradient[x] = (above[x] - uy[x]) + (before_weight * before[x] - depth * uz[x]) +
+                      (plain * w[x] - ux[x]) +
+                      bend * curvature(sums[x - 1], sums[x], sums[x + 1], bent[x]);
     }
-    next[0] -= tau * ux[width - 1];
+    gradient[0] += ux[width - 1];
 #pragma omp simd
     for (int64_t x = 1; x < width; x++) {
-        next[x] -= tau * ux[x - 1];
+        gradient[x] += ux[x - 1];
     }
-    squares[0] += change;
-    squares[1] += whole;
 }
 
-static void primal_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps,
-                            int64_t z, int64_t y)
+static void gradient_row(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps, int64_t z,
+                         int64_t y)
 {
-    const int64_t width = planes->width;
     float *sums = line_of(planes, SUMS);
-    if (!is_inside(planes, y)) {
-        relax_row(v2v_tv_planes_row(planes, z, y), next_row(planes, z, y), steps->relax, width);
-        return;
-    }
     const struct duals duals = {.x = dual_row(planes, V2V_TV_DX, z, y),
                                 .y = dual_row(planes, V2V_TV_DY, z, y),
                                 .above = dual_row(planes, V2V_TV_DY, z, y - 1),
@@ -357,9 +300,8 @@ static void primal_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_st
                                 .bent = dual_row(planes, V2V_TV_CURVATURE, z, y),
                                 .sums = sums};
     sum_rows(sums, dual_row(planes, V2V_TV_CURVATURE, z, y - 1), duals.bent,
-             dual_row(planes, V2V_TV_CURVATURE, z, y + 1), width);
-    move_row(planes->of_row + 2 * y, v2v_tv_planes_row(planes, z, y), next_row(planes, z, y),
-             &duals, steps, width);
+             dual_row(planes, V2V_TV_CURVATURE, z, y + 1), planes->width);
+    sum_duals(row_of(planes, z, y), &duals, steps, planes->width);
 }
 
 /* A slice after the other, and of it row by row, as long as they are in the cache: its duals, then
@@ -369,31 +311,40 @@ void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps 
 {
     const int64_t rows = planes->rows, slices = planes->slices;
     exchange(planes);
-    memset(planes->of_row, 0, (size_t)(2 * rows) * sizeof *planes->of_row);
 #pragma omp parallel num_threads(planes->threads)
     {
         const struct v2v_part part =
             v2v_par_part(rows + 2, omp_get_num_threads(), omp_get_thread_num());
         const int64_t first = part.first - 1, end = first + part.count;
         for (int64_t z = 0; z < slices && part.count > 0; z++) {
-            extrapolate_row(planes, z, first - 1);
-            extrapolate_row(planes, z, first);
+            take_line(planes, z, first - 1);
+            take_line(planes, z, first);
             for (int64_t y = first; y < end; y++) {
-                extrapolate_row(planes, z, y + 1);
+                take_line(planes, z, y + 1);
                 dual_row_step(planes, steps, z, y);
                 if (y > first + 1) {
-                    primal_row_step(planes, steps, z, y - 1);
+                    gradient_row(planes, steps, z, y - 1);
                 }
             }
         }
 #pragma omp barrier
-        const int64_t from = first < 0 ? -BEYOND : first, to = end > rows ? rows + BEYOND : end;
+        const int64_t from = v2v_larger(first, 0), to = v2v_smaller(end, rows);
         for (int64_t z = 0; z < slices && part.count > 0; z++) {
             for (int64_t y = from; y < to; y++) {
                 if (y <= first || y >= end - 1) {
-                    primal_row_step(planes, steps, z, y);
+                    gradient_row(planes, steps, z, y);
                 }
             }
+        }
+    }
+}
+
+void v2v_tv_planes_gradient(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps)
+{
+#pragma omp parallel for collapse(2) schedule(static) num_threads(planes->threads)
+    for (int64_t z = 0; z < planes->slices; z++) {
+        for (int64_t y = 0; y < planes->rows; y++) {
+            gradient_row(planes, steps, z, y);
         }
     }
 }

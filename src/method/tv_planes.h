@@ -1,6 +1,6 @@
 /** The local half of an iteration of total variation (method/tv.c): everything but the data step.
  *
- *  A primal-dual method: duals of the differences of x along x, y and z, together of magnitude
+ *  Duals of what is to be small: of the differences of x along x, y and z, together of magnitude
  *  lambda at most, of its curvature (REFERENCE.md 10) in the plane, and w <= 0 of x >= 0. Every
  *  number of a step depends on its neighbours alone. A rank holds rows of the torus and, at either
  *  side, two more of the volume and one of the duals, computed there as here.
@@ -18,31 +18,27 @@ enum { V2V_TV_DX, V2V_TV_DY, V2V_TV_DZ, V2V_TV_CURVATURE, V2V_TV_DUALS };
 /** Rows of the volume beyond a rank's at either side; a rank of several has as many of its own. */
 enum { V2V_TV_BEYOND = 2 };
 
-/** The largest square of the curvature's norm, over that of x. */
-#define V2V_TV_CURVATURE_NORM 16.0
-
 struct v2v_tv_planes {
     const struct v2v_comm *comm; /* borrowed */
     int threads;
     int64_t slices, rows, width; /* of this rank; the torus is periodic in rows and columns */
-    float *volume;               /* [z,rows+4,x], from two rows above on: x, over-relaxed */
-    float *next;                 /* [z,rows,x]: what the data step makes of v, and v in its place */
-    float *beside;               /* [V2V_TV_SIDES,z,2,x]: rows of `next` beyond this rank's */
+    float *volume;               /* [z,rows,x]: 2 x' - x, and K^T u in its place */
+    float *beside;               /* [V2V_TV_SIDES,z,2,x]: rows of it beyond this rank's */
     float *edges;                /* [V2V_TV_SIDES,z,2,x]: rows that others have there */
     float *dual[V2V_TV_DUALS];   /* [z,rows+2,x], from one row above on */
     float *positive;             /* [z,rows,x]: w */
     float *scratch;              /* [thread,4,x+2] */
-    double *of_row;              /* [rows,2]: squares of the change and of x */
     struct v2v_transfers *transfers;
 };
 
-/** Steps and weights of an iteration. */
+/** Weights of an iteration. K is all that has a dual: x times `plain`, its differences, its
+ *  Laplacian times `bend`. */
 struct v2v_tv_steps {
     float lambda; /**< weight of the total variation, in units of the volume */
     float depth;  /**< of a difference along z, against one along x or y */
-    float bend;   /**< of the Laplacian in the operator, against a difference along x or y .. */
+    float plain;  /**< of x in K .. */
+    float bend;   /**< .. and of the Laplacian, against a difference along x or y .. */
     float bound;  /**< .. and the largest magnitude of its dual, in units of the volume */
-    float tau;    /**< of the data step */
     float sigma;  /**< of the dual step */
     float shrink; /**< 0 .. 1: of the duals before they are bounded; 1: total variation, less: its
                        square where differences are small (Huber) .. */
@@ -61,12 +57,11 @@ int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width);
 /** An empty volume, no duals. @kind Local. */
 void v2v_tv_planes_clear(struct v2v_tv_planes *planes);
 
-/** Row y of slice z of the volume, -2 .. rows+1. @kind Local. */
-float *v2v_tv_planes_row(const struct v2v_tv_planes *planes, int64_t z, int64_t y);
-
-/** After the data step: the duals move along the differences of 2 * next - x, x moves towards
- *  `next`, and `next` becomes v of the next data step. of_row holds what this rank changed.
+/** The duals u move along K of `volume`, 2 x' - x of the data step, which becomes K^T u.
  *  @kind Collective(comm), no allocation */
 void v2v_tv_planes_step(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps);
+
+/** `volume` becomes K^T u again. @kind Local, after a step of the same weights. */
+void v2v_tv_planes_gradient(struct v2v_tv_planes *planes, const struct v2v_tv_steps *steps);
 
 #endif

@@ -20,20 +20,25 @@ struct v2v_data_step {
     struct v2v_torus torus;
     struct v2v_part known_rows, known_columns; /* of the torus */
 
-    double tau;        /* of the factors; 0: none yet */
-    float *factor;     /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
-    float *recorded;   /* [v,rows,torus width]: y */
-    float *spectra;    /* [block,v,2,V2V_BLOCK]: of y */
-    float *missed;     /* [v,rows,torus width]: y - A x */
-    float gain, floor; /* of the noise's variance over A x; gain 0: no weights */
-    float *kept;       /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
-    float *light;      /* [v,rows,torus width]: A x, by which weights go */
-    int64_t weighed;   /* times that weights were taken */
-    float *split;      /* [v,rows,torus width]: p */
-    float *around;     /* [v,rows,torus width]: views of light that isn't in x */
-    float *scratch;    /* [thread,2 v,2,V2V_BLOCK] */
-    double *entries;   /* [thread,v2v_hermitian_scratch] */
-    double *of_row;    /* [torus height]: squares of a row of all views */
+    struct v2v_penalty penalty; /* of the factors; all 0: none yet */
+    float *penalties;           /* [block,V2V_BLOCK]: by frequency */
+    float *factor;              /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
+    float *volume;              /* [block,z,2,V2V_BLOCK]: spectra of the x that advance moves */
+    float *change;              /* [block,2,V2V_BLOCK]: squares of what it moved by, and of x' */
+    float relax;                /* of the advance under way */
+    float *recorded;            /* [v,rows,torus width]: y */
+    float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
+    float *missed;              /* [v,rows,torus width]: y - A x */
+    float gain, floor;          /* of the noise's variance over A x; gain 0: no weights */
+    float *kept;     /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
+    float *light;    /* [v,rows,torus width]: A x, by which weights go */
+    int64_t weighed; /* times that weights were taken */
+    float *split;    /* [v,rows,torus width]: p */
+    float *around;   /* [v,rows,torus width]: views of light that isn't in x */
+    float *scratch;  /* [thread,2 v,2,V2V_BLOCK] */
+    double *entries; /* [thread,v2v_hermitian_scratch] */
+    double *sums;    /* [torus height] or [2,column]: squares of a row of all views, or of a
+                          column of all slices' spectra */
 };
 
 /* Light of the pixels whose row or column is r from the kernel's centre, none farther. */
@@ -84,12 +89,17 @@ struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t 
 
 /* Numbers of each array. */
 struct sizes {
-    int64_t factor, recorded, spectra, scratch, entries;
+    int64_t penalties, factor, volume, change, recorded, spectra, scratch, entries, sums;
 };
 
-static struct sizes sizes_of(int64_t views, int64_t blocks, const struct v2v_torus *torus)
+static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
+                             const struct v2v_torus *torus)
 {
     return (struct sizes){
+        .penalties = v2v_mem_product(blocks, V2V_BLOCK, 1),
+        .volume = v2v_mem_product(blocks, slices, V2V_BLOCK_FLOATS),
+        .change = v2v_mem_product(blocks, V2V_BLOCK_FLOATS, 1),
+        .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1)),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
         .recorded = v2v_mem_product(views, torus->rows.count, torus->width),
         .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
@@ -107,9 +117,10 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
         return INT64_MAX;
     }
     own.rows = v2v_par_part(torus->height, ranks, 0);
-    const struct sizes sizes = sizes_of(psf->views, layout.blocks, &own);
-    return v2v_mem_bytes(sizes.factor + 2 * sizes.recorded + sizes.spectra + sizes.scratch +
-                             2 * sizes.entries,
+    const struct sizes sizes = sizes_of(psf->views, psf->slices, layout.blocks, &own);
+    return v2v_mem_bytes(sizes.penalties + sizes.factor + sizes.volume + sizes.change +
+                             2 * sizes.recorded + sizes.spectra + sizes.scratch +
+                             2 * (sizes.entries + sizes.sums),
                          v2v_projector_bytes_beyond(psf, torus->height, torus->width,
                                                     V2V_BEYOND_PERIODIC, split, ranks));
 }
@@ -117,14 +128,18 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
 static enum v2v_status take_memory(struct v2v_data_step *step)
 {
     enum v2v_status rc = V2V_OK;
-    const struct sizes sizes = sizes_of(step->views, step->projector->layout.blocks, &step->torus);
+    const struct sizes sizes =
+        sizes_of(step->views, step->slices, step->projector->layout.blocks, &step->torus);
+    V2V_TRY(V2V_ALLOC(step->penalties, "data_step.factor", sizes.penalties));
     V2V_TRY(V2V_ALLOC(step->factor, "data_step.factor", sizes.factor));
+    V2V_TRY(V2V_ALLOC(step->volume, "data_step.volume", sizes.volume));
+    V2V_TRY(V2V_ALLOC(step->change, "data_step.volume", sizes.change));
     V2V_TRY(V2V_ALLOC(step->recorded, "data_step.views", sizes.recorded));
     V2V_TRY(V2V_ALLOC(step->spectra, "data_step.views", sizes.spectra));
     V2V_TRY(V2V_ALLOC(step->missed, "data_step.views", sizes.recorded));
     V2V_TRY(V2V_ALLOC(step->scratch, "data_step.block", sizes.scratch));
     V2V_TRY(V2V_ALLOC(step->entries, "data_step.factor", sizes.entries));
-    V2V_TRY(V2V_ALLOC(step->of_row, "data_step.views", step->torus.height));
+    V2V_TRY(V2V_ALLOC(step->sums, "data_step.views", sizes.sums));
 done:
     return rc;
 }
@@ -162,7 +177,10 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
     *step = NULL;
     if (old != NULL) {
         v2v_projector_destroy(&old->projector);
+        v2v_mem_free(old->penalties);
         v2v_mem_free(old->factor);
+        v2v_mem_free(old->volume);
+        v2v_mem_free(old->change);
         v2v_mem_free(old->recorded);
         v2v_mem_free(old->spectra);
         v2v_mem_free(old->missed);
@@ -172,7 +190,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->around);
         v2v_mem_free(old->scratch);
         v2v_mem_free(old->entries);
-        v2v_mem_free(old->of_row);
+        v2v_mem_free(old->sums);
         v2v_mem_free(old);
     }
 }
@@ -197,17 +215,47 @@ static float *spectra_of(const struct v2v_data_step *step, int64_t block)
     return step->spectra + block * step->views * V2V_BLOCK_FLOATS;
 }
 
-void v2v_data_step_factor(struct v2v_data_step *step, double tau)
+/* Of number `at` of a spectrum here. */
+static double penalty_at(const struct v2v_data_step *step, const struct v2v_penalty *penalty,
+                         int64_t at)
 {
-    if (step->tau == tau) {
+    const struct v2v_fft_shape *shape = &step->projector->layout.shape;
+    const int64_t kx = step->projector->columns.first + at / shape->ny, ky = at % shape->ny;
+    const double turn = 2.0 * acos(-1.0);
+    const double along_x = 2.0 - 2.0 * cos(turn * (double)kx / (double)shape->nx);
+    const double along_y = 2.0 - 2.0 * cos(turn * (double)ky / (double)shape->ny);
+    const double laplacian = (4.0 - along_x) * (4.0 - along_y) / 4.0 - 4.0;
+    return penalty->constant + penalty->differences * (along_x + along_y) +
+           penalty->curvature * laplacian * laplacian;
+}
+
+/* Numbers beyond the last one count as it. */
+static void invert_block(struct v2v_data_step *step, int64_t b)
+{
+    const struct v2v_block *block = &step->projector->block[b];
+    double *entries = step->entries + omp_get_thread_num() * v2v_hermitian_scratch(step->views);
+    double penalties[V2V_BLOCK];
+    for (int64_t f = 0; f < V2V_BLOCK; f++) {
+        const int64_t at = block->first + v2v_smaller(f, block->width - 1);
+        penalties[f] = penalty_at(step, &step->penalty, at);
+        step->penalties[b * V2V_BLOCK + f] = (float)penalties[f];
+    }
+    v2v_hermitian_inverse(factor_of(step, b), entries, v2v_projector_otf(step->projector, b, 0),
+                          step->views, step->slices, penalties);
+}
+
+void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty)
+{
+    const struct v2v_penalty *old = &step->penalty;
+    V2V_ASSERT(penalty->constant > 0.0 && penalty->differences >= 0.0 && penalty->curvature >= 0.0);
+    if (old->constant == penalty->constant && old->differences == penalty->differences &&
+        old->curvature == penalty->curvature) {
         return;
     }
-    step->tau = tau;
+    step->penalty = *penalty;
 #pragma omp parallel for schedule(dynamic) num_threads(step->projector->threads)
     for (int64_t b = 0; b < step->projector->layout.blocks; b++) {
-        double *entries = step->entries + omp_get_thread_num() * v2v_hermitian_scratch(step->views);
-        v2v_hermitian_inverse(factor_of(step, b), entries, v2v_projector_otf(step->projector, b, 0),
-                              step->views, step->slices, 1.0 / tau);
+        invert_block(step, b);
     }
 }
 
@@ -307,19 +355,21 @@ void v2v_data_step_project(struct v2v_data_step *step, float *views, const float
     v2v_projector_forward(step->projector, views, volume, NULL, step->views, 1.0f);
 }
 
-/* s of one block, where the views' spectra belong, and v -> x of its slices. */
-static void run_block(struct v2v_data_step *step, int64_t b)
+static float *volume_of(const struct v2v_data_step *step, int64_t block)
 {
-    struct v2v_projector *projector = step->projector;
+    return step->volume + block * step->slices * V2V_BLOCK_FLOATS;
+}
+
+/* v -> x of the slices of one block; y - A x goes where the views' spectra belong. */
+static void solve_block(struct v2v_data_step *step, int64_t b, float *slice)
+{
+    const struct v2v_projector *projector = step->projector;
     const struct v2v_projector_layout *layout = &projector->layout;
     const struct v2v_block *block = &projector->block[b];
     const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
     const int64_t of_view = step->slices * V2V_BLOCK_FLOATS;
-    float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
     float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
     float *solved = rest + step->views * V2V_BLOCK_FLOATS;
-    v2v_block_split(slice, projector->slice_spectra + block->first, layout->slice_stride,
-                    step->slices, block->width);
     for (int64_t v = 0; v < step->views; v++) {
         v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS,
                        otf + v * of_view, slice, step->slices);
@@ -329,10 +379,17 @@ static void run_block(struct v2v_data_step *step, int64_t b)
         v2v_block_project_adjoint(slice, otf + v * of_view, solved + v * V2V_BLOCK_FLOATS,
                                   step->slices);
     }
+    v2v_block_scale(solved, step->penalties + b * V2V_BLOCK, step->views);
     v2v_block_merge(projector->view_spectra + block->first, solved, layout->view_stride,
                     step->views, block->width);
-    v2v_block_merge(projector->slice_spectra + block->first, slice, layout->slice_stride,
-                    step->slices, block->width);
+}
+
+static void advance_block(struct v2v_data_step *step, int64_t b, float *slice)
+{
+    v2v_block_descend(slice, volume_of(step, b), step->penalties + b * V2V_BLOCK, step->slices);
+    solve_block(step, b, slice);
+    v2v_block_move(step->change + b * V2V_BLOCK_FLOATS, slice, volume_of(step, b), step->relax,
+                   step->slices);
 }
 
 enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
@@ -361,19 +418,98 @@ static double pixels_of(const struct v2v_data_step *step)
     return (double)step->torus.height * (double)step->torus.width;
 }
 
-void v2v_data_step_run(struct v2v_data_step *step, float *volume)
+static void restore(const struct v2v_data_step *step, float *volume)
 {
-    struct v2v_projector *projector = step->projector;
+    const struct v2v_projector *projector = step->projector;
+    v2v_fft_slabs_inverse(projector->together, volume, (float)(1.0 / pixels_of(step)),
+                          projector->slice_spectra, projector->layout.slice_stride, step->slices);
+}
+
+/* What `change` makes of the spectra of `volume`, block by block of all slices. */
+static void change_spectra(struct v2v_data_step *step, float *volume,
+                           void (*change)(struct v2v_data_step *step, int64_t b, float *slice))
+{
+    const struct v2v_projector *projector = step->projector;
     const struct v2v_projector_layout *layout = &projector->layout;
-    V2V_ASSERT(step->tau > 0.0);
+    V2V_ASSERT(step->penalty.constant > 0.0);
     v2v_fft_slabs_forward(projector->together, projector->slice_spectra, layout->slice_stride,
                           volume, step->slices);
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = 0; b < layout->blocks; b++) {
-        run_block(step, b);
+        const struct v2v_block *block = &projector->block[b];
+        struct v2v_complex *spectra = projector->slice_spectra + block->first;
+        float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
+        v2v_block_split(slice, spectra, layout->slice_stride, step->slices, block->width);
+        change(step, b, slice);
+        v2v_block_merge(spectra, slice, layout->slice_stride, step->slices, block->width);
     }
-    v2v_fft_slabs_inverse(projector->together, volume, (float)(1.0 / pixels_of(step)),
-                          projector->slice_spectra, layout->slice_stride, step->slices);
+    restore(step, volume);
+}
+
+void v2v_data_step_run(struct v2v_data_step *step, float *volume)
+{
+    change_spectra(step, volume, solve_block);
+}
+
+void v2v_data_step_advance(struct v2v_data_step *step, float *volume, float relax)
+{
+    step->relax = relax;
+    change_spectra(step, volume, advance_block);
+}
+
+void v2v_data_step_clear(struct v2v_data_step *step)
+{
+    const int64_t floats = step->slices * V2V_BLOCK_FLOATS;
+#pragma omp parallel for schedule(static) num_threads(step->projector->threads)
+    for (int64_t b = 0; b < step->projector->layout.blocks; b++) {
+        memset(volume_of(step, b), 0, (size_t)floats * sizeof(float));
+    }
+}
+
+void v2v_data_step_volume(struct v2v_data_step *step, float *volume)
+{
+    const struct v2v_projector *projector = step->projector;
+    const struct v2v_projector_layout *layout = &projector->layout;
+#pragma omp parallel for schedule(static) num_threads(projector->threads)
+    for (int64_t b = 0; b < layout->blocks; b++) {
+        const struct v2v_block *block = &projector->block[b];
+        v2v_block_merge(projector->slice_spectra + block->first, volume_of(step, b),
+                        layout->slice_stride, step->slices, block->width);
+    }
+    restore(step, volume);
+}
+
+/* Squares of a column of half a spectrum: what isn't there mirrors what is. */
+static void sum_column(const struct v2v_data_step *step, int64_t column)
+{
+    const struct v2v_fft_shape *shape = &step->projector->layout.shape;
+    const int64_t kx = step->projector->columns.first + column;
+    const double weight = kx == 0 || 2 * kx == shape->nx ? 1.0 : 2.0;
+    double change = 0.0, whole = 0.0;
+    for (int64_t at = column * shape->ny; at < (column + 1) * shape->ny; at++) {
+        const float *squares = step->change + at / V2V_BLOCK * V2V_BLOCK_FLOATS + at % V2V_BLOCK;
+        change += (double)squares[0];
+        whole += (double)squares[V2V_BLOCK];
+    }
+    step->sums[2 * kx] = weight * change;
+    step->sums[2 * kx + 1] = weight * whole;
+}
+
+double v2v_data_step_change(struct v2v_data_step *step)
+{
+    const int64_t half = step->projector->layout.half;
+    double change = 0.0, whole = 0.0;
+    memset(step->sums, 0, (size_t)(2 * half) * sizeof *step->sums);
+#pragma omp parallel for schedule(static) num_threads(step->projector->threads)
+    for (int64_t k = 0; k < step->projector->columns.count; k++) {
+        sum_column(step, k);
+    }
+    v2v_par_sum_f64(step->comm, step->sums, 2 * half);
+    for (int64_t k = 0; k < half; k++) { /* one order for any number of ranks */
+        change += step->sums[2 * k];
+        whole += step->sums[2 * k + 1];
+    }
+    return whole == 0.0 ? 0.0 : sqrt(change / whole);
 }
 
 /* Samples that aren't known follow the volume. */
@@ -439,26 +575,26 @@ double v2v_data_step_extend(struct v2v_data_step *step)
 {
     struct v2v_projector *projector = step->projector;
     const struct v2v_torus *torus = &step->torus;
-    const double factor = 1.0 / (step->tau * pixels_of(step));
+    const double factor = 1.0 / pixels_of(step);
     double squares = 0.0;
     v2v_fft_slabs_inverse(projector->together, step->missed, (float)factor, projector->view_spectra,
                           projector->layout.view_stride, step->views);
-    memset(step->of_row, 0, (size_t)torus->height * sizeof *step->of_row);
+    memset(step->sums, 0, (size_t)torus->height * sizeof *step->sums);
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < torus->rows.count; y++) {
         const int64_t whole = torus->rows.first + y;
         const int is_known = whole >= step->known_rows.first &&
                              whole < step->known_rows.first + step->known_rows.count;
         for (int64_t v = 0; v < step->views; v++) {
-            step->of_row[whole] +=
+            step->sums[whole] +=
                 take_row(step, (v * torus->rows.count + y) * torus->width, is_known);
         }
     }
     step->weighed++;
     transform_views(step);
-    v2v_par_sum_f64(step->comm, step->of_row, torus->height);
+    v2v_par_sum_f64(step->comm, step->sums, torus->height);
     for (int64_t y = 0; y < torus->height; y++) { /* one order for any number of ranks */
-        squares += step->of_row[y];
+        squares += step->sums[y];
     }
     return squares;
 }

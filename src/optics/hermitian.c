@@ -88,7 +88,7 @@ static void sweep(struct entry *a, struct entry *column, int64_t n, int64_t k)
 }
 
 void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix, int64_t n,
-                           int64_t columns, double c)
+                           int64_t columns, const double *c)
 {
     const int64_t stride = columns * V2V_BLOCK_FLOATS;
     struct entry *a = (struct entry *)(void *)scratch, *column = a + v2v_hermitian_pairs(n);
@@ -97,7 +97,7 @@ void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix,
             product(&a[lower(i, j)], matrix + i * stride, matrix + j * stride, columns);
         }
         for (int f = 0; f < V2V_BLOCK; f++) {
-            a[lower(i, i)].re[f] += c;
+            a[lower(i, i)].re[f] += c[f];
         }
     }
     for (int64_t k = 0; k < n; k++) {

@@ -120,3 +120,47 @@ void v2v_block_project_adjoint(float *slice, const float *otf, const float *view
         }
     }
 }
+
+V2V_SIMD_CLONES
+void v2v_block_scale(float *numbers, const float *factors, int64_t n)
+{
+    for (int64_t i = 0; i < 2 * n; i++, numbers += V2V_BLOCK) {
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            numbers[f] *= factors[f];
+        }
+    }
+}
+
+V2V_SIMD_CLONES
+void v2v_block_descend(float *gradient, const float *x, const float *penalty, int64_t slices)
+{
+    float inverse[V2V_BLOCK];
+    for (int64_t f = 0; f < V2V_BLOCK; f++) {
+        inverse[f] = 1.0f / penalty[f];
+    }
+    for (int64_t i = 0; i < 2 * slices; i++, gradient += V2V_BLOCK, x += V2V_BLOCK) {
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            gradient[f] = x[f] - gradient[f] * inverse[f];
+        }
+    }
+}
+
+V2V_SIMD_CLONES
+void v2v_block_move(float *change, float *next, float *x, float relax, int64_t slices)
+{
+    float squares[V2V_BLOCK] = {0}, whole[V2V_BLOCK] = {0};
+    for (int64_t i = 0; i < 2 * slices; i++, next += V2V_BLOCK, x += V2V_BLOCK) {
+#pragma omp simd
+        for (int64_t f = 0; f < V2V_BLOCK; f++) {
+            const float d = next[f] - x[f];
+            squares[f] += d * d;
+            whole[f] += next[f] * next[f];
+            next[f] += d;
+            x[f] += relax * d;
+        }
+    }
+    memcpy(change, squares, sizeof squares);
+    memcpy(change + V2V_BLOCK, whole, sizeof whole);
+}

@@ -21,7 +21,7 @@ enum {
     READING,
     PARTS,
     MOST_TURNS = 101,
-    EXTEND_EVERY = 4,
+    EXTEND_EVERY = 2,
     SUMS = 128
 };
 static const char *const names[PARTS] = {"data step", "views beyond the frame", "differences",
@@ -41,8 +41,16 @@ struct bench {
     float sink;
 };
 
-static const struct v2v_tv_steps steps = {0.05f,   0.25f, 0.3f, 0.08f, 30.0f,
-                                          0.0031f, 1.0f,  1.0f, 1.8f};
+static const struct v2v_tv_steps steps = {.lambda = 0.05f,
+                                          .depth = 0.25f,
+                                          .plain = 0.5f,
+                                          .bend = 0.5f,
+                                          .bound = 0.05f,
+                                          .sigma = 0.01f,
+                                          .shrink = 1.0f,
+                                          .shrink_bent = 1.0f,
+                                          .relax = 1.8f};
+static const struct v2v_penalty penalty = {0.005, 0.01, 0.0025};
 
 static enum v2v_status prepare(struct bench *bench, int64_t side)
 {
@@ -56,9 +64,10 @@ static enum v2v_status prepare(struct bench *bench, int64_t side)
     V2V_TRY(
         v2v_data_step_create(&bench->step, psf, side, side, &bench->torus, V2V_SPLIT_SLABS, NULL));
     const double began = v2v_clock_now();
-    v2v_data_step_factor(bench->step, (double)steps.tau);
+    v2v_data_step_factor(bench->step, &penalty);
     bench->factor_s = v2v_clock_now() - began;
     v2v_data_step_begin(bench->step, bench->views, 1.0);
+    v2v_data_step_clear(bench->step);
     const int64_t height = bench->torus.height, width = bench->torus.width;
     V2V_TRY(v2v_tv_planes_init(&bench->planes, psf->slices, height, width, NULL));
     v2v_tv_planes_clear(&bench->planes);
@@ -109,7 +118,7 @@ static void run(struct bench *bench, int part)
 {
     switch (part) {
     case DATA_STEP:
-        v2v_data_step_run(bench->step, bench->planes.next);
+        v2v_data_step_advance(bench->step, bench->planes.volume, steps.relax);
         break;
     case EXTEND:
         (void)v2v_data_step_extend(bench->step);
@@ -118,10 +127,10 @@ static void run(struct bench *bench, int part)
         v2v_tv_planes_step(&bench->planes, &steps);
         break;
     case TRANSFORMS:
-        v2v_fft_slabs_forward(bench->fft, bench->spectra, bench->stride, bench->planes.next,
+        v2v_fft_slabs_forward(bench->fft, bench->spectra, bench->stride, bench->planes.volume,
                               bench->psf.slices);
-        v2v_fft_slabs_inverse(bench->fft, bench->planes.next, 1e-6f, bench->spectra, bench->stride,
-                              bench->psf.slices);
+        v2v_fft_slabs_inverse(bench->fft, bench->planes.volume, 1e-6f, bench->spectra,
+                              bench->stride, bench->psf.slices);
         break;
     default:
         read_factors(bench);

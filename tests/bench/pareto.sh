@@ -38,8 +38,8 @@ frl-1|quick|||frl-1
 frl-3||||frl-3
 frl-heldout||||frl-heldout
 tv-5e-2|quick|||tv-5e-2
-tv-2e-2|quick|||tv-2e-2
-tv-5e-3|quick|||tv-5e-3
+tv-1.5e-2|quick|||tv-1.5e-2
+tv-5e-3||||tv-5e-3
 tv-1e-3||||tv-1e-3
 tv-neighbours|quick|||tv-neighbours
 diner-100||||diner-100

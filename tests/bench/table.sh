@@ -66,7 +66,7 @@ methods='
 rld-10|32.19 / 0.721||recording||5|deconvolve --method rld --iterations 10|rld-10
 rld-best|32.19 / 0.721||recording||7|deconvolve --method rld --iterations %|
 rl-heldout|||recording||6|deconvolve --method rl --stop heldout|rl-heldout
-tv|||recording||5|deconvolve|tv-5e-3
+tv|||recording||5|deconvolve|tv-1.5e-2
 tv-neighbours|||recording||5|deconvolve --neighbours 5|tv-neighbours
 unrolled||unrolled|recording||10|reconstruct|weights
 vcdnet|37.71 / 0.792|vcdnet|recording||3|reconstruct|weights

@@ -53,7 +53,7 @@ mv stdout rows
 of() { # METHOD FIGURE
     sed -n "/\"method\": \"$1\"/s/.*\"$2\": \([^,}]*\).*/\1/p" rows
 }
-for row in rl-30 rld-1 rld-heldout frl-10 tv-5e-3 weights weights-skip; do
+for row in rl-30 rld-1 rld-heldout frl-10 tv-1.5e-2 weights weights-skip; do
     for figure in start_s frame_s psnr ssim heldout_residual heldout_sigmas; do
         of "$row" "$figure" | grep -qE '^[0-9.e-]+$' || fail "$row has no $figure: $(cat rows)"
     done
@@ -62,15 +62,15 @@ done
 grep -q 'tv-neighbours\|bf16' rows && fail "rows that say nothing: $(cat rows)"
 works deconvolve --method tv --psf own/psf.h5 --input one.h5 -o tv.h5
 works evaluate --volume tv.h5 --truth own/truth.h5 --psf own/psf.h5 --input one.h5 --json
-[ "$(of tv-5e-3 psnr)" = "$(sed -n 's/.*"psnr": \([^,]*\).*/\1/p' stdout)" ] ||
+[ "$(of tv-1.5e-2 psnr)" = "$(sed -n 's/.*"psnr": \([^,]*\).*/\1/p' stdout)" ] ||
     fail "another PSNR than evaluate's: $(cat stdout)"
 # Views 0 and 2 of five are left out, each by itself, as by evaluate.
 sed -n 's/.*"heldout_residual_views": \[\([^]]*\)\].*/\1/p' stdout >views
-awk -F ', *' -v "h=$(of tv-5e-3 heldout_residual)" '{
+awk -F ', *' -v "h=$(of tv-1.5e-2 heldout_residual)" '{
     low = $1 < $3 ? $1 : $3
     high = $1 < $3 ? $3 : $1
     exit !(h > low && h < high)
-}' views || fail "$(of tv-5e-3 heldout_residual) is not between those of evaluate: $(cat views)"
+}' views || fail "$(of tv-1.5e-2 heldout_residual) is not between those of evaluate: $(cat views)"
 works reconstruct --psf own/psf.h5 --weights own/run/weights.h5 --input one.h5 -o network.h5
 works evaluate --volume network.h5 --truth own/truth.h5 --json
 [ "$(of weights psnr)" = "$(sed -n 's/.*"psnr": \([^,]*\).*/\1/p' stdout)" ] ||

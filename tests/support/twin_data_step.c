@@ -96,6 +96,7 @@ void twin_data_step_init(struct twin_data_step *step)
     step->recorded = take(step->views * pixels, sizeof(double));
     step->spectra = take(step->views * pixels, sizeof(number));
     step->slice_spectra = take(step->slices * pixels, sizeof(number));
+    step->gradient_spectra = take(step->slices * pixels, sizeof(number));
     for (int64_t i = 0; i < kernels; i++) {
         kernel_to_torus(step, image, step->psf + i * step->kernel_height * step->kernel_width);
         to_spectra(step, step->otf + 2 * i * pixels, image, 1);
@@ -109,6 +110,7 @@ void twin_data_step_fini(struct twin_data_step *step)
     free(step->recorded);
     free(step->spectra);
     free(step->slice_spectra);
+    free(step->gradient_spectra);
 }
 
 /* ---- views ---- */
@@ -180,7 +182,19 @@ static void solve(number a[MOST_VIEWS][MOST_VIEWS], number *b, int64_t n)
     }
 }
 
-static void step_of_frequency(const struct twin_data_step *step, number *slices, double tau,
+static double penalty_of(const struct twin_data_step *step, const struct twin_penalty *penalty,
+                         int64_t f)
+{
+    const double y = 2.0 * acos(-1.0) * (double)(f / step->torus_width);
+    const double x = 2.0 * acos(-1.0) * (double)(f % step->torus_width);
+    const double cos_y = cos(y / (double)step->torus_height);
+    const double cos_x = cos(x / (double)step->torus_width);
+    const double bent = (1.0 + cos_y) * (1.0 + cos_x) - 4.0; /* (1 2 1) x (1 2 1) / 4, less 4 */
+    return penalty->constant + penalty->differences * (4.0 - 2.0 * cos_y - 2.0 * cos_x) +
+           penalty->curvature * bent * bent;
+}
+
+static void step_of_frequency(const struct twin_data_step *step, number *slices, double penalty,
                               int64_t f)
 {
     const int64_t pixels = pixels_of(step);
@@ -188,7 +202,7 @@ static void step_of_frequency(const struct twin_data_step *step, number *slices,
     number a[MOST_VIEWS][MOST_VIEWS], s[MOST_VIEWS];
     square(step, a, f);
     for (int64_t v = 0; v < step->views; v++) {
-        a[v][v] += 1.0 / tau;
+        a[v][v] += penalty;
         s[v] = views[v * pixels + f];
         for (int64_t z = 0; z < step->slices; z++) {
             s[v] -= otf_at(step, v, z, f) * slices[z * pixels + f];
@@ -202,13 +216,22 @@ static void step_of_frequency(const struct twin_data_step *step, number *slices,
     }
 }
 
-void twin_data_step_run(const struct twin_data_step *step, double *volume, double tau)
+void twin_data_step_run(const struct twin_data_step *step, double *volume, const double *gradient,
+                        const struct twin_penalty *penalty)
 {
     const int64_t pixels = pixels_of(step);
     number *slices = (number *)(void *)step->slice_spectra;
+    const number *pull = (const number *)(const void *)step->gradient_spectra;
     to_spectra(step, step->slice_spectra, volume, step->slices);
+    if (gradient != NULL) {
+        to_spectra(step, step->gradient_spectra, gradient, step->slices);
+    }
     for (int64_t f = 0; f < pixels; f++) {
-        step_of_frequency(step, slices, tau, f);
+        const double p = penalty_of(step, penalty, f);
+        for (int64_t z = 0; z < step->slices && gradient != NULL; z++) {
+            slices[z * pixels + f] -= pull[z * pixels + f] / p;
+        }
+        step_of_frequency(step, slices, p, f);
     }
     for (int64_t z = 0; z < step->slices; z++) {
         transform(step, slices + z * pixels, 1.0);
@@ -273,14 +296,15 @@ static double largest_eigenvalue(number a[MOST_VIEWS][MOST_VIEWS], int64_t n, in
     return length;
 }
 
-double twin_data_step_condition(const struct twin_data_step *step, double tau)
+double twin_data_step_condition(const struct twin_data_step *step,
+                                const struct twin_penalty *penalty)
 {
     number a[MOST_VIEWS][MOST_VIEWS];
     double worst = 1.0;
     for (int64_t f = 0; f < pixels_of(step); f++) {
         square(step, a, f);
         for (int64_t v = 0; v < step->views; v++) {
-            a[v][v] += 1.0 / tau;
+            a[v][v] += penalty_of(step, penalty, f);
         }
         worst = fmax(worst,
                      largest_eigenvalue(a, step->views, 0) * largest_eigenvalue(a, step->views, 1));

@@ -14,6 +14,7 @@ struct twin_data_step {
     double *otf;                       /**< [v,z,torus,2] */
     double *recorded, *spectra;        /**< [v,torus] y, and [v,torus,2] */
     double *slice_spectra;             /**< [z,torus,2] */
+    double *gradient_spectra;          /**< likewise */
 };
 
 /** The sizes and psf are set by the caller. Out of memory aborts. */
@@ -23,13 +24,21 @@ void twin_data_step_fini(struct twin_data_step *step);
 /** y = views * scale, beyond the frame from edge to opposite edge in a straight line. */
 void twin_data_step_begin(struct twin_data_step *step, const float *views, double scale);
 
-/** volume [z,torus]: v on entry, argmin 1/2 |A x - y|^2 + |x - v|^2 / (2 tau) on return. */
-void twin_data_step_run(const struct twin_data_step *step, double *volume, double tau);
+/** P of a step, constant + differences D^T D + curvature L^T L (optics/data_step.h). */
+struct twin_penalty {
+    double constant, differences, curvature;
+};
+
+/** volume [z,torus]: v on entry, argmin 1/2 |A x - y|^2 + g^T x + 1/2 |x - v|_P^2 on return.
+ *  @param gradient g, [z,torus]; NULL: 0 */
+void twin_data_step_run(const struct twin_data_step *step, double *volume, const double *gradient,
+                        const struct twin_penalty *penalty);
 
 /** Beyond the frame, y becomes A volume. */
 void twin_data_step_extend(struct twin_data_step *step, const double *volume);
 
-/** The condition of A A^H + 1 / tau, the worst of all frequencies. */
-double twin_data_step_condition(const struct twin_data_step *step, double tau);
+/** The condition of A A^H + p, the worst of all frequencies. */
+double twin_data_step_condition(const struct twin_data_step *step,
+                                const struct twin_penalty *penalty);
 
 #endif

@@ -7,15 +7,15 @@
 /* Over-relaxation; the part of the noise below which differences are weighted by their squares;
  * iterations from one look beyond the frame to the next. */
 static const double relax = 1.8, smooth_below = 0.03;
-enum { EXTEND_EVERY = 4, AXES = 3 };
+enum { EXTEND_EVERY = 2, AXES = 3 };
 
-/* Of the Laplacian in the operator. */
-static const double bend = 0.3;
+/* Of x and of its Laplacian in the operator. */
+static const double plain = 0.5, bend = 0.5;
 
 /* On the torus, [z,y,x] each. */
 struct planes {
     int64_t slices, height, width, voxels;
-    double *volume, *next, *extrapolated, *positive, *curved, *dual[AXES];
+    double *volume, *next, *gradient, *extrapolated, *positive, *curved, *dual[AXES];
 };
 
 static int64_t neighbour(const struct planes *p, int64_t i, int64_t dz, int64_t dy, int64_t dx)
@@ -62,7 +62,8 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
         }
         const double curved = shrink_curved * (p->curved[i] + sigma * bend * laplacian(p, e, i));
         p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
-        p->positive[i] += relax * (fmin(0.0, p->positive[i] + sigma * e[i]) - p->positive[i]);
+        p->positive[i] +=
+            relax * (fmin(0.0, p->positive[i] + sigma * plain * e[i]) - p->positive[i]);
     }
 }
 
@@ -74,33 +75,52 @@ static double pull(const struct planes *p, const struct twin_tv *settings, int64
     const double own_z = behind < 0 ? 0.0 : p->dual[2][i];
     return p->dual[0][neighbour(p, i, 0, 0, -1)] - p->dual[0][i] +
            p->dual[1][neighbour(p, i, 0, -1, 0)] - p->dual[1][i] +
-           settings->depth * (above_z - own_z) + bend * laplacian(p, p->curved, i) + p->positive[i];
+           settings->depth * (above_z - own_z) + bend * laplacian(p, p->curved, i) +
+           plain * p->positive[i];
 }
 
-static void iterate(struct planes *p, struct twin_data_step *step, const struct twin_tv *settings,
-                    int64_t iteration)
+struct twin_penalty twin_tv_penalty(const struct twin_tv *settings)
 {
-    const double a = settings->depth;
-    const double sigma = 1.0 / (settings->tau * (8.0 + 4.0 * a * a + 16.0 * bend * bend + 1.0));
-    twin_data_step_run(step, p->next, settings->tau);
+    const double a = settings->depth, step = settings->step;
+    return (struct twin_penalty){.constant = step * (plain * plain + 4.0 * a * a),
+                                 .differences = step,
+                                 .curvature = step * bend * bend};
+}
+
+static double length_of(const double *x, int64_t count)
+{
+    double squares = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        squares += x[i] * x[i];
+    }
+    return sqrt(squares);
+}
+
+/* @return |x'| */
+static double iterate(struct planes *p, struct twin_data_step *step, const struct twin_tv *settings,
+                      int64_t iteration)
+{
+    const struct twin_penalty penalty = twin_tv_penalty(settings);
+    memcpy(p->next, p->volume, (size_t)p->voxels * sizeof *p->next);
+    for (int64_t i = 0; i < p->voxels; i++) {
+        p->gradient[i] = pull(p, settings, i);
+    }
+    twin_data_step_run(step, p->next, p->gradient, &penalty);
     if (iteration % EXTEND_EVERY == 0) {
         twin_data_step_extend(step, p->next);
     }
     for (int64_t i = 0; i < p->voxels; i++) {
         p->extrapolated[i] = 2.0 * p->next[i] - p->volume[i];
-    }
-    move_duals(p, settings, sigma);
-    for (int64_t i = 0; i < p->voxels; i++) {
         p->volume[i] += relax * (p->next[i] - p->volume[i]);
     }
-    for (int64_t i = 0; i < p->voxels; i++) {
-        p->next[i] = p->volume[i] - settings->tau * pull(p, settings, i);
-    }
+    move_duals(p, settings, settings->step);
+    return length_of(p->next, p->voxels);
 }
 
-void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings)
+double twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings)
 {
-    enum { ARRAYS = 5 + AXES };
+    enum { ARRAYS = 6 + AXES };
+    double longest = 0.0;
     struct planes p = {
         .slices = step->slices, .height = step->torus_height, .width = step->torus_width};
     p.voxels = p.slices * p.height * p.width;
@@ -116,8 +136,9 @@ void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_
         p.dual[a] = memory + (4 + a) * p.voxels;
     }
     p.curved = memory + (4 + AXES) * p.voxels;
+    p.gradient = memory + (5 + AXES) * p.voxels;
     for (int64_t i = 1; i <= settings->iterations; i++) {
-        iterate(&p, step, settings, i);
+        longest = fmax(longest, iterate(&p, step, settings, i));
     }
     for (int64_t i = 0; i < p.slices * step->height * step->width; i++) {
         const int64_t row = i / step->width;
@@ -125,4 +146,5 @@ void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_
         volume[i] = fmax(0.0, p.volume[at + i % step->width]);
     }
     free(memory);
+    return longest / length_of(volume, p.slices * step->height * step->width);
 }

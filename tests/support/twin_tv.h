@@ -6,12 +6,16 @@
 
 struct twin_tv {
     double weight, depth, curvature; /**< lambda, a and c, for PSFs that sum to 1 a view */
-    double tau;
+    double step;                     /**< of the duals */
     int64_t iterations;
 };
 
+/** The penalty of a step towards the views. */
+struct twin_penalty twin_tv_penalty(const struct twin_tv *settings);
+
 /** volume [z,height,width], in units of the noise: of views that the step has begun in units of the
- *  noise, and that it extends. */
-void twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings);
+ *  noise, and that it extends. @return the longest volume on the way, what is below 0 with it, over
+ *  this one: a part of it is what rounding leaves */
+double twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings);
 
 #endif

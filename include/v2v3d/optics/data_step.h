@@ -1,18 +1,19 @@
 /** The step of a convex method towards the views, in closed form.
  *
- *  Purpose: argmin over x of 1/2 |A x - y|^2 + |x - v|^2 / (2 tau), without iterations. On a torus
- *  A is a matrix of views x slices for every frequency, so that
- *      x = v + A^H s,   (A A^H + 1/tau) s = y - A v,   A x = y - s / tau
+ *  Purpose: argmin over x of 1/2 |A x - y|^2 + 1/2 |x - v|_P^2, without iterations, where |x|_P^2 =
+ *  x^T P x counts every frequency of the plane by a number p of its own (struct v2v_penalty). On a
+ *  torus A is a matrix of views x slices for every frequency, so that
+ *      x = v + A^H s,   (A A^H + p) s = y - A v,   A x = y - p s
  *  takes one Hermitian inverse of views x views a frequency, made once for all frames.
  *  Invariants: the torus holds the frame at its origin and a border that no light crosses but
  *  V2V_DATA_STEP_LOST of any slice's; views are unknown there and follow the volume
  *  (v2v_data_step_extend). A rank owns rows of the torus and columns of its spectra; nothing is
- *  summed over ranks but the residual. Any number of ranks gets the same bits.
+ *  summed over ranks but the residual and the change. Any number of ranks gets the same bits.
  *
  *  Example (compiled by tests/unit/optics):
  *
  *      V2V_TRY(v2v_data_step_create(&step, &psf, 512, 512, V2V_SPLIT_SLABS, comm));
- *      v2v_data_step_factor(step, tau);
+ *      v2v_data_step_factor(step, &(struct v2v_penalty){.constant = 1.0 / tau});
  *      v2v_data_step_begin(step, views, 1.0);
  *      v2v_data_step_run(step, volume);              // [slices, rows of the torus, its width]
  *      squares = v2v_data_step_extend(step);         // |A x - y|^2 over the frame
@@ -64,10 +65,16 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
 /** @kind Local. */
 struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step);
 
-/** Invert A A^H + 1/tau, in double precision, kept in single. @kind Local, no allocation.
- *  @cost views^3 products a frequency, eight times as dear as single ones; nothing for the same tau
- *  as before */
-void v2v_data_step_factor(struct v2v_data_step *step, double tau);
+/** P = constant + differences D^T D + curvature L^T L: D the forward differences along y and x, L
+ *  the Laplacian (1 2 1; 2 -12 2; 1 2 1) / 4. The first is above 0, the others not below. */
+struct v2v_penalty {
+    double constant, differences, curvature;
+};
+
+/** Invert A A^H + p, in double precision, kept in single. @kind Local, no allocation.
+ *  @cost views^3 products a frequency, eight times as dear as single ones; nothing for the same
+ *  penalty as before */
+void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty);
 
 /** Take the views of a frame, times `scale`; beyond it they go from edge to opposite edge in a
  *  straight line. @kind Collective(comm), no allocation. @param views [v,height,width], whole */
@@ -111,6 +118,21 @@ void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
  *  @cost   Z forward and Z inverse transforms, 2*V*Z + V^2 complex products a frequency; every OTF
  *          comes once from memory */
 void v2v_data_step_run(struct v2v_data_step *step, float *volume);
+
+/** x = 0, of v2v_data_step_advance. @kind Local. */
+void v2v_data_step_clear(struct v2v_data_step *step);
+
+/** A step of a primal-dual method, whose x is kept here by its spectra: with g of `volume`,
+ *      x' = argmin 1/2 |A x' - y|^2 + g^T x' + 1/2 |x' - x|_P^2
+ *  then `volume` is 2 x' - x, and x moves to x + relax (x' - x).
+ *  @kind Collective(comm), no allocation. @cost that of run, and x, read and written */
+void v2v_data_step_advance(struct v2v_data_step *step, float *volume, float relax);
+
+/** |x' - x| / |x'| of the last advance; 0 for x' = 0. @kind Collective(comm), no allocation. */
+double v2v_data_step_change(struct v2v_data_step *step);
+
+/** x of advance. @kind Collective(comm), no allocation. @param volume as of run; out */
+void v2v_data_step_volume(struct v2v_data_step *step, float *volume);
 
 /** Planes of the torus, all on every rank, from the rows of each. @kind Collective(comm), no
  *  allocation. @param whole [count,torus] out @param rows [count, rows of this rank, its width] */

@@ -45,8 +45,8 @@ struct command {
  * product round once each, 3 u. The network rounds sums of n <= 9 * 8 * 4 + 9 * 140 products in
  * 18 + 14 layers, each u sqrt(n / 2), for either recording; an update of RLD, one a view and
  * iteration, rounds in 2 transforms of 10 stages and 8 stages more, 2 u each, for either; an
- * iteration of total variation in as much and some 20 steps on each of 3 differences. All roundings
- * independent. */
+ * iteration of total variation in as much and some 20 steps on each of 3 differences, whose sum is
+ * divided by penalties that are 25 times apart. All roundings independent. */
 static struct command commands[] = {
     {.name = "reconstruct",
      .words = "reconstruct -c config.yaml --psf psf.h5 --weights w.h5 --input hard.h5 --force -o ",
@@ -59,7 +59,7 @@ static struct command commands[] = {
     {.name = "total variation",
      .words = "deconvolve --psf psf.h5 --input hard.h5 --iterations 5 --force -o ",
      .output = "tv.h5",
-     .squares = 2.0 * ITERATIONS * (28.0 * 4.0 + 3.0 * 20.0 * 4.0)},
+     .squares = 2.0 * ITERATIONS * (28.0 * 4.0 + 25.0 * 25.0 * 3.0 * 20.0 * 4.0)},
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };
 

@@ -1,10 +1,11 @@
 /* Total variation in single precision against plain loops in double precision, also where it is
  * worst conditioned.
  *
- * An iteration takes two volumes and their duals no farther apart (|x|^2 / tau + |u|^2 / sigma; see
- * REFERENCE.md 10): the errors of iterations add up at most. One errs by transforms there and back
- * and a product a frequency, some hundred roundings. What views disagree by, the rounded inverse
- * makes 2^-24 tau of (tests/stress/optics/test_data_step.c): a hot pixel is little else. */
+ * An iteration takes two volumes x and their duals u no farther apart, as a norm of both has it
+ * that their steps make (REFERENCE.md 10): the errors of iterations add up at most. One errs by
+ * transforms there and back and a product a frequency, some hundred roundings. What views disagree
+ * by, the rounded inverse makes 2^-24 / p of (tests/stress/optics/test_data_step.c), p the least
+ * penalty: a hot pixel is little else. */
 #include "small_optics.h"
 #include "twin_tv.h"
 
@@ -31,23 +32,24 @@ static void make_views(float *views, double noise)
     }
 }
 
-/* What the program takes of these views: noise, and tau. */
-static double tau_of(double *sigma, const float *views, int64_t count, int64_t images,
-                     double weight)
+/* What the program takes of these views: noise, and the step of the duals. */
+static double step_of(double *sigma, const float *views, int64_t count, int64_t images,
+                      double weight)
 {
     static float scratch[SAMPLES];
     const double found = v2v_noise_of_images(scratch, views, images, HEIGHT, WIDTH);
-    double most = 0.0, largest = 0.0;
+    double most = 0.0, deepest = 0.0;
     for (int64_t i = 0; i < count; i++) {
         most = fmax(most, (double)views[i]);
-        largest = fmax(largest, fabs((double)views[i]));
+        deepest = fmax(deepest, -(double)views[i]);
     }
     memcpy(scratch, views, (size_t)count * sizeof *views);
     const int64_t bright = count - 1 - (int64_t)((double)count * 1e-3);
     const double brightness = fmax((double)v2v_select(scratch, count, bright), 1e-3 * most);
-    *sigma = fmax(found, 1e-4 * fmax(brightness, 1e-3 * largest));
-    const double tau = fmin(fmax(0.15 * brightness / (*sigma * weight), 1.0), 4096.0);
-    return exp2(round(2.0 * log2(tau)) / 2.0);
+    *sigma = fmax(found, 1e-4 * fmax(brightness, 1e-3 * fmax(most, deepest)));
+    const double deep = sqrt(fmax(1.0, deepest / (10.0 * brightness)));
+    const double step = fmin(fmax(2.0 * *sigma * weight / brightness * deep, 1.0 / 2048.0), 4.0);
+    return exp2(round(2.0 * log2(step)) / 2.0);
 }
 
 static void estimate(float *volume, const float *views, const struct v2v_psf_file *psf,
@@ -79,7 +81,7 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
         .weight = config.deconv.lambda.value,
         .depth = config.deconv.depth,
         .curvature = config.deconv.curvature,
-        .tau = tau_of(&sigma, views, psf->views * PIXELS, psf->views, weight),
+        .step = step_of(&sigma, views, psf->views * PIXELS, psf->views, weight),
         .iterations = ITERATIONS};
     struct twin_data_step step = {.views = psf->views,
                                   .slices = psf->slices,
@@ -92,15 +94,18 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
                                   .psf = psf->data};
     twin_data_step_init(&step);
     twin_data_step_begin(&step, views, 1.0 / sigma);
-    twin_tv_run(expected, &step, &settings);
+    const double longest = twin_tv_run(expected, &step, &settings);
     for (int64_t i = 0; i < psf->slices * PIXELS; i++) {
         expected[i] *= sigma;
     }
     estimate(volume, views, psf, &config);
     const double error = test_relative_l2_to_double(volume, expected, psf->slices * PIXELS);
-    print_message("%s: noise %.3g, tau %.4g, condition %.3g, error %.1e\n", what, sigma,
-                  settings.tau, twin_data_step_condition(&step, settings.tau), error);
-    assert_true(error <= ITERATIONS * test_rounding(transforms) + 0x1p-24 * settings.tau);
+    const struct twin_penalty penalty = twin_tv_penalty(&settings);
+    print_message("%s: noise %.3g, step %.4g, on the way %.3g, condition %.3g, error %.1e\n", what,
+                  sigma, settings.step, longest, twin_data_step_condition(&step, &penalty), error);
+    /* Of the transforms; of inverses and gradients, over the least penalty. */
+    const double rounding = ITERATIONS * test_rounding(transforms) + 0x1p-23 / penalty.constant;
+    assert_true(error <= rounding * fmax(longest, 1.0));
     twin_data_step_fini(&step);
     v2v_psf_file_fini(psf);
 }

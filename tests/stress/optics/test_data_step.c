@@ -87,11 +87,12 @@ static void measure(double error[STEPS], double *condition, double tau)
     assert_non_null(expected);
     twin_data_step_init(&twin);
     twin_data_step_begin(&twin, views, 1.0);
-    *condition = twin_data_step_condition(&twin, tau);
-    v2v_data_step_factor(step, tau);
+    const struct twin_penalty penalty = {.constant = 1.0 / tau};
+    *condition = twin_data_step_condition(&twin, &penalty);
+    v2v_data_step_factor(step, &(struct v2v_penalty){.constant = 1.0 / tau});
     v2v_data_step_begin(step, views, 1.0);
     for (int i = 0; i < STEPS; i++) {
-        twin_data_step_run(&twin, expected, tau);
+        twin_data_step_run(&twin, expected, NULL, &penalty);
         v2v_data_step_run(step, x);
         error[i] = test_relative_l2_to_double(x, expected, voxels);
     }

@@ -6,6 +6,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -72,36 +73,87 @@ static void project(double *image, const double *volume)
     }
 }
 
-/* |A^T (A x - y) + (x - v) / tau| over the lengths of its terms, |A| <= 1: 0 at the minimum, in
- * float32 the round-off of transforms and products. */
-static double gradient_of(const float *x, const float *v, double tau)
+static double at_torus(const double *plane, int64_t row, int64_t column)
+{
+    return plane[(row + torus.height) % torus.height * torus.width +
+                 (column + torus.width) % torus.width];
+}
+
+/* (1 2 1; 2 -12 2; 1 2 1) / 4. */
+static void bend(double *to, const double *plane)
+{
+    for (int64_t i = 0; i < pixels; i++) {
+        double sum = -16.0 * plane[i];
+        for (int64_t k = 0; k < 9; k++) {
+            const int64_t dy = k / 3 - 1, dx = k % 3 - 1;
+            sum += (double)((2 - dy * dy) * (2 - dx * dx)) *
+                   at_torus(plane, i / torus.width + dy, i % torus.width + dx);
+        }
+        to[i] = sum / 4.0;
+    }
+}
+
+/* to += P plane. */
+static void penalize(double *to, const double *plane, const struct v2v_penalty *penalty)
+{
+    static double once[MOST], twice[MOST];
+    bend(once, plane);
+    bend(twice, once);
+    for (int64_t i = 0; i < pixels; i++) {
+        const int64_t row = i / torus.width, column = i % torus.width;
+        const double around = at_torus(plane, row - 1, column) + at_torus(plane, row + 1, column) +
+                              at_torus(plane, row, column - 1) + at_torus(plane, row, column + 1);
+        to[i] += penalty->constant * plane[i] + penalty->differences * (4.0 * plane[i] - around) +
+                 penalty->curvature * twice[i];
+    }
+}
+
+/* Its largest number of a frequency. */
+static double largest_of(const struct v2v_penalty *penalty)
+{
+    return penalty->constant + 8.0 * penalty->differences + 16.0 * penalty->curvature;
+}
+
+/* |A^T (A x - y) + P (x - v) + g| over the lengths of its terms, |A| <= 1: 0 at the minimum, in
+ * float32 the round-off of transforms and products. @param g NULL: 0 */
+static double gradient_with(const float *x, const float *v, const float *g,
+                            const struct v2v_penalty *penalty)
 {
     static double volume[SLICES * MOST], image[VIEWS * MOST], gradient[SLICES * MOST],
-        from_views[SLICES * MOST];
-    double squares = 0.0, whole = 0.0, size = 0.0, start = 0.0;
+        from_views[SLICES * MOST], moved[SLICES * MOST];
+    double squares = 0.0, whole = 0.0, size = 0.0, start = 0.0, pull = 0.0;
     memset(gradient, 0, sizeof gradient);
     memset(from_views, 0, sizeof from_views);
     for (int64_t i = 0; i < SLICES * pixels; i++) {
         volume[i] = (double)x[i];
+        moved[i] = (double)x[i] - (double)v[i];
     }
     project(image, volume);
     for (int64_t i = 0; i < VIEWS * pixels; i++) {
         image[i] -= y[i];
     }
-    for (int64_t w = 0; w < VIEWS; w++) {
-        for (int64_t z = 0; z < SLICES; z++) {
+    for (int64_t z = 0; z < SLICES; z++) {
+        for (int64_t w = 0; w < VIEWS; w++) {
             convolve(gradient + z * pixels, image + w * pixels, w, z, 1);
             convolve(from_views + z * pixels, y + w * pixels, w, z, 1);
         }
+        penalize(gradient + z * pixels, moved + z * pixels, penalty);
     }
     for (int64_t i = 0; i < SLICES * pixels; i++) {
-        const double g = gradient[i] + ((double)x[i] - (double)v[i]) / tau;
-        squares += g * g;
+        const double of_g = g != NULL ? (double)g[i] : 0.0, sum = gradient[i] + of_g;
+        squares += sum * sum;
+        pull += of_g * of_g;
         whole += from_views[i] * from_views[i];
         size += (double)x[i] * (double)x[i];
         start += (double)v[i] * (double)v[i];
     }
-    return sqrt(squares) / (sqrt(whole) + sqrt(size) + (sqrt(size) + sqrt(start)) / tau);
+    return sqrt(squares) / (sqrt(whole) + sqrt(size) + sqrt(pull) +
+                            (sqrt(size) + sqrt(start)) * largest_of(penalty));
+}
+
+static double gradient_of(const float *x, const float *v, double tau)
+{
+    return gradient_with(x, v, NULL, &(struct v2v_penalty){.constant = 1.0 / tau});
 }
 
 /* y as begin makes it: from the last pixel to the first of the opposite edge in a straight line. */
@@ -125,7 +177,7 @@ static struct v2v_data_step *make(double tau, double scale)
 {
     struct v2v_data_step *step = NULL;
     assert_ok(v2v_data_step_create(&step, &psf, HEIGHT, WIDTH, &torus, V2V_SPLIT_SLABS, NULL));
-    v2v_data_step_factor(step, tau);
+    v2v_data_step_factor(step, &(struct v2v_penalty){.constant = 1.0 / tau});
     v2v_data_step_begin(step, views, scale);
     bridge_views(scale);
     return step;
@@ -164,6 +216,79 @@ static void the_step_is_the_minimum(void **state)
             v2v_data_step_destroy(&step);
         }
     }
+}
+
+static const struct v2v_penalty penalties[] = {
+    {0.02, 0.0, 0.0}, {0.01, 0.05, 0.0}, {0.02, 0.0, 0.03}, {0.003, 0.04, 0.02}};
+enum { PENALTIES = sizeof penalties / sizeof *penalties };
+
+static void frequencies_have_penalties_of_their_own(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    struct v2v_data_step *step = make(1.0, 1.0);
+    random_volume(v);
+    for (int i = 0; i < PENALTIES; i++) {
+        v2v_data_step_factor(step, &penalties[i]);
+        memcpy(x, v, sizeof v);
+        v2v_data_step_run(step, x);
+        const double gradient = gradient_with(x, v, NULL, &penalties[i]);
+        if (!(gradient < bound_of(1.0 / penalties[i].constant))) {
+            fail_msg("penalty %d: gradient %g", i, gradient);
+        }
+    }
+    v2v_data_step_destroy(&step);
+}
+
+/* |a - b|^2 of volumes. */
+static double distance_of(const float *a, const float *b)
+{
+    double squares = 0.0;
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        squares += ((double)a[i] - (double)b[i]) * ((double)a[i] - (double)b[i]);
+    }
+    return squares;
+}
+
+/* Three steps from 0, whose volumes are followed here. */
+static void steps_advance_to_the_minimum_and_beyond(void **state)
+{
+    (void)state;
+    enum { STEPS = 3 };
+    static float g[SLICES * MOST], out[SLICES * MOST], next[SLICES * MOST], x[SLICES * MOST];
+    const float relax = 1.7f;
+    struct v2v_data_step *step = make(1.0, 1.0);
+    for (int i = 0; i < PENALTIES; i++) {
+        v2v_data_step_factor(step, &penalties[i]);
+        v2v_data_step_clear(step);
+        memset(x, 0, sizeof x);
+        for (int k = 0; k < STEPS; k++) {
+            for (int64_t j = 0; j < SLICES * pixels; j++) {
+                g[j] = 0.01f * (float)v2v_random_normal(31, (uint64_t)(4 + k), (uint64_t)j);
+            }
+            memcpy(out, g, sizeof g);
+            v2v_data_step_advance(step, out, relax);
+            for (int64_t j = 0; j < SLICES * pixels; j++) {
+                next[j] = 0.5f * (out[j] + x[j]);
+            }
+            assert_true(gradient_with(next, x, g, &penalties[i]) <
+                        bound_of(1.0 / penalties[i].constant));
+            const double moved =
+                sqrt(distance_of(next, x) / v2v_sum_of_squares(next, SLICES * pixels));
+            assert_true(fabs(v2v_data_step_change(step) / moved - 1.0) < 1e-4);
+            for (int64_t j = 0; j < SLICES * pixels; j++) {
+                x[j] += relax * (next[j] - x[j]);
+            }
+            v2v_data_step_volume(step, out);
+            assert_true(distance_of(x, out) < 1e-10 * v2v_sum_of_squares(x, SLICES * pixels));
+        }
+    }
+    v2v_data_step_clear(step);
+    v2v_data_step_volume(step, out);
+    for (int64_t j = 0; j < SLICES * pixels; j++) {
+        assert_true(out[j] == 0.0f);
+    }
+    v2v_data_step_destroy(&step);
 }
 
 static int is_within(int64_t i, const struct v2v_part *rows, const struct v2v_part *columns)
@@ -360,6 +485,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(the_step_is_the_minimum, setup, teardown),
+        cmocka_unit_test_setup_teardown(frequencies_have_penalties_of_their_own, setup, teardown),
+        cmocka_unit_test_setup_teardown(steps_advance_to_the_minimum_and_beyond, setup, teardown),
         cmocka_unit_test_setup_teardown(the_border_follows_the_volume, setup, teardown),
         cmocka_unit_test_setup_teardown(a_part_of_a_plane_is_surrounded, setup, teardown),
         cmocka_unit_test_setup_teardown(weights_give_the_minimum_of_weighted_squares, setup,
