@@ -16,7 +16,7 @@ static const double weights[] = {0.8, 0.2, 0.05};
 enum { WEIGHTS = sizeof weights / sizeof *weights };
 
 /* Iterations that tell shifts of pixels, of their hundredths, and the last part of a residual. */
-enum { COARSE = 12, FINE = 20, LAST = 40 };
+enum { COARSE = 12, FINE = 20, LAST = 24 };
 
 /* Pixels of a side that tell shifts of pixels, and of their hundredths; 0: all there are. */
 enum { SMALL = 208, LARGE = 512, WHOLE = 0 };

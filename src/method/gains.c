@@ -8,7 +8,7 @@
 #include <math.h>
 
 /* Iterations after which the volume stands still. */
-enum { SETTLED = 60 };
+enum { SETTLED = 30 };
 
 /* Of the noise that is added to predictions. */
 enum { SEED = 1 };

@@ -22,7 +22,7 @@ enum { FOLDS = V2V_LEFT_OUT_CHOICES };
 enum { SIDE = 144, MARGIN = 24 };
 
 /* Fewer favour large weights, whose volumes come sooner. */
-enum { ITERATIONS = 70 };
+enum { ITERATIONS = 30 };
 
 /* Of the weight that predicts best, which volumes of all views take: most of 18 simulated
  * recordings are nearest to their truth below it (tests/bench/README.md). */
