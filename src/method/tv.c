@@ -55,7 +55,7 @@ static const double plain = 0.5, bend = 0.5;
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
-/* Of a view's PSFs, and one over it: its square divides steps, which are float32. */
+/* Of a view's PSFs, and one over it: steps go by its square, and are float32. */
 static const double most_light = 1e15;
 
 /* Sizes of a step, of a factor of two. */
@@ -91,7 +91,6 @@ struct tv {
     struct level level;        /* of the last run, or of all */
     float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch;            /* [v,height,width] or [v,rows of the torus, its width] */
-    double *of_row;            /* [torus height]: light of a row of all slices */
     struct v2v_tv_steps steps; /* of the last run */
 };
 
@@ -313,7 +312,8 @@ static double weight_of(const struct tv *self)
     return fmax(self->lambda, least_lambda);
 }
 
-/* The duals' size over the volume's, about. In steps of its own, so that frames alike share their
+/* The duals' size over the volume's, about; shorter where differences along z, which bound steps at
+ * all frequencies, count more than others. In steps of its own, so that frames alike share their
  * factors. */
 static double step_of(const struct tv *self)
 {
@@ -322,7 +322,8 @@ static double step_of(const struct tv *self)
     const double wanted = step_factor * level->sigma * weight / level->brightness *
                           sqrt(fmax(level->depth / deep, 1.0));
     const double bounded = fmin(fmax(wanted, least_step), most_step);
-    return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light;
+    return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light /
+           fmax(self->depth * self->depth, 1.0);
 }
 
 /* The first rows and columns of a volume on the torus, none below zero. */

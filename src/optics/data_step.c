@@ -5,6 +5,7 @@
 #include "optics/spectrum_block.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -26,6 +27,7 @@ struct v2v_data_step {
     float *volume;              /* [block,z,2,V2V_BLOCK]: spectra of the x that advance moves */
     float *change;              /* [block,2,V2V_BLOCK]: squares of what it moved by, and of x' */
     float relax;                /* of the advance under way */
+    float unit;                 /* of its squares: as bright as the views, a pixel */
     float *recorded;            /* [v,rows,torus width]: y */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
     float *missed;              /* [v,rows,torus width]: y - A x */
@@ -40,6 +42,11 @@ struct v2v_data_step {
     double *sums;    /* [torus height] or [2,column]: squares of a row of all views, or of a
                           column of all slices' spectra */
 };
+
+static double pixels_of(const struct v2v_data_step *step)
+{
+    return (double)step->torus.height * (double)step->torus.width;
+}
 
 /* Light of the pixels whose row or column is r from the kernel's centre, none farther. */
 static double light_of_ring(const float *kernel, int64_t height, int64_t width, int64_t r)
@@ -163,6 +170,7 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
     V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, made->torus.height,
                                         made->torus.width, V2V_BEYOND_PERIODIC, split, comm));
     made->torus.rows = v2v_projector_share(made->projector).rows;
+    made->unit = (float)(v2v_psf_light(psf) / pixels_of(made));
     V2V_TRY(v2v_par_agree(comm, take_memory(made)));
     *step = made;
     made = NULL;
@@ -389,7 +397,7 @@ static void advance_block(struct v2v_data_step *step, int64_t b, float *slice)
     v2v_block_descend(slice, volume_of(step, b), step->penalties + b * V2V_BLOCK, step->slices);
     solve_block(step, b, slice);
     v2v_block_move(step->change + b * V2V_BLOCK_FLOATS, slice, volume_of(step, b), step->relax,
-                   step->slices);
+                   step->unit, step->slices);
 }
 
 enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
@@ -411,11 +419,6 @@ void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor)
     step->weighed = 0;
     memcpy(step->kept, step->recorded, (size_t)samples_of(step) * sizeof *step->kept);
     memset(step->split, 0, (size_t)samples_of(step) * sizeof *step->split);
-}
-
-static double pixels_of(const struct v2v_data_step *step)
-{
-    return (double)step->torus.height * (double)step->torus.width;
 }
 
 static void restore(const struct v2v_data_step *step, float *volume)

@@ -148,15 +148,16 @@ void v2v_block_descend(float *gradient, const float *x, const float *penalty, in
 }
 
 V2V_SIMD_CLONES
-void v2v_block_move(float *change, float *next, float *x, float relax, int64_t slices)
+void v2v_block_move(float *change, float *next, float *x, float relax, float unit, int64_t slices)
 {
     float squares[V2V_BLOCK] = {0}, whole[V2V_BLOCK] = {0};
     for (int64_t i = 0; i < 2 * slices; i++, next += V2V_BLOCK, x += V2V_BLOCK) {
 #pragma omp simd
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
             const float d = next[f] - x[f];
-            squares[f] += d * d;
-            whole[f] += next[f] * next[f];
+            const float moved = unit * d, size = unit * next[f];
+            squares[f] += moved * moved;
+            whole[f] += size * size;
             next[f] += d;
             x[f] += relax * d;
         }

@@ -45,7 +45,8 @@ void v2v_block_scale(float *numbers, const float *factors, int64_t n);
 void v2v_block_descend(float *gradient, const float *x, const float *penalty, int64_t slices);
 
 /** next <- 2 next - x, and x <- x + relax (next - x).
- *  @param change [2,V2V_BLOCK]: sums over the slices of |next - x|^2 and |next|^2 */
-void v2v_block_move(float *change, float *next, float *x, float relax, int64_t slices);
+ *  @param change [2,V2V_BLOCK]: sums over the slices of |next - x|^2 and |next|^2, times unit^2
+ *  @param unit keeps squares in range */
+void v2v_block_move(float *change, float *next, float *x, float relax, float unit, int64_t slices);
 
 #endif

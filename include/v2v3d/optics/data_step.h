@@ -119,7 +119,7 @@ void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
  *          comes once from memory */
 void v2v_data_step_run(struct v2v_data_step *step, float *volume);
 
-/** x = 0, of v2v_data_step_advance. @kind Local. */
+/** x = 0, of v2v_data_step_advance, as after create. Nothing else changes it. @kind Local. */
 void v2v_data_step_clear(struct v2v_data_step *step);
 
 /** A step of a primal-dual method, whose x is kept here by its spectra: with g of `volume`,
@@ -139,8 +139,8 @@ void v2v_data_step_volume(struct v2v_data_step *step, float *volume);
 void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float *rows,
                           int64_t count);
 
-/** Where views are unknown, y becomes A x of the last run; else, with weights, what they make of
- *  it. @kind Collective(comm), no allocation.
+/** Where views are unknown, y becomes A x of the last run, A x' of the last advance; else, with
+ *  weights, what they make of it. @kind Collective(comm), no allocation.
  *  @cost V inverse and V forward transforms. @return |A x - y|^2 where they are known, all views;
  *  with weights the sum of the weighted squares */
 double v2v_data_step_extend(struct v2v_data_step *step);

@@ -451,6 +451,54 @@ static void psfs_of_absurd_sums_are_refused(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* PSFs that sum to little or much in place of 1: volumes as much brighter or darker. */
+static void psfs_of_other_sums_give_the_same_volume(void **state)
+{
+    (void)state;
+    enum { TAPS = VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH };
+    static const float sums[] = {2e-15f, 1e-6f, 1e6f, 5e14f};
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS], other[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    noisy_views(views, 1.0f);
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    for (size_t i = 0; i < sizeof sums / sizeof *sums; i++) {
+        struct v2v_psf_file scaled = small_psf();
+        for (int64_t k = 0; k < TAPS; k++) {
+            scaled.data[k] *= sums[i];
+        }
+        assert_ok(estimate(other, views, &scaled, SIDE, SIDE));
+        for (int64_t k = 0; k < SLICES * PIXELS; k++) {
+            other[k] *= sums[i];
+        }
+        assert_true(test_relative_l2(other, volume, SLICES * PIXELS) < 1e-4);
+        v2v_psf_file_fini(&scaled);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
+/* Flat views are of a flat volume, in which nothing differs, along z either. */
+static void any_weight_of_depth_leaves_the_light(void **state)
+{
+    (void)state;
+    static const double depths[] = {0.0, 0.25, 1.0, 10.0, 100.0};
+    static float views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = 3.0f + 0.5f * (float)v2v_random_normal(67, 0, (uint64_t)i);
+    }
+    for (size_t i = 0; i < sizeof depths / sizeof *depths; i++) {
+        double light = 0.0;
+        config.deconv.depth = depths[i];
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        for (int64_t k = 0; k < SLICES * PIXELS; k++) {
+            light += (double)volume[k] / (SLICES * PIXELS);
+        }
+        print_message("depth %g: %d iterations, light %g\n", depths[i], (int)iterations, light);
+        assert_true(fabs(light / 3.0 - 1.0) < 0.1);
+    }
+    v2v_psf_file_fini(&psf);
+}
+
 /* A rank reads two rows of its neighbours. */
 static void a_rank_takes_two_rows_at_least(void **state)
 {
@@ -493,6 +541,8 @@ int main(void)
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(contradictory_views_come_to_rest_under_weights, setup),
         cmocka_unit_test_setup(psfs_of_absurd_sums_are_refused, setup),
+        cmocka_unit_test_setup(psfs_of_other_sums_give_the_same_volume, setup),
+        cmocka_unit_test_setup(any_weight_of_depth_leaves_the_light, setup),
         cmocka_unit_test_setup(a_rank_takes_two_rows_at_least, setup),
         cmocka_unit_test_setup(a_rule_of_another_method_is_refused, setup),
     };
