@@ -24,8 +24,8 @@
  * with sigma the noise of the views, L a Laplacian in the plane, and |.| squared below a small part
  * of sigma, by a primal-dual method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011),
  * over-relaxed as Condat, J. Optim. Theory Appl. 158, 460 (2013)). With K all that has a dual, of
- * step s, a step of the volume x costs 1/2 |x - v|_P^2, P >= s K^T K (Pock and Chambolle, Proc.
- * ICCV, 1762 (2011)): what K does in the plane is a number a frequency, so that P is s K^T K itself
+ * step h, a step of the volume x costs 1/2 |x - v|_P^2, P >= h K^T K (Pock and Chambolle, Proc.
+ * ICCV, 1762 (2011)): what K does in the plane is a number a frequency, so that P is h K^T K itself
  * but for differences along z, and the step towards the views is taken in closed form all the same
  * (optics/data_step.h). Views and volume are in units of sigma here, so that lambda is one number
  * for all scenes. Noise of photons weighs the squares by the inverse of its variance. */
@@ -45,7 +45,7 @@ enum { MOST_ITERATIONS = 500 };
 static const double step_factor = 2.0, least_step = 1.0 / 2048.0, most_step = 4.0, deep = 10.0;
 
 /* Differences below this part of sigma are weighted by their squares: fewer steps where the scene
- * is smooth, and 0.03 to 0.06 dB. */
+ * is smooth. */
 static const double smooth_below = 0.03;
 
 /* Of x and of its Laplacian in K, whose differences count as they are: that changes steps, not the
@@ -67,7 +67,7 @@ static const double least_noise = 1e-4;
 /* What a frame's iterations are scaled by; all 0 without light. */
 struct level {
     double brightness; /* of the views */
-    double depth;      /* of their deepest negative sample, over it */
+    double deepest;    /* of their negative samples, over it */
     double sigma;      /* of their noise; of photons: where they are that bright */
     double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
     double floor; /* the variance where there is no light, likewise, as weights take it .. */
@@ -297,7 +297,7 @@ static struct level measure(const struct tv *self, const float *views)
     const double brightness = fmax(photons.bright, least_of_brightest * brightest);
     const double noisy = fmax(brightness, least_of_brightest * fmax(brightest, deepest));
     struct level level = {.brightness = brightness,
-                          .depth = deepest / brightness,
+                          .deepest = deepest / brightness,
                           .sigma = fmax(sigma, least_noise * noisy)};
     level.dark = level.sigma;
     if (self->model == V2V_NOISE_MODEL_POISSON ||
@@ -320,7 +320,7 @@ static double step_of(const struct tv *self)
     const struct level *level = &self->level;
     const double weight = weight_of(self) * (1.0 + self->curvature);
     const double wanted = step_factor * level->sigma * weight / level->brightness *
-                          sqrt(fmax(level->depth / deep, 1.0));
+                          sqrt(fmax(level->deepest / deep, 1.0));
     const double bounded = fmin(fmax(wanted, least_step), most_step);
     return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light /
            fmax(self->depth * self->depth, 1.0);
@@ -414,15 +414,6 @@ static struct v2v_tv_steps steps_of(const struct tv *self, double step)
         .relax = relax};
 }
 
-/* s K^T K, with 4 for the differences along z. */
-static struct v2v_penalty penalty_of(const struct v2v_tv_steps *steps)
-{
-    const double depth = (double)steps->depth, step = (double)steps->sigma;
-    return (struct v2v_penalty){.constant = step * (plain * plain + 4.0 * depth * depth),
-                                .differences = step,
-                                .curvature = step * (double)steps->bend * (double)steps->bend};
-}
-
 static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
 {
     enum v2v_status rc = V2V_OK;
@@ -439,7 +430,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
     self->steps = steps_of(self, step_of(self));
-    const struct v2v_penalty penalty = penalty_of(&self->steps);
+    const struct v2v_penalty penalty = v2v_tv_planes_penalty(&self->steps);
     v2v_data_step_factor(self->step, &penalty);
     for (int64_t i = 1, enough = 0; i <= most && !enough && change > self->tolerance; i++) {
         v2v_watchdog_beat("an iteration of total variation");

@@ -14,6 +14,15 @@ enum { SIDES = V2V_TV_SIDES, BEYOND = V2V_TV_BEYOND, DUALS = V2V_TV_DUALS };
  * three rows of a dual summed up. */
 enum { IN_TURN = 3, SUMS = IN_TURN, LINES, ENDS = 2 };
 
+struct v2v_penalty v2v_tv_planes_penalty(const struct v2v_tv_steps *steps)
+{
+    const double plain = (double)steps->plain, bend = (double)steps->bend;
+    const double depth = (double)steps->depth, sigma = (double)steps->sigma;
+    return (struct v2v_penalty){.constant = sigma * (plain * plain + 4.0 * depth * depth),
+                                .differences = sigma,
+                                .curvature = sigma * bend * bend};
+}
+
 int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width)
 {
     enum {

@@ -9,6 +9,7 @@
 #define METHOD_TV_PLANES_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/transfer.h"
 #include <stdint.h>
 
@@ -45,6 +46,10 @@ struct v2v_tv_steps {
     float shrink_bent; /**< .. and of the curvature's */
     float relax;       /**< 1 .. 2: over-relaxation */
 };
+
+/** What a step of the volume costs beside these: sigma K^T K, differences along z by their bound.
+ *  @kind Local. */
+struct v2v_penalty v2v_tv_planes_penalty(const struct v2v_tv_steps *steps);
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */
 enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices, int64_t rows,

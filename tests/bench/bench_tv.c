@@ -50,7 +50,6 @@ static const struct v2v_tv_steps steps = {.lambda = 0.05f,
                                           .shrink = 1.0f,
                                           .shrink_bent = 1.0f,
                                           .relax = 1.8f};
-static const struct v2v_penalty penalty = {0.005, 0.01, 0.0025};
 
 static enum v2v_status prepare(struct bench *bench, int64_t side)
 {
@@ -63,6 +62,7 @@ static enum v2v_status prepare(struct bench *bench, int64_t side)
     bench->torus = v2v_data_step_torus_of(psf, side, side);
     V2V_TRY(
         v2v_data_step_create(&bench->step, psf, side, side, &bench->torus, V2V_SPLIT_SLABS, NULL));
+    const struct v2v_penalty penalty = v2v_tv_planes_penalty(&steps);
     const double began = v2v_clock_now();
     v2v_data_step_factor(bench->step, &penalty);
     bench->factor_s = v2v_clock_now() - began;
