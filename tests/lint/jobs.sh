@@ -1,6 +1,7 @@
 #!/bin/bash
 # The job scripts start the program with the right words and requeue exactly what can go on:
 # seen with a launcher, scontrol and sleep that only write down how they were called.
+# jobs.sh [ROOT [SCRIPT...]]: of the scripts train, reconstruct and array these.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 root=$PWD
 fake=$(mktemp -d)
@@ -26,6 +27,7 @@ cp "$fake/launch" "$fake/srun"
 cp "$fake/launch" "$fake/mpirun"
 
 failures=0
+[[ $# -gt 1 ]] || set -- "$root" train reconstruct array
 
 fail() # WHAT
 {
@@ -57,7 +59,7 @@ launcher that starts nothing|nothing|1|71|1
 killed again and again: five restarts|137|7|137|5
 '
 
-for script in train reconstruct array; do
+for script in "${@:2}"; do
     command=$script after=''
     [[ $script != array ]] || command=reconstruct after=' [-o] [3.h5] [--frames] [15:5]'
     while IFS='|' read -r case_name code times expected requeues; do
