@@ -222,8 +222,13 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         discard_empty_run(given->folder);
     }
     V2V_TRY(rc);
-    v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
-            report.steps, report.last_total, report.seconds);
+    if (report.now > 0) {
+        v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
+                report.steps, report.last_total, report.seconds);
+    } else {
+        v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps are done, %" PRId64 " were asked for",
+                given->folder, report.steps, session->config.train.steps);
+    }
 done:
     close_material(&material);
     return rc;

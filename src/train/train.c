@@ -192,6 +192,7 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
         const struct v2v_step_votes votes = vote(run);
         V2V_TRY(v2v_trainer_step(&run->trainer, &result, run->step, &votes));
         run->step++;
+        report->now++;
         report->last_total = result.terms[V2V_LOSS_TOTAL];
         V2V_TRY(after_step(run, &result, &began));
     }
@@ -212,10 +213,15 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     V2V_TRY(v2v_run_folder_enter(&run.folder, job, comm));
     V2V_TRY(v2v_trainer_create(&run.trainer, job, comm));
     V2V_TRY(start(&run));
-    v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    const int is_done = run.step >= job->config->train.steps; /* before it was resumed */
+    if (!is_done) {
+        v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    }
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
-    v2v_progress_end(&run.progress);
+    if (!is_done) {
+        v2v_progress_end(&run.progress);
+    }
     if (rc == V2V_OK || rc == V2V_STOPPED) {
         struct v2v_par_shares shares = v2v_par_shares_since(comm, &began);
         v2v_par_log_shares(comm, &shares);

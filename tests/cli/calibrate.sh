@@ -14,13 +14,15 @@ height: 64
 width: 64
 views:
   - {gain: 1.25, shift: [1, 0.5]}
-  - {gain: 0.8, shift: [-1, -0.5]}
+  - {gain: 0.05, shift: [-1, -0.5]} # shows little of what the others show
   - gain: 1
   - gain: 1
   - gain: 1
 EOF
 works simulate --psf psf.h5 --volume volume.h5 -o rec.h5 --noise gaussian:0.05 --calibration spoil.yaml
 works calibrate --psf psf.h5 --input rec.h5 -o cal.yaml --json
+[ "$(grep -oE 'view [0-9]+: a gain of [0-9.]*' stderr | cut -c 1-21)" = 'view 1: a gain of 0.0' ] ||
+    fail "what is said of gains: $(cat stderr)"
 for key in heldout_before heldout_after heldout_frame_before heldout_frame_after shifts gains slopes \
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"

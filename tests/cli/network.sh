@@ -242,6 +242,8 @@ grep -q 'run: its network goes on as it is' stderr || fail "no word on its netwo
 works weights info run/weights.h5
 says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
+grep -q '^run: 6 steps are done, 6 were asked for$' stderr || fail "a finished run: $(cat stderr)"
 works info run
 says '^run: run folder, network v2v, 6 of 6 steps logged$'
 says '^last total: [0-9.e+]*$'
