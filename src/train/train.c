@@ -213,15 +213,13 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     V2V_TRY(v2v_run_folder_enter(&run.folder, job, comm));
     V2V_TRY(v2v_trainer_create(&run.trainer, job, comm));
     V2V_TRY(start(&run));
-    const int is_done = run.step >= job->config->train.steps; /* before it was resumed */
-    if (!is_done) {
-        v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    if (run.step >= job->config->train.steps) { /* resumed: its checkpoint is all there is to do */
+        goto done;
     }
+    v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
-    if (!is_done) {
-        v2v_progress_end(&run.progress);
-    }
+    v2v_progress_end(&run.progress);
     if (rc == V2V_OK || rc == V2V_STOPPED) {
         struct v2v_par_shares shares = v2v_par_shares_since(comm, &began);
         v2v_par_log_shares(comm, &shares);

@@ -21,8 +21,9 @@ views:
 EOF
 works simulate --psf psf.h5 --volume volume.h5 -o rec.h5 --noise gaussian:0.05 --calibration spoil.yaml
 works calibrate --psf psf.h5 --input rec.h5 -o cal.yaml --json
-[ "$(grep -oE 'view [0-9]+: a gain of [0-9.]*' stderr | cut -c 1-21)" = 'view 1: a gain of 0.0' ] ||
+if [ "$(grep -c 'a gain of' stderr)" -ne 1 ] || ! grep -q 'view 1: a gain of 0\.0' stderr; then
     fail "what is said of gains: $(cat stderr)"
+fi
 for key in heldout_before heldout_after heldout_frame_before heldout_frame_after shifts gains slopes \
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"

@@ -1,7 +1,8 @@
 #!/bin/bash
 # The job scripts start the program with the right words and requeue exactly what can go on:
 # seen with a launcher, scontrol and sleep that only write down how they were called.
-# jobs.sh [ROOT [SCRIPT...]]: of the scripts train, reconstruct and array these.
+# jobs.sh [ROOT [SCRIPT...]]: train, reconstruct or array, or all of them, and what an array makes of
+# its arguments.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 root=$PWD
 fake=$(mktemp -d)

@@ -35,8 +35,7 @@ lines() # COUNT [FORMAT]: numbered lines of code
     seq -f "${2:-    x += %g;}" "$1"
 }
 
-# What each case plants.
-plant()
+plant() # VIOLATION [WORD]
 {
     case $1 in
     spaces) echo 'int   c;' >>tests/unit/base/test_a.c ;;
@@ -67,12 +66,13 @@ plant()
     no_cap) sed -i 's/crashes <=/0 <=/' jobs/common.sh ;;
     no_forward) sed -i '/^    trap .*kill -USR1/d' jobs/common.sh ;;
     no_resume) sed -i 's/ --resume / /' jobs/common.sh ;;
-    late_signal) sed -i 's/@180/@1/' jobs/train.sbatch ;;
+    late_signal) sed -i 's/@180/@1/' "jobs/$2.sbatch" ;;
     *) echo "no plant $1" && exit 2 ;;
     esac
 }
 
-# lint | violation | what its report must say (a part of it)
+# lint | violation | what its report must say (a part of it). A violation's second word is the lint's
+# argument, too: jobs.sh looks at that script alone.
 cases='
 format|spaces|tests/unit/base/test_a.c:2
 arrows|outside_header|src/base/a.c:10: <mpi.h> belongs to
@@ -97,11 +97,11 @@ citations|outside_folder|cites ../shared
 citations|long_front|README.md:131: more than 130 lines
 shell|unquoted|.ci/run
 shell|unquoted_job|jobs/train.sbatch
-jobs|no_requeue|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
-jobs|no_cap|killed again and again: five restarts: 7 requeues
-jobs|no_forward|jobs/train.sbatch: USR1 reaches the program
-jobs|no_resume|[train] [--proof]
-jobs|late_signal|jobs/train.sbatch: asks Slurm
+jobs|no_requeue train|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
+jobs|no_cap train|killed again and again: five restarts: 7 requeues
+jobs|no_forward train|jobs/train.sbatch: USR1 reaches the program
+jobs|no_resume train|[train] [--proof]
+jobs|late_signal reconstruct|jobs/reconstruct.sbatch: asks Slurm
 '
 calls='atoi atol atof strcpy strcat sprintf vsprintf gets rand srand strtok system popen exit printf
     malloc calloc free MPI_Abort'
@@ -133,12 +133,10 @@ done
 while IFS='|' read -r lint violation words; do
     [[ -n $lint ]] || continue
     clean_tree
-    # shellcheck disable=SC2086 # a violation is a name and perhaps a word
-    plant $violation
-    only=()
-    [[ $lint != jobs ]] || only=(train) # where the violations are
+    read -ra named <<<"$violation"
+    plant "${named[@]}"
     rc=0
-    run "$lint" "${only[@]}" || rc=$?
+    run "$lint" "${named[@]:1}" || rc=$?
     if [[ $rc -eq 0 ]] || ! grep -qF -- "$words" "$scratch/report"; then
         echo "$lint, $violation: exit code $rc, expected a failure with \"$words\":"
         cat "$scratch/report"

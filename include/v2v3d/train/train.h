@@ -45,7 +45,7 @@ struct v2v_train_job {
 struct v2v_train_report {
     int64_t steps;     /**< done in all, resumed ones included */
     int64_t now;       /**< of them by this run */
-    double last_total; /**< total loss of the last step of this run */
+    double last_total; /**< total loss of the last step of this run; 0: there was none */
     double seconds;
 };
 
