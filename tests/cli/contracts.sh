@@ -152,8 +152,13 @@ same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
+grep -q 'unexplained' stderr && fail "a warning of views that the volume explains: $(cat stderr)"
 # The noise is decided by the first frame; the volume says which.
 grep -q 'noise gaussian, by the first frame' stderr || fail "no word on the noise: $(cat stderr)"
+works psf simulate -c tiny.yaml --set optics.shift=6 -o one/elsewhere.h5
+works deconvolve --psf one/elsewhere.h5 --input lfi.h5 -o elsewhere.h5 --method rl --iterations 5
+grep -q 'frame 0: the volume leaves much of the views unexplained' stderr ||
+    fail "no warning of another microscope's PSFs: $(cat stderr)"
 works info tv.h5 --json
 says '\\n  noise: gaussian\\n'
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_gaussian.h5 --noise gaussian

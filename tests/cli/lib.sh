@@ -7,23 +7,16 @@ program=$1
 ranks=$2
 limit=${V2V_CLI_LIMIT:-10} # seconds a failing command may take (src/README.md, invariants)
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-root=${V2V_ROOT:-$here/../..}
+export root=${V2V_ROOT:-$here/../..}
 folder=$(mktemp -d "${TMPDIR:-/tmp}/v2v3d-cli.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
 cd "$folder" || exit 1
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 failures=0
 
-v2v3d() {
-    if [ "$ranks" -eq 1 ]; then
-        "$program" "$@"
-    else
-        mpirun --oversubscribe --bind-to none -n "$ranks" "$program" "$@"
-    fi
-}
-# As a command of its own, so that timeout can run it.
-export -f v2v3d
-export program ranks root here
+# What a command line begins with, before the program.
+launch=()
+[ "$ranks" -eq 1 ] || launch=(mpirun --oversubscribe --bind-to none -n "$ranks")
 
 fail() {
     echo "FAILED: $*"
@@ -34,7 +27,7 @@ fail() {
 timed() {
     local seconds=$1
     shift
-    timeout -k 5 "$seconds" bash -c 'v2v3d "$@"' v2v3d "$@" >stdout 2>stderr </dev/null
+    timeout -k 5 "$seconds" "${launch[@]}" "$program" "$@" >stdout 2>stderr </dev/null
 }
 
 # works words...: exit code 0, nothing left in memory.

@@ -3,6 +3,7 @@
 # who says how they shall wait is obeyed.
 # shellcheck source=tests/cli/lib.sh
 . "$(dirname "$0")/lib.sh"
+unset GOMP_SPINCOUNT
 
 # waits PATTERN: so says libgomp, of the last start of the program.
 waits() {

@@ -123,8 +123,8 @@ works init --proof ended
 [ -e ended ] || fail '--proof made no file'
 refuses 78 'train.step' init --proof out --set train.step=1
 [ -s 'a folder/ünder a name.yaml' ] || fail 'init -o wrote nothing'
-timeout 60 bash -c "v2v3d init 2>stderr | head -1; exit \${PIPESTATUS[0]}" >stdout ||
-    fail "a closed pipe made init fail: $(cat stderr)"
+timeout 60 "${launch[@]}" "$program" init 2>stderr | head -1 >stdout
+[ "${PIPESTATUS[0]}" -eq 0 ] || fail "a closed pipe made init fail: $(cat stderr)"
 # A reader that went away is no failure, however much was still to be printed.
 for _ in 1 2 3 4 5; do
     "$program" init 2>stderr | true
