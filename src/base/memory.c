@@ -24,7 +24,7 @@ static const uint64_t magic_taken = 0x763276336d656d21;
 
 /** Lies right before the caller's memory. */
 struct header {
-    void *raw; /**< what calloc gave */
+    void *raw; /**< what calloc or mmap gave */
     size_t bytes;
     uint64_t magic;
     int64_t label;
@@ -87,16 +87,18 @@ static void account_give(int64_t index, size_t bytes)
     pthread_mutex_unlock(&account.lock);
 }
 
-/** Transforms and products walk through many places at once, more than the processor keeps page
- *  addresses of 4 KB for. Only a wish: without it the same memory is slower. */
-static void ask_for_large_pages(char *raw, size_t bytes)
+/* Pages that an array of LARGE bytes and more begins and ends with: transforms and products walk
+ * through more places at once than the processor keeps addresses of 4 KiB pages for, and a kernel
+ * that is asked for one small page after the other takes longer than it does to clear them. */
+enum { LARGE_PAGE = 2 << 20, LARGE = 2 * LARGE_PAGE };
+
+/* Large arrays begin in as many places of their page, in turn, or the same elements of several
+ * would compete for the same lines of a second-level cache. */
+enum { PLACES = 31 };
+
+static char *round_up(char *address, size_t unit)
 {
-    const uintptr_t page = (uintptr_t)2 << 20;
-    uintptr_t first = ((uintptr_t)raw + page - 1) / page * page;
-    uintptr_t last = ((uintptr_t)raw + bytes) / page * page;
-    if (bytes >= 2 * page && last > first) {
-        (void)madvise(raw + (first - (uintptr_t)raw), last - first, MADV_HUGEPAGE);
-    }
+    return address + (unit - (uintptr_t)address % unit) % unit;
 }
 
 /** A cache line; of what may be written to a disk as it is, a page. */
@@ -105,27 +107,60 @@ static size_t alignment_of(size_t bytes)
     return bytes < (size_t)1 << 20 ? 64 : V2V_PAGE_BYTES;
 }
 
-/** calloc, aligned by hand: fresh pages come zeroed from the kernel and are touched only by whoever
- * uses them first, which memset would spoil. */
-static void *take(size_t bytes, int64_t label)
+/** Zeros that nobody has touched: they are on the memory of whoever uses them first.
+ *  @param all out: bytes that lie from *raw on, for give_back */
+static char *take_large(char **raw, size_t *all, size_t bytes)
+{
+    static _Atomic unsigned taken;
+    const size_t place = (1 + taken++ % PLACES) * V2V_PAGE_BYTES;
+    *all = bytes + 2 * (size_t)LARGE_PAGE;
+    *raw = mmap(NULL, *all, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (*raw == MAP_FAILED) {
+        return NULL;
+    }
+    char *first = round_up(*raw, LARGE_PAGE), *memory = first + place;
+    const size_t pages = (place + bytes + LARGE_PAGE / 2) / LARGE_PAGE;
+    (void)madvise(first, pages * LARGE_PAGE, MADV_HUGEPAGE); /* a wish */
+    return memory;
+}
+
+/** By calloc, aligned by hand. */
+static char *take_small(char **raw, size_t *all, size_t bytes)
 {
     const size_t alignment = alignment_of(bytes);
-    const size_t extra = sizeof(struct header) + alignment - 1;
-    if (bytes > (size_t)PTRDIFF_MAX - extra) {
+    *all = bytes + sizeof(struct header) + alignment - 1;
+    *raw = calloc(1, *all);
+    return *raw != NULL ? round_up(*raw + sizeof(struct header), alignment) : NULL;
+}
+
+static void *take(size_t bytes, int64_t label)
+{
+    char *raw = NULL;
+    size_t all = 0;
+    if (bytes > (size_t)PTRDIFF_MAX - 2 * (size_t)LARGE_PAGE) {
         return NULL;
     }
-    char *raw = calloc(1, bytes + extra);
-    if (raw == NULL) {
+    char *memory = (bytes < LARGE ? take_small : take_large)(&raw, &all, bytes);
+    if (memory == NULL) {
         return NULL;
     }
-    ask_for_large_pages(raw, bytes);
-    uintptr_t first = (uintptr_t)raw + sizeof(struct header);
-    char *memory = raw + sizeof(struct header) + (alignment - first % alignment) % alignment;
     struct header *header = (struct header *)(void *)memory - 1;
     *header = (struct header){.raw = raw, .bytes = bytes, .magic = magic_taken, .label = label};
     GUARD(header, sizeof *header);
-    GUARD(memory + bytes, (size_t)(raw + bytes + extra - (memory + bytes)));
+    GUARD(memory + bytes, (size_t)(raw + all - (memory + bytes)));
     return memory;
+}
+
+static void give_back(const struct header *header)
+{
+    char *raw = header->raw;
+    const size_t all = header->bytes + 2 * (size_t)LARGE_PAGE;
+    if (header->bytes < LARGE) {
+        free(raw);
+    } else {
+        UNGUARD(raw, all);
+        (void)munmap(raw, all);
+    }
 }
 
 static size_t read_locked(const size_t *value)
@@ -175,7 +210,7 @@ void v2v_mem_free(void *memory)
     V2V_ASSERT(header->magic == magic_taken);
     header->magic = 0;
     account_give(header->label, header->bytes);
-    free(header->raw);
+    give_back(header);
 }
 
 void v2v_mem_set_limit(size_t bytes)

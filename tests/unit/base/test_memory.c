@@ -30,6 +30,31 @@ static void memory_is_zeroed_aligned_and_counted(void **state)
     v2v_mem_free(NULL);
 }
 
+/* Sizes about those from which on memory comes in large pages, and about whole numbers of them. */
+static void large_memory_is_zeroed_aligned_and_counted(void **state)
+{
+    (void)state;
+    static const int64_t mib = 1 << 20, about[] = {1, 2, 4, 6, 9, 64}, beside[] = {-1, 0, 1};
+    for (size_t i = 0; i < sizeof about / sizeof *about; i++) {
+        for (size_t k = 0; k < sizeof beside / sizeof *beside; k++) {
+            const int64_t bytes = about[i] * mib + beside[k];
+            const size_t before = v2v_mem_held();
+            unsigned char *x = NULL;
+            assert_ok(V2V_ALLOC(x, "test.large", bytes));
+            assert_int_equal((uintptr_t)x % (bytes < mib ? 64 : V2V_PAGE_BYTES), 0);
+            assert_int_equal(v2v_mem_held() - before, (size_t)bytes);
+            for (int64_t b = 0; b < bytes; b++) {
+                if (x[b] != 0) {
+                    fail_msg("%lld bytes: %d at %lld", (long long)bytes, x[b], (long long)b);
+                }
+                x[b] = 1;
+            }
+            v2v_mem_free(x);
+            assert_int_equal(v2v_mem_held(), before);
+        }
+    }
+}
+
 static void impossible_sizes_fail_with_the_label(void **state)
 {
     (void)state;
@@ -169,6 +194,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(memory_is_zeroed_aligned_and_counted),
+        cmocka_unit_test(large_memory_is_zeroed_aligned_and_counted),
         cmocka_unit_test(impossible_sizes_fail_with_the_label),
         cmocka_unit_test(limit_refuses_what_passes_it),
         cmocka_unit_test(report_names_labels_by_peak_largest_first),
