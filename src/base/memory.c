@@ -1,5 +1,6 @@
 #include "v2v3d/base/memory.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 
@@ -96,9 +97,15 @@ enum { LARGE_PAGE = 2 << 20, LARGE = 2 * LARGE_PAGE };
  * would compete for the same lines of a second-level cache. */
 enum { PLACES = 31 };
 
-static char *round_up(char *address, size_t unit)
+static char *aligned(char *address, size_t alignment)
 {
-    return address + (unit - (uintptr_t)address % unit) % unit;
+    const intptr_t at = (intptr_t)address;
+    return address + (v2v_round_up(at, (int64_t)alignment) - at);
+}
+
+static int is_large(size_t bytes)
+{
+    return bytes >= LARGE;
 }
 
 /** A cache line; of what may be written to a disk as it is, a page. */
@@ -107,59 +114,62 @@ static size_t alignment_of(size_t bytes)
     return bytes < (size_t)1 << 20 ? 64 : V2V_PAGE_BYTES;
 }
 
-/** Zeros that nobody has touched: they are on the memory of whoever uses them first.
- *  @param all out: bytes that lie from *raw on, for give_back */
-static char *take_large(char **raw, size_t *all, size_t bytes)
+/** Of an array, its header and what aligns them: all that is taken for it. */
+static size_t bytes_around(size_t bytes)
+{
+    return bytes + (is_large(bytes) ? 2 * (size_t)LARGE_PAGE
+                                    : sizeof(struct header) + alignment_of(bytes) - 1);
+}
+
+/** Zeros that nobody has touched: they are on the memory of whoever uses them first. */
+static char *take_large(char **raw, size_t bytes)
 {
     static _Atomic unsigned taken;
     const size_t place = (1 + taken++ % PLACES) * V2V_PAGE_BYTES;
-    *all = bytes + 2 * (size_t)LARGE_PAGE;
-    *raw = mmap(NULL, *all, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    *raw =
+        mmap(NULL, bytes_around(bytes), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (*raw == MAP_FAILED) {
         return NULL;
     }
-    char *first = round_up(*raw, LARGE_PAGE), *memory = first + place;
+    char *first = aligned(*raw, LARGE_PAGE);
     const size_t pages = (place + bytes + LARGE_PAGE / 2) / LARGE_PAGE;
     (void)madvise(first, pages * LARGE_PAGE, MADV_HUGEPAGE); /* a wish */
-    return memory;
+    return first + place;
 }
 
 /** By calloc, aligned by hand. */
-static char *take_small(char **raw, size_t *all, size_t bytes)
+static char *take_small(char **raw, size_t bytes)
 {
-    const size_t alignment = alignment_of(bytes);
-    *all = bytes + sizeof(struct header) + alignment - 1;
-    *raw = calloc(1, *all);
-    return *raw != NULL ? round_up(*raw + sizeof(struct header), alignment) : NULL;
+    *raw = calloc(1, bytes_around(bytes));
+    return *raw != NULL ? aligned(*raw + sizeof(struct header), alignment_of(bytes)) : NULL;
 }
 
 static void *take(size_t bytes, int64_t label)
 {
     char *raw = NULL;
-    size_t all = 0;
     if (bytes > (size_t)PTRDIFF_MAX - 2 * (size_t)LARGE_PAGE) {
         return NULL;
     }
-    char *memory = (bytes < LARGE ? take_small : take_large)(&raw, &all, bytes);
+    char *memory = is_large(bytes) ? take_large(&raw, bytes) : take_small(&raw, bytes);
     if (memory == NULL) {
         return NULL;
     }
     struct header *header = (struct header *)(void *)memory - 1;
     *header = (struct header){.raw = raw, .bytes = bytes, .magic = magic_taken, .label = label};
     GUARD(header, sizeof *header);
-    GUARD(memory + bytes, (size_t)(raw + all - (memory + bytes)));
+    GUARD(memory + bytes, (size_t)(raw + bytes_around(bytes) - (memory + bytes)));
     return memory;
 }
 
 static void give_back(const struct header *header)
 {
     char *raw = header->raw;
-    const size_t all = header->bytes + 2 * (size_t)LARGE_PAGE;
-    if (header->bytes < LARGE) {
-        free(raw);
+    const size_t bytes = header->bytes;
+    if (is_large(bytes)) {
+        UNGUARD(raw, bytes_around(bytes));
+        (void)munmap(raw, bytes_around(bytes));
     } else {
-        UNGUARD(raw, all);
-        (void)munmap(raw, all);
+        free(raw);
     }
 }
 

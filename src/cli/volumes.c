@@ -357,9 +357,10 @@ done:
     return rc;
 }
 
-/* Views that a volume misses by more than this part of them, and by as many times their noise, are
- * not what the PSFs make of any: real views out of register are missed by 0.34 to 0.40, calibrated
- * by 0.25 to 0.29 (vessels9, total variation and Richardson-Lucy). */
+/* Views that a volume misses by more than this part of them, and by so many times their noise where
+ * they have any, are not what the PSFs make of any volume. vessels9, total variation and
+ * Richardson-Lucy: out of register 0.34 to 0.40, calibrated 0.25 to 0.29; in another order or
+ * mirrored 0.44 to 0.55, 36 times the noise and more, where noise alone leaves 1. */
 static const double much_missed = 0.3, noises_missed = 5.0;
 
 /* What is known of it: views may be dark, without noise, or of a sum below zero. */

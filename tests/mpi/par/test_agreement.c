@@ -150,9 +150,17 @@ static void what_rank_0_does_alone_all_learn(void **state)
     assert_non_null(strstr(v2v_status_message(), "what rank 0 found"));
 }
 
-/* Rank 0 works for PERIODS of the watchdog, and beats. It leaves the watchdog armed. The longest of
- * these tests: of the rank counts that they run at, MOST_RANKS alone. */
-enum { PERIODS = 2, BEATS = 30, MOST_RANKS = 4 };
+/* Tests that wait for seconds run at one of the rank counts, the largest. */
+enum { MOST_RANKS = 4 };
+static void only_among_most_ranks(void)
+{
+    if (v2v_comm_size(test_world()) < MOST_RANKS) {
+        skip();
+    }
+}
+
+/* Rank 0 works for PERIODS of the watchdog, and beats. It leaves the watchdog armed. */
+enum { PERIODS = 2, BEATS = 30 };
 static const double period = 3.0; /* a machine that stands still for so long ends the test */
 
 static enum v2v_status work_long(void *context)
@@ -168,9 +176,7 @@ static enum v2v_status work_long(void *context)
 static void ranks_wait_for_rank_0_that_works_alone(void **state)
 {
     (void)state;
-    if (v2v_comm_size(test_world()) < MOST_RANKS) {
-        skip();
-    }
+    only_among_most_ranks();
     v2v_watchdog_set_period(period);
     const double began = v2v_clock_now();
     assert_ok(v2v_agreement_alone(test_world(), work_long, NULL));
@@ -185,9 +191,7 @@ static void a_rank_waits_for_one_that_is_alive(void **state)
     (void)state;
     struct v2v_agreement *agreement = NULL;
     const int is_slow = v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1;
-    if (v2v_comm_size(test_world()) < MOST_RANKS) {
-        skip();
-    }
+    only_among_most_ranks();
     assert_ok(v2v_agreement_create(&agreement, test_world()));
     v2v_watchdog_set_period(period);
     const double began = v2v_clock_now();
