@@ -10,32 +10,32 @@
 
 enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64 };
 
-/* Of a field's terms, which cancel each other's larger part. */
-enum { MOST_FIELD_PIXELS = 256, MOST_SHADING = 32 };
+/* Of a field's terms. */
+enum { MOST_SHADING = 8 };
 
 /* What a file says of a view. */
 struct quantity {
     const char *name;
-    int count, fewest; /* numbers; those that are left out are 0 */
+    int count; /* of numbers; left out, they are as in a view without a calibration */
     size_t at;
     double least, most;
     const char *meaning;
 };
-#define QUANTITY(name, count, fewest, least, most, meaning)                                        \
+#define QUANTITY(name, count, least, most, meaning)                                                \
     {                                                                                              \
-#name, count, fewest, offsetof(struct v2v_view_calibration, name), least, most, meaning    \
+#name, count, offsetof(struct v2v_view_calibration, name), least, most, meaning            \
     }
-#define PIXELS(name, meaning) QUANTITY(name, 2, 2, -MOST_PIXELS, MOST_PIXELS, meaning)
-#define FIELD(name, most, meaning)                                                                 \
-    QUANTITY(name, V2V_FIELD_TERMS, V2V_FIELD_COARSE_TERMS, -most, most, meaning)
+#define PIXELS(name, meaning) QUANTITY(name, 2, -MOST_PIXELS, MOST_PIXELS, meaning)
+#define FIELD(name, most, meaning) QUANTITY(name, V2V_FIELD_TERMS, -most, most, meaning)
 
 static const struct quantity table[] = {
-    QUANTITY(gain, 1, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
+    QUANTITY(gain, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
     PIXELS(shift, "y, x: pixels"),
     PIXELS(slope, "y, x: pixels from the middle slice to the last"),
-    FIELD(distortion_y, MOST_FIELD_PIXELS,
-          "x, y, x x, x y, y y, x x x, x x y, x y y, y y y, and so on: pixels at the frame's edge"),
-    FIELD(distortion_x, MOST_FIELD_PIXELS, "likewise"),
+    FIELD(distortion_y, MOST_PIXELS,
+          "pixels times P1(x), P1(y), P2(x), P1(x) P1(y), P2(y), P3(x) .. P10(y): Legendre "
+          "polynomials, -1 to 1 from edge to edge"),
+    FIELD(distortion_x, MOST_PIXELS, "likewise"),
     FIELD(shading, MOST_SHADING, "likewise: logarithm of the gain"),
 };
 enum { QUANTITIES = sizeof table / sizeof *table };
@@ -67,14 +67,13 @@ static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node
         is_list ? node->data.sequence.items.top - node->data.sequence.items.start : 1;
     V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: %s", reader->path, line_of(node),
                             quantity->name));
-    if (is_list != (quantity->count > 1) || count < quantity->fewest || count > quantity->count) {
-        char fewest[16] = "";
-        if (quantity->fewest < quantity->count) {
-            V2V_TRY(v2v_text_format(fewest, sizeof fewest, "%d to ", quantity->fewest));
-        }
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%s%d number%s", what,
-                         is_list ? "" : "a list of ", fewest, quantity->count,
-                         quantity->count > 1 ? "s" : ""));
+    if (is_list != (quantity->count > 1) || count != quantity->count) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%d number%s%s", what,
+                         is_list ? "" : "a list of ", quantity->count,
+                         quantity->count > 1 ? "s" : "",
+                         quantity->count == V2V_FIELD_TERMS
+                             ? "; files of earlier versions have fewer: calibrate again"
+                             : ""));
     }
     for (int64_t i = 0; i < count; i++) {
         if (is_list) {
@@ -148,7 +147,7 @@ static enum v2v_status read_document(struct v2v_calibration *calibration, struct
 {
     enum v2v_status rc = V2V_OK;
     static const char keys[] = "height, width, views";
-    static const struct quantity side = {"a side of the frame", 1, 1, 0, 1.0, MOST_SIDE, NULL};
+    static const struct quantity side = {"a side of the frame", 1, 0, 1.0, MOST_SIDE, NULL};
     double height = 0.0, width = 0.0;
     const yaml_node_t *root = yaml_document_get_root_node(&reader->document);
     if (root == NULL || root->type != YAML_MAPPING_NODE) {
@@ -295,6 +294,9 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
     for (int64_t v = 0; v < calibration->views; v++) {
         for (int q = 0; q < QUANTITIES; q++) {
             const double *number = numbers_of(&calibration->view[v], &table[q]);
+            if (table[q].count == V2V_FIELD_TERMS && v2v_field_is_zero(number)) {
+                continue;
+            }
             fprintf(stream, "%s%s: %s", q == 0 ? "  - " : "    ", table[q].name,
                     table[q].count > 1 ? "[" : "");
             for (int i = 0; i < table[q].count; i++) {

@@ -6,13 +6,16 @@
 
 #include <string.h>
 
+/* A view, where it has distortion, and what taking it out needs. */
+enum { UNDISTORTING = 3 };
+
 struct v2v_recording {
     struct v2v_recording_info info;
     struct v2v_stack stack;
     int64_t first_page;                        /* the first frame's first view */
     int64_t stride;                            /* pages from frame to frame */
     const struct v2v_calibration *calibration; /* NULL: none */
-    float *as_recorded;                        /* a view, where it has distortion */
+    float *as_recorded; /* [UNDISTORTING,height,width]; NULL: no view has distortion */
 };
 
 /* Views of a frame: what the file states, which must be what is asked for; else that. A TIFF with
@@ -184,7 +187,7 @@ enum v2v_status v2v_recording_calibrate(struct v2v_recording *recording,
                                   recording->stack.path));
     if (v2v_calibration_has_distortion(calibration)) {
         V2V_TRY(V2V_ALLOC(recording->as_recorded, "io.calibration",
-                          v2v_mem_product(info->height, info->width, 1)));
+                          v2v_mem_product(UNDISTORTING, info->height, info->width)));
     }
     recording->calibration = calibration;
 done:
@@ -203,8 +206,9 @@ static void undo_distortion(const struct v2v_recording *recording, float *views)
     for (int64_t v = 0; v < info->views; v++) {
         const struct v2v_view_calibration *view = &recording->calibration->view[v];
         memcpy(recording->as_recorded, views + v * pixels, (size_t)pixels * sizeof *views);
-        v2v_warp_image(views + v * pixels, recording->as_recorded, info->height, info->width,
-                       view->distortion_y, view->distortion_x, 1.0);
+        v2v_unwarp_image(views + v * pixels, recording->as_recorded,
+                         recording->as_recorded + pixels, info->height, info->width,
+                         view->distortion_y, view->distortion_x);
     }
 }
 

@@ -25,9 +25,6 @@ enum { SMALL = 208, LARGE = 512, WHOLE = 0 };
  * of the views, which takes less than half of the time. */
 enum { ALL_FOLDS = 1 << 30, THIRDS = 3 };
 
-/* What is not lowered by so much is not worth its parameters. */
-static const double least_lowered = 0.03;
-
 /* Rounds end when no view moves by more, pixels, or less of the residual is gone by one. */
 static const double still = 0.03, least_by_round = 1e-3;
 
@@ -38,19 +35,19 @@ static const double steady = 1e-3;
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
     struct v2v_look look;
-    int rounds; /* at most */
-    int is_optional;
-    double least_at_first; /* an optional one's first round, or there is no other */
+    int rounds;            /* at most */
+    double least;          /* part of the residual that it takes, or it is undone; 0: it stays .. */
+    double least_at_first; /* .. and its first round, or there is no other */
 } stages[] = {
-    {{SMALL, 4, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0, 0.0},
-    {{SMALL, 2, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0, 0.0},
-    {{SMALL, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0, 0.0},
-    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0, 0.0},
-    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE}, 3, 1, 0.01},
-    {{WHOLE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS}, 8, 1, 0.01},
+    {{SMALL, 4, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0.0, 0.0},
+    {{SMALL, 2, COARSE, THIRDS, V2V_REGISTER_SHIFT}, 2, 0.0, 0.0},
+    {{SMALL, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0.0, 0.0},
+    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SHIFT}, 8, 0.0, 0.0},
+    {{LARGE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE}, 3, 0.03, 0.01},
+    {{WHOLE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS}, 8, 0.03, 0.01},
     {{WHOLE, 1, FINE, THIRDS, V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS | V2V_REGISTER_FINE_FIELDS},
-     8,
-     1,
+     12,
+     0.01,
      0.005},
 };
 enum { STAGES = sizeof stages / sizeof *stages, FIRST_FINE = 2 };
@@ -61,7 +58,8 @@ struct calibration_run {
     struct v2v_calibrator at;
     double (*parallax)[2]; /* [v] */
     struct v2v_anderson *anderson;
-    double *from, *to; /* all numbers of all views: before and after a step */
+    double *from, *to;                 /* all numbers of all views: before and after a step */
+    struct v2v_view_calibration *best; /* [v]: of a stage's rounds */
     int64_t rounds;
 };
 
@@ -78,33 +76,47 @@ static void mix(struct calibration_run *self)
     self->rounds++;
 }
 
-/** Rounds of a look and a step. @return of an optional one *lowered: the part of the residual that
- *  is gone. Collective(comm). */
+static int is_optional(const struct stage *stage)
+{
+    return stage->least > 0.0;
+}
+
+/** Rounds of a look and a step; of an optional stage, back to where most was predicted.
+ *  @return of an optional one *lowered: the part of the residual that is gone. Collective(comm). */
 static enum v2v_status run_stage(struct calibration_run *self, const struct stage *stage,
                                  double *lowered)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_calibrator *const at = &self->at;
-    double moved = INFINITY, first = INFINITY, last = INFINITY;
+    struct v2v_view_calibration *const now = at->calibration->view;
+    const size_t bytes = (size_t)at->count * sizeof *now;
+    double moved = INFINITY, first = INFINITY, least = INFINITY;
     v2v_anderson_restart(self->anderson);
     for (int r = 0; r <= stage->rounds; r++) {
-        const int is_last = r == stage->rounds || (moved <= still && !stage->is_optional);
-        if (is_last && !stage->is_optional) { /* nothing is compared with it */
+        const int is_last = r == stage->rounds || (moved <= still && !is_optional(stage));
+        if (is_last && !is_optional(stage)) { /* nothing is compared with it */
             break;
         }
         V2V_TRY(v2v_calibrator_look(at, &stage->look));
+        const int is_lower = at->missed <= (1.0 - least_by_round) * least;
         first = r == 0 ? at->missed : first;
-        *lowered = 1.0 - at->missed / first;
-        if (is_last || at->missed > (1.0 - least_by_round) * last ||
-            (r > 0 && stage->is_optional && *lowered < stage->least_at_first)) {
+        if (at->missed < least) {
+            least = at->missed;
+            memcpy(self->best, now, bytes);
+        }
+        *lowered = 1.0 - least / first;
+        if (is_last || !is_lower ||
+            (r > 0 && is_optional(stage) && *lowered < stage->least_at_first)) {
             break;
         }
-        last = at->missed;
         v2v_registration_to_numbers(self->from, at->calibration);
         moved = v2v_registration_step(at->calibration, at->registration, stage->look.terms,
                                       stage->look.smoothing);
         mix(self);
         v2v_par_broadcast(at->comm, &moved, sizeof moved, 0);
+    }
+    if (is_optional(stage)) {
+        memcpy(now, self->best, bytes);
     }
 done:
     return rc;
@@ -127,8 +139,8 @@ static enum v2v_status run_stages(struct calibration_run *self,
         }
         memcpy(before, now, bytes);
         V2V_TRY(run_stage(self, &stages[s], &lowered));
-        if (stages[s].is_optional &&
-            (lowered < least_lowered || !v2v_calibration_is_within_bounds(self->at.calibration))) {
+        if (is_optional(&stages[s]) && (lowered < stages[s].least ||
+                                        !v2v_calibration_is_within_bounds(self->at.calibration))) {
             memcpy(now, before, bytes);
             continue;
         }
@@ -230,7 +242,7 @@ static int64_t cost_at_most(const struct calibration_run *self)
                   2.0 * WEIGHTS * v2v_calibrator_cost(at, &stages[FIRST_FINE].look) +
                   (double)(GAIN_ROUNDS * v2v_gains_iterations()) * v2v_calibrator_share(at, LARGE);
     for (int s = 0; s < STAGES; s++) {
-        cost += (double)(stages[s].rounds + stages[s].is_optional) *
+        cost += (double)(stages[s].rounds + is_optional(&stages[s])) *
                 v2v_calibrator_cost(at, &stages[s].look);
     }
     return (int64_t)cost;
@@ -255,6 +267,7 @@ static enum v2v_status begin(struct calibration_run *self)
     V2V_TRY(v2v_anderson_create(&self->anderson, numbers));
     V2V_TRY(V2V_ALLOC(self->from, "calibrate.numbers", numbers));
     V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", numbers));
+    V2V_TRY(V2V_ALLOC(self->best, "calibrate.best", psf->views));
     v2v_psf_parallax(self->parallax, psf);
 done:
     return v2v_par_agree(at->comm, rc);
@@ -262,6 +275,7 @@ done:
 
 static void end(struct calibration_run *self)
 {
+    v2v_mem_free(self->best);
     v2v_mem_free(self->to);
     v2v_mem_free(self->from);
     v2v_anderson_destroy(&self->anderson);

@@ -115,7 +115,8 @@ enum v2v_status v2v_calibrator_apply(struct v2v_calibrator *self)
     V2V_TRY(V2V_ALLOC(self->psf.data, "calibrate.psf", samples));
     memcpy(self->psf.data, psf->data, (size_t)samples * sizeof *psf->data);
     V2V_TRY(v2v_calibration_apply_to_psf(&self->psf, self->calibration));
-    v2v_calibration_undistort(self->predicted[0], self->views, self->calibration);
+    v2v_calibration_undistort(self->predicted[0], self->views, self->predicted[1],
+                              self->calibration);
     v2v_square_cut(&self->place, self->undistorted, self->predicted[0], self->count,
                    self->frame.rows.count, self->frame.columns.count);
 done:

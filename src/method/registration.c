@@ -4,16 +4,23 @@
 #include "v2v3d/base/memory.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
-/* Terms of fine fields look alike; each is held where it is by so much of its own diagonal element
- * (D. W. Marquardt, J. SIAM 11, 431 (1963)), or rounds overshoot. */
-static const double ridge = 0.3;
+/* Of fine fields, each number is held where it is by so much of its own diagonal element
+ * (D. W. Marquardt, J. SIAM 11, 431 (1963)). */
+static const double ridge = 0.1;
 
 /* Of the largest diagonal element, what a pivot must have. */
 static const double least_pivot = 1e-10;
 
-enum { UNKNOWNS = V2V_REGISTER_UNKNOWNS, ROW = UNKNOWNS * (UNKNOWNS + 1) };
+enum {
+    UNKNOWNS = V2V_REGISTER_UNKNOWNS,
+    IMAGES = V2V_REGISTER_IMAGES,
+    PAIRS = V2V_REGISTER_PAIRS,
+    ORDERS = V2V_REGISTER_ORDERS,
+    ROW = PAIRS * ORDERS
+};
 
 /* Which of a view's unknowns are wanted, in order. */
 struct unknowns {
@@ -33,6 +40,15 @@ static unsigned flag_of(int unknown)
 {
     return unknown >= V2V_REGISTER_SLOPES ? V2V_REGISTER_SLOPE
                                           : term_flag(unknown % V2V_REGISTER_FIELD);
+}
+
+/* The highest degree of a field among them. */
+static int degree_of(unsigned terms)
+{
+    if ((terms & V2V_REGISTER_FINE_FIELDS) != 0) {
+        return V2V_FIELD_DEGREE;
+    }
+    return (terms & V2V_REGISTER_FIELDS) != 0 ? V2V_FIELD_COARSE_DEGREE : 0;
 }
 
 static struct unknowns unknowns_of(unsigned terms)
@@ -120,9 +136,8 @@ static void smooth(float *image, float *scratch, int64_t height, int64_t width, 
     }
 }
 
-/* What a pixel would miss by one unit of each unknown: derivatives of the prediction. */
-static void derivatives(double unknown[UNKNOWNS], const struct v2v_registration_images *images,
-                        int64_t y, int64_t x, int64_t reach)
+static void look_at(double image[IMAGES], const struct v2v_registration_images *images, int64_t y,
+                    int64_t x, int64_t reach)
 {
     const int64_t width = images->width;
     const int64_t above = v2v_larger(y - reach, 0) * width + x;
@@ -131,37 +146,50 @@ static void derivatives(double unknown[UNKNOWNS], const struct v2v_registration_
     const int64_t right = y * width + v2v_smaller(x + reach, width - 1);
     const float *p = images->prediction, *q = images->deep;
     const double across = 2.0 * (double)reach;
-    double terms[V2V_REGISTER_FIELD] = {1.0};
-    v2v_field_terms(terms + 1, v2v_field_place(y, images->height), v2v_field_place(x, width));
-    const double value = (double)p[y * width + x];
-    const double along_y = ((double)p[above] - (double)p[below]) / across;
-    const double along_x = ((double)p[left] - (double)p[right]) / across;
-    for (int k = 0; k < V2V_REGISTER_FIELD; k++) {
-        unknown[V2V_REGISTER_GAIN + k] = value * terms[k];
-        unknown[V2V_REGISTER_Y + k] = along_y * terms[k];
-        unknown[V2V_REGISTER_X + k] = along_x * terms[k];
-    }
-    unknown[V2V_REGISTER_SLOPES] = ((double)q[above] - (double)q[below]) / across;
-    unknown[V2V_REGISTER_SLOPES + 1] = ((double)q[left] - (double)q[right]) / across;
+    image[V2V_REGISTER_BY_GAIN] = (double)p[y * width + x];
+    image[V2V_REGISTER_BY_Y] = ((double)p[above] - (double)p[below]) / across;
+    image[V2V_REGISTER_BY_X] = ((double)p[left] - (double)p[right]) / across;
+    image[V2V_REGISTER_BY_SLOPE_Y] = ((double)q[above] - (double)q[below]) / across;
+    image[V2V_REGISTER_BY_SLOPE_X] = ((double)q[left] - (double)q[right]) / across;
+    image[V2V_REGISTER_MISSED] = (double)images->missed[y * width + x];
 }
 
-/* A row's part of the equations: the lower triangle line by line, and behind each line its right
- * side. */
-static void add_row(double *sum, const struct v2v_registration_images *images, int64_t y,
-                    struct v2v_part columns, const struct unknowns *wanted, int64_t reach)
+/* The place of a pair of images. */
+static int pair_of(int a, int b)
 {
-    double unknown[UNKNOWNS];
-    memset(sum, 0, ROW * sizeof *sum);
+    return a > b ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a;
+}
+
+/* Of a row, sums [pairs,orders] of products times P_i(x). */
+static void sum_row(double *sums, const struct v2v_registration_images *images, int64_t y,
+                    struct v2v_part columns, int orders, int64_t reach)
+{
+    double image[IMAGES], of_x[ORDERS];
+    memset(sums, 0, ROW * sizeof *sums);
     for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
-        const double missed = (double)images->missed[y * images->width + x];
-        derivatives(unknown, images, y, x, reach);
-        for (int i = 0; i < wanted->count; i++) {
-            const int row = wanted->list[i];
-            double *line = sum + (int64_t)row * (UNKNOWNS + 1);
-            for (int j = 0; j <= i; j++) {
-                line[wanted->list[j]] += unknown[row] * unknown[wanted->list[j]];
+        double *sum = sums;
+        look_at(image, images, y, x, reach);
+        v2v_legendre(of_x, orders, v2v_field_place((double)x, images->width));
+        for (int b = 0; b < IMAGES; b++) {
+            for (int a = 0; a <= b; a++, sum += ORDERS) {
+                for (int i = 0; i < orders; i++) {
+                    sum[i] += image[a] * image[b] * of_x[i];
+                }
             }
-            line[UNKNOWNS] += unknown[row] * missed;
+        }
+    }
+}
+
+/* A row's sums times P_j(y). */
+static void add_row(struct v2v_registration *registration, const double *sums, double y, int orders)
+{
+    double of_y[ORDERS];
+    v2v_legendre(of_y, orders, y);
+    for (int pair = 0; pair < PAIRS; pair++) {
+        for (int j = 0; j < orders; j++) {
+            for (int i = 0; i < orders; i++) {
+                registration->moments[pair][j][i] += of_y[j] * sums[pair * ORDERS + i];
+            }
         }
     }
 }
@@ -172,7 +200,7 @@ void v2v_registration_compare(struct v2v_registration *registration,
                               int smoothing, struct v2v_part rows, struct v2v_part columns)
 {
     const int64_t height = images->height, width = images->width, pixels = height * width;
-    const struct unknowns wanted = unknowns_of(terms);
+    const int orders = 2 * degree_of(terms) + 1;
     memset(registration, 0, sizeof *registration);
     registration->in_frame = v2v_registration_missed(recorded, prediction, width, rows, columns);
     for (int64_t i = 0; i < pixels; i++) {
@@ -187,16 +215,10 @@ void v2v_registration_compare(struct v2v_registration *registration,
     }
 #pragma omp parallel for schedule(static)
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
-        add_row(images->of_row + y * ROW, images, y, columns, &wanted, smoothing);
+        sum_row(images->of_row + y * ROW, images, y, columns, orders, smoothing);
     }
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
-        for (int i = 0; i < UNKNOWNS; i++) {
-            const double *line = images->of_row + y * ROW + (int64_t)i * (UNKNOWNS + 1);
-            for (int j = 0; j <= i; j++) {
-                registration->matrix[i][j] += line[j];
-            }
-            registration->right[i] += line[UNKNOWNS];
-        }
+        add_row(registration, images->of_row + y * ROW, v2v_field_place((double)y, height), orders);
     }
 }
 
@@ -214,30 +236,93 @@ double v2v_registration_brightness(const float *recorded, const float *predictio
     return product > 0.0 ? product / squares : 1.0;
 }
 
-/* What is added to an unknown's diagonal element. */
-static double held(const struct v2v_registration *registration, int unknown)
+/* P_i P_k as a sum of polynomials. */
+struct products {
+    double of[V2V_FIELD_ORDERS][V2V_FIELD_ORDERS][ORDERS]; /* [i][k] */
+};
+
+/* (n + 1) P_{n+1} = (2 n + 1) x P_n - n P_{n-1}, for each as for x P_i. */
+static void find_products(struct products *products)
 {
-    return flag_of(unknown) == V2V_REGISTER_FINE_FIELDS
-               ? ridge * registration->matrix[unknown][unknown]
-               : 0.0;
+    memset(products, 0, sizeof *products);
+    for (int k = 0; k < V2V_FIELD_ORDERS; k++) {
+        double(*const of)[ORDERS] = products->of[k]; /* the same with i and k exchanged */
+        of[0][k] = 1.0;
+        for (int n = 0; n + 1 < V2V_FIELD_ORDERS; n++) {
+            for (int l = 0; l <= n + k; l++) {
+                const double part = (2 * n + 1) * of[n][l] / ((n + 1) * (2 * l + 1.0));
+                of[n + 1][l + 1] += part * (l + 1);
+                of[n + 1][l > 0 ? l - 1 : 0] += part * l;
+            }
+            for (int l = 0; n > 0 && l < n + k; l++) {
+                of[n + 1][l] -= n * of[n - 1][l] / (n + 1);
+            }
+        }
+    }
+}
+
+/* What an unknown is a factor of: an image times P_x(x) P_y(y). */
+struct factor_of {
+    int image, y, x;
+};
+
+static struct factor_of factor_of(int unknown)
+{
+    if (unknown >= V2V_REGISTER_SLOPES) {
+        return (struct factor_of){V2V_REGISTER_BY_SLOPE_Y + unknown - V2V_REGISTER_SLOPES, 0, 0};
+    }
+    int degree = 0, j = unknown % V2V_REGISTER_FIELD;
+    while (j > degree) {
+        j -= ++degree;
+    }
+    return (struct factor_of){unknown / V2V_REGISTER_FIELD, j, degree - j};
+}
+
+/* An element of the normal matrix. */
+static double element(const struct v2v_registration *registration, const struct products *products,
+                      int row, int column)
+{
+    const struct factor_of a = factor_of(row), b = factor_of(column);
+    const double(*moments)[ORDERS] = registration->moments[pair_of(a.image, b.image)];
+    const double *of_y = products->of[a.y][b.y], *of_x = products->of[a.x][b.x];
+    double sum = 0.0;
+    for (int j = abs(a.y - b.y); j <= a.y + b.y; j += 2) {
+        for (int i = abs(a.x - b.x); i <= a.x + b.x; i += 2) {
+            sum += of_y[j] * of_x[i] * moments[j][i];
+        }
+    }
+    return sum;
+}
+
+/* .. and of its right side. */
+static double missed_by(const struct v2v_registration *registration, int unknown)
+{
+    const struct factor_of a = factor_of(unknown);
+    return registration->moments[pair_of(a.image, V2V_REGISTER_MISSED)][a.y][a.x];
+}
+
+/* What is added to an unknown's diagonal element, of it. */
+static double held(int unknown)
+{
+    return flag_of(unknown) == V2V_REGISTER_FINE_FIELDS ? ridge : 0.0;
 }
 
 /* x = matrix^-1 right by Cholesky's factors; all 0 where the view shows too little to tell. */
 static void solve(double x[UNKNOWNS], const struct v2v_registration *registration,
-                  const struct unknowns *wanted)
+                  const struct products *products, const struct unknowns *wanted)
 {
     const int *list = wanted->list, count = wanted->count;
     double factor[UNKNOWNS][UNKNOWNS], y[UNKNOWNS];
     double largest = 0.0;
     memset(x, 0, UNKNOWNS * sizeof *x);
     for (int i = 0; i < count; i++) {
-        largest = fmax(largest, registration->matrix[list[i]][list[i]]);
+        largest = fmax(largest, element(registration, products, list[i], list[i]));
     }
     for (int i = 0; i < count; i++) {
-        y[i] = registration->right[list[i]];
+        y[i] = missed_by(registration, list[i]);
         for (int j = 0; j <= i; j++) {
-            double sum = registration->matrix[list[i]][list[j]];
-            sum += i == j ? held(registration, list[i]) : 0.0;
+            double sum = element(registration, products, list[i], list[j]);
+            sum *= i == j ? 1.0 + held(list[i]) : 1.0;
             for (int k = 0; k < j; k++) {
                 sum -= factor[i][k] * factor[j][k];
             }
@@ -282,10 +367,12 @@ double v2v_registration_step(struct v2v_calibration *calibration,
                              int smoothing)
 {
     const struct unknowns wanted = unknowns_of(terms);
+    struct products products;
     double farthest = 0.0;
+    find_products(&products);
     for (int64_t v = 0; v < calibration->views; v++) {
         double x[UNKNOWNS], part = 1.0;
-        solve(x, &registration[v], &wanted);
+        solve(x, &registration[v], &products, &wanted);
         for (int i = 0; i < UNKNOWNS; i++) {
             /* gains by a factor of two, displacements as far as differences reach */
             const double most = i < V2V_REGISTER_Y ? log(2.0) : (double)smoothing + 1.0;

@@ -7,7 +7,7 @@
 #include "v2v3d/conf/calibration.h"
 #include "v2v3d/par/slicing.h"
 
-/** What is fitted: gain and shift always. Fields are to the third degree, but for fine ones. */
+/** What is fitted: gain and shift always. Fields are to the third degree, fine ones to the last. */
 enum {
     V2V_REGISTER_SHIFT = 1,
     V2V_REGISTER_SLOPE = 2,
@@ -33,9 +33,27 @@ struct v2v_missed {
     double squares, of;
 };
 
+/** What a pixel is compared by: its prediction, by what that changes where the view is displaced by
+ *  a pixel, or by a pixel times depth, and what it misses. */
+enum {
+    V2V_REGISTER_BY_GAIN,
+    V2V_REGISTER_BY_Y,
+    V2V_REGISTER_BY_X,
+    V2V_REGISTER_BY_SLOPE_Y,
+    V2V_REGISTER_BY_SLOPE_X,
+    V2V_REGISTER_MISSED,
+    V2V_REGISTER_IMAGES
+};
+enum {
+    V2V_REGISTER_PAIRS = V2V_REGISTER_IMAGES * (V2V_REGISTER_IMAGES + 1) / 2,
+    V2V_REGISTER_ORDERS = 2 * V2V_FIELD_DEGREE + 1
+};
+
+/** Sums over the pixels: the products of two of these, times P_j(y) P_i(x), Legendre's
+ *  polynomials: the elements of the normal equations are sums of these, as P_i P_k is of P_0 ..
+ *  P_{i+k}. */
 struct v2v_registration {
-    double matrix[V2V_REGISTER_UNKNOWNS][V2V_REGISTER_UNKNOWNS]; /* normal; lower triangle */
-    double right[V2V_REGISTER_UNKNOWNS];
+    double moments[V2V_REGISTER_PAIRS][V2V_REGISTER_ORDERS][V2V_REGISTER_ORDERS];
     struct v2v_missed in_frame, in_square;
 };
 
@@ -43,7 +61,7 @@ struct v2v_registration {
 struct v2v_registration_images {
     int64_t height, width;
     float *missed, *prediction, *deep, *scratch; /* [y,x] */
-    double *of_row;                              /* [y][unknowns * (unknowns + 1)] */
+    double *of_row;                              /* [y][pairs,orders] */
 };
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY */

@@ -170,7 +170,7 @@ void v2v_calibration_distort_view(float *image, float *scratch,
 {
     v2v_shade_image(image, height, width, view->shading, 1.0);
     memcpy(scratch, image, (size_t)(height * width) * sizeof *image);
-    v2v_warp_image(image, scratch, height, width, view->distortion_y, view->distortion_x, -1.0);
+    v2v_warp_image(image, scratch, height, width, view->distortion_y, view->distortion_x);
 }
 
 void v2v_calibration_distort(float *views, float *scratch,
@@ -183,15 +183,15 @@ void v2v_calibration_distort(float *views, float *scratch,
     }
 }
 
-void v2v_calibration_undistort(float *to, const float *views,
+void v2v_calibration_undistort(float *to, const float *views, float *scratch,
                                const struct v2v_calibration *calibration)
 {
     const int64_t height = calibration->height, width = calibration->width;
     for (int64_t v = 0; v < calibration->views; v++) {
         const struct v2v_view_calibration *view = &calibration->view[v];
         float *image = to + v * height * width;
-        v2v_warp_image(image, views + v * height * width, height, width, view->distortion_y,
-                       view->distortion_x, 1.0);
+        v2v_unwarp_image(image, views + v * height * width, scratch, height, width,
+                         view->distortion_y, view->distortion_x);
         v2v_shade_image(image, height, width, view->shading, -1.0);
     }
 }

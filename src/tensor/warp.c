@@ -7,6 +7,10 @@
 
 enum { TAPS = 4 };
 
+/* Where a displaced pixel lies: passes at most, and what ends them, pixels. */
+enum { PASSES = 16 };
+#define STILL 1e-3
+
 /* Weights of the pixels -1, 0, 1, 2 for a place at t, 0 .. 1, between 0 and 1. */
 static void cubic(double weight[TAPS], double t)
 {
@@ -34,9 +38,25 @@ static double sample(const float *image, int64_t height, int64_t width, double y
     return sum;
 }
 
+/* What polynomials of x count in row y of a field. */
+static void row_of(double row[V2V_FIELD_ORDERS], const double *field, int64_t y, int64_t height)
+{
+    double of_y[V2V_FIELD_ORDERS];
+    v2v_legendre(of_y, V2V_FIELD_ORDERS, v2v_field_place((double)y, height));
+    v2v_field_row(row, field, of_y);
+}
+
+/* Both fields' values in such rows. */
+static void values_at(double value[2], double rows[2][V2V_FIELD_ORDERS], int64_t x, int64_t width)
+{
+    double of_x[V2V_FIELD_ORDERS];
+    v2v_legendre(of_x, V2V_FIELD_ORDERS, v2v_field_place((double)x, width));
+    value[0] = v2v_field_value(rows[0], of_x);
+    value[1] = v2v_field_value(rows[1], of_x);
+}
+
 void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
-                    const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS],
-                    double sign)
+                    const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS])
 {
     if (v2v_field_is_zero(field_y) && v2v_field_is_zero(field_x)) {
         memcpy(to, from, (size_t)(height * width) * sizeof *to);
@@ -44,12 +64,72 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
     }
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
+        double rows[2][V2V_FIELD_ORDERS], moved[2];
+        row_of(rows[0], field_y, y, height);
+        row_of(rows[1], field_x, y, height);
         for (int64_t x = 0; x < width; x++) {
-            double terms[V2V_FIELD_TERMS];
-            v2v_field_terms(terms, v2v_field_place(y, height), v2v_field_place(x, width));
-            to[y * width + x] = (float)sample(from, height, width,
-                                              (double)y + sign * v2v_field_value(field_y, terms),
-                                              (double)x + sign * v2v_field_value(field_x, terms));
+            values_at(moved, rows, x, width);
+            to[y * width + x] =
+                (float)sample(from, height, width, (double)y - moved[0], (double)x - moved[1]);
+        }
+    }
+}
+
+/* Fields at the pixels of an image. */
+struct displacement {
+    float *y, *x; /* [height,width] */
+    int64_t height, width;
+};
+
+static void displacement_fill(const struct displacement *displacement, const double *field_y,
+                              const double *field_x)
+{
+    const int64_t height = displacement->height, width = displacement->width;
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < height; y++) {
+        double rows[2][V2V_FIELD_ORDERS], moved[2];
+        row_of(rows[0], field_y, y, height);
+        row_of(rows[1], field_x, y, height);
+        for (int64_t x = 0; x < width; x++) {
+            values_at(moved, rows, x, width);
+            displacement->y[y * width + x] = (float)moved[0];
+            displacement->x[y * width + x] = (float)moved[1];
+        }
+    }
+}
+
+/* Where a pixel was displaced to: at = pixel + field(at), from the pixel on. Between pixels fields
+ * are sampled as images are. */
+static void displaced(double at[2], const struct displacement *displacement, int64_t y, int64_t x)
+{
+    const int64_t height = displacement->height, width = displacement->width;
+    double change = INFINITY;
+    at[0] = (double)y + (double)displacement->y[y * width + x];
+    at[1] = (double)x + (double)displacement->x[y * width + x];
+    for (int pass = 0; pass < PASSES && change > STILL; pass++) {
+        const double next_y = (double)y + sample(displacement->y, height, width, at[0], at[1]);
+        const double next_x = (double)x + sample(displacement->x, height, width, at[0], at[1]);
+        change = fmax(fabs(next_y - at[0]), fabs(next_x - at[1]));
+        at[0] = next_y;
+        at[1] = next_x;
+    }
+}
+
+void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
+                      const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS])
+{
+    const struct displacement displacement = {scratch, scratch + height * width, height, width};
+    if (v2v_field_is_zero(field_y) && v2v_field_is_zero(field_x)) {
+        memcpy(to, from, (size_t)(height * width) * sizeof *to);
+        return;
+    }
+    displacement_fill(&displacement, field_y, field_x);
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < height; y++) {
+        for (int64_t x = 0; x < width; x++) {
+            double at[2];
+            displaced(at, &displacement, y, x);
+            to[y * width + x] = (float)sample(from, height, width, at[0], at[1]);
         }
     }
 }
@@ -62,10 +142,11 @@ void v2v_shade_image(float *image, int64_t height, int64_t width,
     }
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
+        double row[V2V_FIELD_ORDERS], of_x[V2V_FIELD_ORDERS];
+        row_of(row, field, y, height);
         for (int64_t x = 0; x < width; x++) {
-            double terms[V2V_FIELD_TERMS];
-            v2v_field_terms(terms, v2v_field_place(y, height), v2v_field_place(x, width));
-            const double factor = exp(sign * v2v_field_value(field, terms));
+            v2v_legendre(of_x, V2V_FIELD_ORDERS, v2v_field_place((double)x, width));
+            const double factor = exp(sign * v2v_field_value(row, of_x));
             image[y * width + x] = (float)(factor * (double)image[y * width + x]);
         }
     }

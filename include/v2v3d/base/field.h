@@ -9,18 +9,20 @@
 extern "C" {
 #endif
 
-/** Smooth fields over an image: sums of the products of x and y to the fifth degree, each from -1
- *  at one edge of the image to 1 at the other; those to the third come first. What is constant
- *  belongs elsewhere. */
+/** Smooth fields over an image: sums of products P_i(x) P_j(y) of Legendre polynomials, i + j = 1
+ *  to 10, by their degree i + j and then by j; x and y go from -1 at one edge of the image to 1 at
+ *  the other. What is constant belongs elsewhere. */
 #define V2V_FIELD_TERMS_TO(degree) (((degree) + 1) * ((degree) + 2) / 2 - 1)
 enum {
-    V2V_FIELD_DEGREE = 5,
+    V2V_FIELD_DEGREE = 10,
+    V2V_FIELD_COARSE_DEGREE = 3,
+    V2V_FIELD_ORDERS = V2V_FIELD_DEGREE + 1,
     V2V_FIELD_TERMS = V2V_FIELD_TERMS_TO(V2V_FIELD_DEGREE),
-    V2V_FIELD_COARSE_TERMS = V2V_FIELD_TERMS_TO(3)
+    V2V_FIELD_COARSE_TERMS = V2V_FIELD_TERMS_TO(V2V_FIELD_COARSE_DEGREE)
 };
 
 /** Pixels from the edge in which a field goes on as it is where they begin: fields are fitted to
- *  what lies inside, and their powers, continued, would leave all bounds. */
+ *  what lies inside, and polynomials, continued, would leave all bounds. */
 enum { V2V_FIELD_MARGIN = 24 };
 
 /** Of a side: fewer where it is short. @kind Local. */
@@ -35,34 +37,48 @@ static inline double v2v_line_place(int64_t i, int64_t count)
     return count > 1 ? 2.0 * (double)i / (double)(count - 1) - 1.0 : 0.0;
 }
 
-/** Where pixel i of a side takes its field from, -1 .. 1: within the margins. @kind Local. */
-static inline double v2v_field_place(int64_t i, int64_t side)
+/** Where a place on a side, in pixels, takes its field from, -1 .. 1. @kind Local. */
+static inline double v2v_field_place(double at, int64_t side)
 {
-    const int64_t margin = v2v_field_margin(side);
-    return v2v_line_place(v2v_within(i, margin, side - 1 - margin), side);
+    const double margin = (double)v2v_field_margin(side), last = (double)(side - 1);
+    const double inside = at < margin ? margin : at > last - margin ? last - margin : at;
+    return side > 1 ? 2.0 * inside / last - 1.0 : 0.0;
 }
 
-/** The terms at a place: x, y, x x, x y, y y, x x x, x x y, x y y, y y y and so on. @kind Local. */
-static inline void v2v_field_terms(double terms[V2V_FIELD_TERMS], double y, double x)
+/** P_0 .. P_{count-1} at x. @kind Local. */
+static inline void v2v_legendre(double *polynomial, int count, double x)
 {
-    terms[0] = x;
-    terms[1] = y;
-    for (int degree = 2, from = 0; degree <= V2V_FIELD_DEGREE; from += degree, degree++) {
-        double *const to = terms + from + degree;
-        for (int i = 0; i < degree; i++) {
-            to[i] = x * terms[from + i];
-        }
-        to[degree] = y * terms[from + degree - 1];
+    double before = 0.0, now = 1.0;
+    for (int n = 0; n < count; n++) {
+        const double next = x * now + (x * now - before) * ((double)n / (double)(n + 1));
+        polynomial[n] = now;
+        before = now;
+        now = next;
     }
 }
 
-/** A field's value there. @kind Local. */
-static inline double v2v_field_value(const double field[V2V_FIELD_TERMS],
-                                     const double terms[V2V_FIELD_TERMS])
+/** A field along a row: what polynomials of x count there. @kind Local. @param of_y those of y */
+static inline void v2v_field_row(double row[V2V_FIELD_ORDERS], const double field[V2V_FIELD_TERMS],
+                                 const double of_y[V2V_FIELD_ORDERS])
+{
+    const double *term = field;
+    for (int i = 0; i < V2V_FIELD_ORDERS; i++) {
+        row[i] = 0.0;
+    }
+    for (int degree = 1; degree < V2V_FIELD_ORDERS; degree++) {
+        for (int j = 0; j <= degree; j++) {
+            row[degree - j] += *term++ * of_y[j];
+        }
+    }
+}
+
+/** The field's value in the row. @kind Local. @param of_x polynomials there */
+static inline double v2v_field_value(const double row[V2V_FIELD_ORDERS],
+                                     const double of_x[V2V_FIELD_ORDERS])
 {
     double sum = 0.0;
-    for (int k = 0; k < V2V_FIELD_TERMS; k++) {
-        sum += field[k] * terms[k];
+    for (int i = 0; i < V2V_FIELD_ORDERS; i++) {
+        sum += row[i] * of_x[i];
     }
     return sum;
 }

@@ -27,9 +27,10 @@ void v2v_calibration_distort_view(float *image, float *scratch,
 void v2v_calibration_distort(float *views, float *scratch,
                              const struct v2v_calibration *calibration);
 
-/** Taken out of the views of a frame, to the second order of the distortion's gradient.
- *  @kind Local. @param to, views [v,height,width] of the calibration */
-void v2v_calibration_undistort(float *to, const float *views,
+/** Taken out of the views of a frame.
+ *  @kind Local. @param to, views [v,height,width] of the calibration
+ *  @param scratch [2,height,width] */
+void v2v_calibration_undistort(float *to, const float *views, float *scratch,
                                const struct v2v_calibration *calibration);
 
 /** Where a PSF's light lies changes with depth: pixels (y, x) a slice, by least squares through the

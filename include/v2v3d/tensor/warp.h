@@ -7,14 +7,18 @@
 extern "C" {
 #endif
 
-/** to[p] = from[p + sign * (field_y, field_x)(p)] by cubic convolution; beyond the image, its edge
- *  goes on. Where both fields are 0, a copy.
+/** to[p] = from[p - field(p)] by cubic convolution; beyond the image, its edge goes on. Where both
+ *  fields are 0, a copy.
  *  @kind Local. @param to, from [height,width], not the same @param field_y, field_x pixels
  *  @source Keys, Cubic convolution interpolation for digital image processing, IEEE TASSP 1981,
  *  with a = -1/2 */
 void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
-                    const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS],
-                    double sign);
+                    const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
+
+/** The inverse: to[p - field(p)] = from[p], likewise; fields change by less than a pixel from one
+ *  pixel to the next. @kind Local. @param scratch [2,height,width] */
+void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
+                      const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
 /** image *= exp(sign * field). @kind Local. */
 void v2v_shade_image(float *image, int64_t height, int64_t width,
