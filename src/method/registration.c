@@ -8,8 +8,9 @@
 #include <string.h>
 
 /* Of fine fields, each number is held where it is by so much of its own diagonal element
- * (D. W. Marquardt, J. SIAM 11, 431 (1963)). */
-static const double ridge = 0.1;
+ * (D. W. Marquardt, J. SIAM 11, 431 (1963)), and drawn to 0 by this: where a view shows nothing,
+ * as beyond a round field of view, fields would drift. */
+static const double ridge = 0.1, drawn = 0.05;
 
 /* Of the largest diagonal element, what a pivot must have. */
 static const double least_pivot = 1e-10;
@@ -301,15 +302,22 @@ static double missed_by(const struct v2v_registration *registration, int unknown
     return registration->moments[pair_of(a.image, V2V_REGISTER_MISSED)][a.y][a.x];
 }
 
-/* What is added to an unknown's diagonal element, of it. */
-static double held(int unknown)
+static int is_fine(int unknown)
 {
-    return flag_of(unknown) == V2V_REGISTER_FINE_FIELDS ? ridge : 0.0;
+    return flag_of(unknown) == V2V_REGISTER_FINE_FIELDS;
+}
+
+/* A term of a field, as it is. */
+static double term_of(const struct v2v_view_calibration *view, int unknown)
+{
+    const double *const fields[] = {view->shading, view->distortion_y, view->distortion_x};
+    return fields[unknown / V2V_REGISTER_FIELD][unknown % V2V_REGISTER_FIELD - 1];
 }
 
 /* x = matrix^-1 right by Cholesky's factors; all 0 where the view shows too little to tell. */
 static void solve(double x[UNKNOWNS], const struct v2v_registration *registration,
-                  const struct products *products, const struct unknowns *wanted)
+                  const struct products *products, const struct unknowns *wanted,
+                  const struct v2v_view_calibration *view)
 {
     const int *list = wanted->list, count = wanted->count;
     double factor[UNKNOWNS][UNKNOWNS], y[UNKNOWNS];
@@ -319,10 +327,13 @@ static void solve(double x[UNKNOWNS], const struct v2v_registration *registratio
         largest = fmax(largest, element(registration, products, list[i], list[i]));
     }
     for (int i = 0; i < count; i++) {
+        const double own =
+            is_fine(list[i]) ? element(registration, products, list[i], list[i]) : 0.0;
         y[i] = missed_by(registration, list[i]);
+        y[i] -= own > 0.0 ? drawn * own * term_of(view, list[i]) : 0.0;
         for (int j = 0; j <= i; j++) {
             double sum = element(registration, products, list[i], list[j]);
-            sum *= i == j ? 1.0 + held(list[i]) : 1.0;
+            sum += i == j ? (ridge + drawn) * own : 0.0;
             for (int k = 0; k < j; k++) {
                 sum -= factor[i][k] * factor[j][k];
             }
@@ -372,7 +383,7 @@ double v2v_registration_step(struct v2v_calibration *calibration,
     find_products(&products);
     for (int64_t v = 0; v < calibration->views; v++) {
         double x[UNKNOWNS], part = 1.0;
-        solve(x, &registration[v], &products, &wanted);
+        solve(x, &registration[v], &products, &wanted, &calibration->view[v]);
         for (int i = 0; i < UNKNOWNS; i++) {
             /* gains by a factor of two, displacements as far as differences reach */
             const double most = i < V2V_REGISTER_Y ? log(2.0) : (double)smoothing + 1.0;

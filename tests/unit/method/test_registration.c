@@ -99,22 +99,26 @@ static void all_that_is_asked_for_is_found(void **state)
                 5e-3);
 }
 
-/* The farthest that two views' displacements are apart, pixels. */
+/* How far two views' displacements are apart, pixels, root mean square over what is judged. */
 static double apart(const struct v2v_view_calibration *a, const struct v2v_view_calibration *b)
 {
-    double farthest = 0.0;
-    for (int i = 0; i < PIXELS; i++) {
-        const int y = i / WIDTH, x = i % WIDTH;
+    const struct v2v_part rows = v2v_registration_judged(HEIGHT);
+    const struct v2v_part columns = v2v_registration_judged(WIDTH);
+    double squares = 0.0;
+    for (int64_t i = 0; i < rows.count * columns.count; i++) {
+        const int y = (int)(rows.first + i / columns.count);
+        const int x = (int)(columns.first + i % columns.count);
         const double dy = a->shift[0] + field_at(a->distortion_y, y, x) - b->shift[0] -
                           field_at(b->distortion_y, y, x);
         const double dx = a->shift[1] + field_at(a->distortion_x, y, x) - b->shift[1] -
                           field_at(b->distortion_x, y, x);
-        farthest = fmax(farthest, hypot(dy, dx));
+        squares += dy * dy + dx * dx;
     }
-    return farthest;
+    return sqrt(squares / (double)(rows.count * columns.count));
 }
 
-/* Where pixels go is compared: of so few a single number is hard to tell. */
+/* Where pixels go is compared: of so few a single number is hard to tell. Fine fields are drawn to
+ * 0, so that a part of what is missed stays. */
 static void fine_fields_are_found_where_they_are_asked_for(void **state)
 {
     (void)state;
@@ -128,8 +132,8 @@ static void fine_fields_are_found_where_they_are_asked_for(void **state)
     assert_true(view.distortion_y[V2V_FIELD_COARSE_TERMS + 2] == 0.0);
     fit(&view, &truth, coarse | V2V_REGISTER_FINE_FIELDS, 1);
     const double after = apart(&view, &truth);
-    print_message("farthest: %.3f pixels without fine fields, %.3f with\n", before, after);
-    assert_true(after < 0.25 * before);
+    print_message("apart: %.3f pixels without fine fields, %.3f with\n", before, after);
+    assert_true(after < 0.5 * before);
 }
 
 static void what_is_not_asked_for_stays(void **state)
