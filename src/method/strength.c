@@ -8,11 +8,18 @@
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
 
+#include <math.h>
+
 /* Pixels of the square's side; its edges, where what lies beyond gives light, are not judged. */
 enum { SIDE = 256, MARGIN = 24 };
 
 /* Means over 2 * REACH + 1 pixels along y and x vary as those by a Gaussian of 8 pixels do. */
 enum { REACH = 13 };
+
+/* <missed, correction> and <correction, correction> of views left out so far. */
+struct sums {
+    double product, square;
+};
 
 struct chooser {
     int64_t height, width;        /* of the square */
@@ -20,7 +27,7 @@ struct chooser {
     float *after;                 /* [z,height,width] */
     float *predicted, *corrected; /* [left out,height,width] */
     float *along, *smooth;        /* [height,width] */
-    double product, square;       /* <missed, correction> and <correction, correction> so far */
+    struct sums all, fine;        /* of the latter, what is finer than 8 pixels */
 };
 
 /* Running means of `count` lines, of `length` pixels that are `step` apart; ends repeat. */
@@ -51,24 +58,32 @@ static void keep_fine(const struct chooser *self, float *image)
     }
 }
 
-/* One view left out: what was missed of it before, and what the correction does about it. */
-static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
+/* But for the margins. */
+static void add(const struct chooser *self, struct sums *sums, const float *missed,
+                const float *correction)
 {
     const int64_t height = self->height, width = self->width;
     const int64_t margin_y = v2v_smaller(MARGIN, (height - 1) / 4);
     const int64_t margin_x = v2v_smaller(MARGIN, (width - 1) / 4);
-    for (int64_t i = 0; i < height * width; i++) {
+    for (int64_t y = margin_y; y < height - margin_y; y++) {
+        for (int64_t i = y * width + margin_x; i < (y + 1) * width - margin_x; i++) {
+            sums->product += (double)missed[i] * (double)correction[i];
+            sums->square += (double)correction[i] * (double)correction[i];
+        }
+    }
+}
+
+/* One view left out: what was missed of it before, and what the correction does about it. */
+static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
+{
+    for (int64_t i = 0; i < self->height * self->width; i++) {
         correction[i] -= missed[i];
         missed[i] = recorded[i] - missed[i];
     }
+    add(self, &self->all, missed, correction);
     keep_fine(self, missed);
     keep_fine(self, correction);
-    for (int64_t y = margin_y; y < height - margin_y; y++) {
-        for (int64_t i = y * width + margin_x; i < (y + 1) * width - margin_x; i++) {
-            self->product += (double)missed[i] * (double)correction[i];
-            self->square += (double)correction[i] * (double)correction[i];
-        }
-    }
+    add(self, &self->fine, missed, correction);
 }
 
 static enum v2v_status try_choice(struct chooser *self, const struct v2v_problem *problem,
@@ -140,14 +155,20 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     for (int64_t choice = 0; choice < V2V_LEFT_OUT_CHOICES; choice++) {
         V2V_TRY(try_choice(&self, &own, choice));
     }
-    if (!(self.square > 0.0)) {
+    if (!(self.fine.square > 0.0)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose the strength of the network's "
                               "correction by: all of it is taken");
         goto done;
     }
-    const double best = self.product / self.square;
-    *strength = best < 0.0 ? 0.0 : best > 1.0 ? 1.0 : best;
-    v2v_log(V2V_LOG_INFO, "views left out speak for %.2f of the network's correction", best);
+    const double best = self.fine.product / self.fine.square;
+    const double most =
+        2.0 * self.all.product / self.all.square; /* where as much is missed again */
+    *strength = fmax(0.0, fmin(fmin(best, most), 1.0));
+    v2v_log(
+        V2V_LOG_INFO,
+        "views left out speak for %.2f of the network's correction, and miss no more by it up to "
+        "%.2f",
+        best, most);
 done:
     v2v_mem_free(self.views);
     v2v_mem_free(self.after);

@@ -7,8 +7,9 @@
 /** Some views of a frame are left out; x and x + d are made of the others, d the correction. What
  *  the views left out speak for is the c in 0 .. 1 of the x + c d that predicts them best, by least
  *  squares of what lies finer than 8 pixels (slow errors of brightness, which the slices add up,
- *  would outweigh all else); of two choices of them together, on a square of the frame where it
- *  varies most. 1 where there are no more than two views.
+ *  would outweigh all else), and not so much that more of them is missed, all told, than by x; of
+ *  two choices of them together, on a square of the frame where it varies most. 1 where there are
+ *  no more than two views.
  *  @kind Local, the same bits on any rank. @param problem of the whole frame, with weights
  *  @param views [v,y,x], no offset @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (weights) |
  *  V2V_E_NUMERIC (NaN or Inf)
