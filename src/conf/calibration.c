@@ -55,6 +55,11 @@ static long long line_of(const yaml_node_t *node)
     return (long long)node->start_mark.line + 1;
 }
 
+static int is_field(const struct quantity *quantity)
+{
+    return quantity->count == V2V_FIELD_TERMS;
+}
+
 /* A number or, where `count` is above 1, a list of so many. */
 static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node_t *node,
                                     const struct quantity *quantity)
@@ -68,12 +73,10 @@ static enum v2v_status read_numbers(double *to, struct reader *reader, yaml_node
     V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: %s", reader->path, line_of(node),
                             quantity->name));
     if (is_list != (quantity->count > 1) || count != quantity->count) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s wants %s%d number%s%s", what,
-                         is_list ? "" : "a list of ", quantity->count,
-                         quantity->count > 1 ? "s" : "",
-                         quantity->count == V2V_FIELD_TERMS
-                             ? "; files of earlier versions have fewer: calibrate again"
-                             : ""));
+        V2V_TRY(V2V_FAIL(
+            V2V_E_CONFIG, "%s wants %s%d number%s%s", what, is_list ? "" : "a list of ",
+            quantity->count, quantity->count > 1 ? "s" : "",
+            is_field(quantity) ? "; files of earlier versions have fewer: calibrate again" : ""));
     }
     for (int64_t i = 0; i < count; i++) {
         if (is_list) {
@@ -294,7 +297,7 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
     for (int64_t v = 0; v < calibration->views; v++) {
         for (int q = 0; q < QUANTITIES; q++) {
             const double *number = numbers_of(&calibration->view[v], &table[q]);
-            if (table[q].count == V2V_FIELD_TERMS && v2v_field_is_zero(number)) {
+            if (is_field(&table[q]) && v2v_field_is_zero(number)) {
                 continue;
             }
             fprintf(stream, "%s%s: %s", q == 0 ? "  - " : "    ", table[q].name,

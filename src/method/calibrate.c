@@ -92,6 +92,7 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
     const size_t bytes = (size_t)at->count * sizeof *now;
     double moved = INFINITY, first = INFINITY, least = INFINITY;
     v2v_anderson_restart(self->anderson);
+    memcpy(self->best, now, bytes);
     for (int r = 0; r <= stage->rounds; r++) {
         const int is_last = r == stage->rounds || (moved <= still && !is_optional(stage));
         if (is_last && !is_optional(stage)) { /* nothing is compared with it */
@@ -139,7 +140,7 @@ static enum v2v_status run_stages(struct calibration_run *self,
         }
         memcpy(before, now, bytes);
         V2V_TRY(run_stage(self, &stages[s], &lowered));
-        if (is_optional(&stages[s]) && (lowered < stages[s].least ||
+        if (is_optional(&stages[s]) && (!(lowered >= stages[s].least) ||
                                         !v2v_calibration_is_within_bounds(self->at.calibration))) {
             memcpy(now, before, bytes);
             continue;

@@ -61,7 +61,7 @@ struct v2v_registration {
 struct v2v_registration_images {
     int64_t height, width;
     float *missed, *prediction, *deep, *scratch; /* [y,x] */
-    double *of_row;                              /* [y][pairs,orders] */
+    double *of_row;                              /* [y,pairs,orders] */
 };
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY */

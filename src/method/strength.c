@@ -16,18 +16,13 @@ enum { SIDE = 256, MARGIN = 24 };
 /* Means over 2 * REACH + 1 pixels along y and x vary as those by a Gaussian of 8 pixels do. */
 enum { REACH = 13 };
 
-/* <missed, correction> and <correction, correction> of views left out so far. */
-struct sums {
-    double product, square;
-};
-
 struct chooser {
-    int64_t height, width;        /* of the square */
-    float *views;                 /* [v,height,width] */
-    float *after;                 /* [z,height,width] */
-    float *predicted, *corrected; /* [left out,height,width] */
-    float *along, *smooth;        /* [height,width] */
-    struct sums all, fine;        /* of the latter, what is finer than 8 pixels */
+    int64_t height, width;              /* of the square */
+    float *views;                       /* [v,height,width] */
+    float *after;                       /* [z,height,width] */
+    float *predicted, *corrected;       /* [left out,height,width] */
+    float *along, *smooth;              /* [height,width] */
+    struct v2v_strength_sums all, fine; /* so far; of the latter, what is finer than 8 pixels */
 };
 
 /* Running means of `count` lines, of `length` pixels that are `step` apart; ends repeat. */
@@ -59,7 +54,7 @@ static void keep_fine(const struct chooser *self, float *image)
 }
 
 /* But for the margins. */
-static void add(const struct chooser *self, struct sums *sums, const float *missed,
+static void add(const struct chooser *self, struct v2v_strength_sums *sums, const float *missed,
                 const float *correction)
 {
     const int64_t height = self->height, width = self->width;
@@ -136,6 +131,22 @@ done:
     return rc;
 }
 
+static double best_of(const struct v2v_strength_sums *sums)
+{
+    return sums->product / sums->square;
+}
+
+/* Twice the best leaves as much missed as nothing. */
+static double most_of(const struct v2v_strength_sums *sums)
+{
+    return 2.0 * best_of(sums);
+}
+
+double v2v_strength_of(const struct v2v_strength_sums *fine, const struct v2v_strength_sums *all)
+{
+    return fmax(0.0, fmin(fmin(best_of(fine), most_of(all)), 1.0));
+}
+
 enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
                                     const float *views)
 {
@@ -160,15 +171,11 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
                               "correction by: all of it is taken");
         goto done;
     }
-    const double best = self.fine.product / self.fine.square;
-    const double most =
-        2.0 * self.all.product / self.all.square; /* where as much is missed again */
-    *strength = fmax(0.0, fmin(fmin(best, most), 1.0));
-    v2v_log(
-        V2V_LOG_INFO,
-        "views left out speak for %.2f of the network's correction, and miss no more by it up to "
-        "%.2f",
-        best, most);
+    *strength = v2v_strength_of(&self.fine, &self.all);
+    v2v_log(V2V_LOG_INFO,
+            "views left out speak for %.2f of the network's correction, and miss no more by it up "
+            "to %.2f",
+            best_of(&self.fine), most_of(&self.all));
 done:
     v2v_mem_free(self.views);
     v2v_mem_free(self.after);

@@ -4,6 +4,15 @@
 
 #include "v2v3d/method/estimator.h"
 
+/** What is missed of views left out, and what a correction d does about it. */
+struct v2v_strength_sums {
+    double product, square; /**< <missed, d> and <d, d> */
+};
+
+/** The c in 0 .. 1 by which c d leaves least of `fine` missed, but no more of `all` than none of d
+ *  does. @kind Local. @param fine, all with a square above 0 */
+double v2v_strength_of(const struct v2v_strength_sums *fine, const struct v2v_strength_sums *all);
+
 /** Some views of a frame are left out; x and x + d are made of the others, d the correction. What
  *  the views left out speak for is the c in 0 .. 1 of the x + c d that predicts them best, by least
  *  squares of what lies finer than 8 pixels (slow errors of brightness, which the slices add up,

@@ -9,7 +9,7 @@ enum { TAPS = 4 };
 
 /* Where a displaced pixel lies: passes at most, and what ends them, pixels. */
 enum { PASSES = 16 };
-#define STILL 1e-3
+static const double still = 1e-3;
 
 /* Weights of the pixels -1, 0, 1, 2 for a place at t, 0 .. 1, between 0 and 1. */
 static void cubic(double weight[TAPS], double t)
@@ -46,7 +46,15 @@ static void row_of(double row[V2V_FIELD_ORDERS], const double *field, int64_t y,
     v2v_field_row(row, field, of_y);
 }
 
-/* Both fields' values in such rows. */
+/* Both fields of a displacement, along y and along x. */
+static void rows_of(double rows[2][V2V_FIELD_ORDERS], const double *field_y, const double *field_x,
+                    int64_t y, int64_t height)
+{
+    row_of(rows[0], field_y, y, height);
+    row_of(rows[1], field_x, y, height);
+}
+
+/* Their values in these rows. */
 static void values_at(double value[2], double rows[2][V2V_FIELD_ORDERS], int64_t x, int64_t width)
 {
     double of_x[V2V_FIELD_ORDERS];
@@ -65,8 +73,7 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
         double rows[2][V2V_FIELD_ORDERS], moved[2];
-        row_of(rows[0], field_y, y, height);
-        row_of(rows[1], field_x, y, height);
+        rows_of(rows, field_y, field_x, y, height);
         for (int64_t x = 0; x < width; x++) {
             values_at(moved, rows, x, width);
             to[y * width + x] =
@@ -88,8 +95,7 @@ static void displacement_fill(const struct displacement *displacement, const dou
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
         double rows[2][V2V_FIELD_ORDERS], moved[2];
-        row_of(rows[0], field_y, y, height);
-        row_of(rows[1], field_x, y, height);
+        rows_of(rows, field_y, field_x, y, height);
         for (int64_t x = 0; x < width; x++) {
             values_at(moved, rows, x, width);
             displacement->y[y * width + x] = (float)moved[0];
@@ -106,7 +112,7 @@ static void displaced(double at[2], const struct displacement *displacement, int
     double change = INFINITY;
     at[0] = (double)y + (double)displacement->y[y * width + x];
     at[1] = (double)x + (double)displacement->x[y * width + x];
-    for (int pass = 0; pass < PASSES && change > STILL; pass++) {
+    for (int pass = 0; pass < PASSES && change > still; pass++) {
         const double next_y = (double)y + sample(displacement->y, height, width, at[0], at[1]);
         const double next_x = (double)x + sample(displacement->x, height, width, at[0], at[1]);
         change = fmax(fabs(next_y - at[0]), fabs(next_x - at[1]));

@@ -111,7 +111,8 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
         {"depth: 8\n", ":1: 'depth'"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: 1\n", ":4: shift wants a list of 2 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1]\n", ":4: shift wants 2 numbers"},
-        {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n", ":4: shading wants 65 numbers"},
+        {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n",
+         ":4: shading wants 65 numbers; files of earlier versions"},
         {"height: 8\nwidth: 9\nviews:\n  - gain: [1]\n", ":4: gain wants 1 number"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, 65]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, .nan]\n", ":4: shift"},
@@ -119,7 +120,7 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
         {"height: 8\nwidth: 9\nviews:\n  - gain: 0\n", ":4: gain"},
         {"height: 8\nwidth: 9\nviews:\n  - shading: [" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT
              EIGHT "8.5]\n",
-         "8.5"},
+         ":4: shading: 8.5 is outside"},
         {"height: 0\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame"},
         {"height: 8\nwidth: [9\n", "cal.yaml:"},
     };

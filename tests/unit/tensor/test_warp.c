@@ -135,6 +135,24 @@ static void shading_is_the_exponential_of_its_field(void **state)
     }
 }
 
+static void the_last_term_is_the_tenth_polynomial_of_y(void **state)
+{
+    (void)state;
+    double shading[V2V_FIELD_TERMS] = {0.0};
+    float image[PIXELS];
+    shading[V2V_FIELD_TERMS - 1] = 1.0;
+    for (int i = 0; i < PIXELS; i++) {
+        image[i] = 1.0f;
+    }
+    v2v_shade_image(image, HEIGHT, WIDTH, shading, 1.0);
+    for (int i = 0; i < PIXELS; i++) {
+        const double y = place(i / WIDTH, MARGIN_Y, HEIGHT), s = y * y;
+        const double p =
+            (((((46189 * s - 109395) * s + 90090) * s - 30030) * s + 3465) * s - 63) / 256;
+        assert_true(fabs((double)image[i] / exp(p) - 1.0) < 1e-6); /* float32 */
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -143,6 +161,7 @@ int main(void)
         cmocka_unit_test(beyond_the_image_its_edge_goes_on),
         cmocka_unit_test(without_a_field_nothing_changes),
         cmocka_unit_test(shading_is_the_exponential_of_its_field),
+        cmocka_unit_test(the_last_term_is_the_tenth_polynomial_of_y),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
