@@ -16,8 +16,8 @@ static const struct v2v_option options[] = {
                    "better"),
     V2V_OPTION_SET("weight", "deconv.weight", "W", "rld, frl: of a view's correction (0.5)"),
     V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
-                   "tv: weight of the variation, in noise of the views (0.03); auto: by views "
-                   "left out of the first frame"),
+                   "tv: weight of the variation, in noise of the views; auto: by views left out of "
+                   "the first frame; default: 0.03, but auto where more than noise is missed"),
     V2V_OPTION_SET(
         "noise", "deconv.noise", "auto|gaussian|poisson",
         "tv: the same for all samples, or of photons; auto (default): as the first frame shows"),

@@ -36,7 +36,7 @@ static const struct v2v_option options[] = {
         "write HDF5: /volume, of all views by total variation, and /uncertainty, what it "
         "may be wrong by"),
     V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
-                   "weight of the variation there, in noise of the views (0.03)"),
+                   "weight of the variation there, as of deconvolve"),
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
                       "allow the volume one least-squares scale"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of a table"),

@@ -1,3 +1,4 @@
+#include "cli/settle.h"
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"
@@ -172,6 +173,29 @@ done:
     return rc;
 }
 
+/* What the method that examples are made by leaves to a recording: to the first. Collective. */
+static enum v2v_status settle(const struct material *material, struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recording *first = material->recordings[0];
+    const struct v2v_recording_info *info = v2v_recording_info(first);
+    const struct v2v_problem problem = {.config = &session->config,
+                                        .psf = &material->psf,
+                                        .height = info->height,
+                                        .width = info->width,
+                                        .precision = V2V_PRECISION_F32};
+    const struct v2v_network_ops *ops = NULL;
+    struct v2v_scaling scaling;
+    V2V_TRY(v2v_network_find(&ops, session->config.model.method));
+    if (ops->examples == NULL || ops->examples->estimator == NULL) {
+        goto done;
+    }
+    V2V_TRY(v2v_scaling_decide(&scaling, first, &session->config.input, session->world));
+    V2V_TRY(v2v_settle_by_frame(session, ops->examples->estimator, &problem, first, &scaling));
+done:
+    return rc;
+}
+
 static void close_material(struct material *material)
 {
     for (int64_t i = 0; i < material->count; i++) {
@@ -205,6 +229,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     V2V_TRY(check_network(given, session));
     V2V_TRY(open_material(&material, given, session));
+    V2V_TRY(settle(&material, session));
     struct v2v_train_job job = {.config = &session->config,
                                 .psf = &material.psf,
                                 .recordings = material.recordings,

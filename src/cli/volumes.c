@@ -1,6 +1,7 @@
 #include "cli/volumes.h"
 
 #include "cli/levels.h"
+#include "cli/settle.h"
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clock.h"
@@ -10,7 +11,6 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/file.h"
-#include "v2v3d/method/fusion.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/op/tile_conv.h"
@@ -96,44 +96,6 @@ done:
     return rc;
 }
 
-/* Settings that the method decides by the recording's first frame, whatever frames are asked for: a
- * range has the bits of the whole. Collective. */
-static enum v2v_status settle_by_frame(struct work *work, struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_problem *problem = &work->problem;
-    const int64_t samples = v2v_mem_product(work->psf->views, problem->height, problem->width);
-    const int noise = session->config.deconv.noise;
-    struct v2v_fusion *fusion = NULL;
-    float *views = NULL;
-    if (work->ops->is_open == NULL || !work->ops->is_open(&session->config)) {
-        return V2V_OK;
-    }
-    rc = V2V_ALLOC(views, "cli.settle", samples);
-    if (rc == V2V_OK) {
-        rc = v2v_fusion_create(&fusion, session->config.recon.neighbours, work->psf->views,
-                               problem->height, problem->width);
-    }
-    if (rc == V2V_OK) {
-        rc = v2v_fusion_read(fusion, views, work->recording, &work->scaling, 0);
-    }
-    v2v_fusion_destroy(&fusion);
-    if (rc == V2V_OK) {
-        rc = work->ops->settle(&session->config, problem, views);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    /* one answer for all: ranks on other processors may round another way */
-    v2v_par_broadcast(session->world, &session->config.deconv, sizeof session->config.deconv, 0);
-    v2v_par_broadcast(session->world, &session->config.recon, sizeof session->config.recon, 0);
-    if (session->config.deconv.noise != noise) {
-        v2v_log(V2V_LOG_INFO, "noise %s, by the first frame",
-                session->config.deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian");
-    }
-done:
-    v2v_mem_free(views);
-    return rc;
-}
-
 /* Frames that are unlike those of the training. Collective. */
 static enum v2v_status warn_of_levels(const struct work *work, const struct v2v_session *session)
 {
@@ -172,7 +134,8 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
         work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, V2V_RECON_SKIP_AUTO);
     }
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
-    V2V_TRY(settle_by_frame(work, session));
+    V2V_TRY(
+        v2v_settle_by_frame(session, work->ops, &work->problem, work->recording, &work->scaling));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
 done:

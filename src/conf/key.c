@@ -99,14 +99,19 @@ done:
     return rc;
 }
 
+static int is_none(const struct v2v_key *key, const char *text)
+{
+    return key->none != NULL && strcmp(strcmp(text, "off") == 0 ? "none" : text, key->none) == 0;
+}
+
 static enum v2v_status assign_number(struct v2v_number *value, const struct v2v_key *key,
                                      const char *text, const char *where)
 {
     int mode = V2V_NUMBER_GIVEN;
-    double number = 0.0;
+    double number = key->real.fallback;
     if (strcmp(text, "auto") == 0) {
         mode = V2V_NUMBER_AUTO;
-    } else if (key->may_none && (strcmp(text, "none") == 0 || strcmp(text, "off") == 0)) {
+    } else if (is_none(key, text)) {
         mode = V2V_NUMBER_NONE;
     } else {
         enum v2v_status rc =

@@ -28,12 +28,12 @@ static void format_whole(char *text, int64_t value)
     snprintf(text, VALUE_BYTES, "%lld", (long long)value);
 }
 
-static void format_number(char *text, struct v2v_number number)
+static void format_number(char *text, struct v2v_number number, const struct v2v_key *key)
 {
     if (number.mode == V2V_NUMBER_GIVEN) {
         format_real(text, number.value);
     } else {
-        snprintf(text, VALUE_BYTES, "%s", number.mode == V2V_NUMBER_AUTO ? "auto" : "none");
+        snprintf(text, VALUE_BYTES, "%s", number.mode == V2V_NUMBER_AUTO ? "auto" : key->none);
     }
 }
 
@@ -52,7 +52,7 @@ void v2v_key_format(char *text, const struct v2v_config *config, const struct v2
         snprintf(text, VALUE_BYTES, "%s", key->words[*(const int *)value]);
         break;
     case V2V_KEY_NUMBER:
-        format_number(text, *(const struct v2v_number *)value);
+        format_number(text, *(const struct v2v_number *)value, key);
         break;
     case V2V_KEY_NAME:
     case V2V_KEY_TEXT:
@@ -83,7 +83,8 @@ static void print_range(const struct v2v_key *key, FILE *stream)
         format_real(most, key->real.most);
     }
     if (key->kind == V2V_KEY_NUMBER) {
-        fprintf(stream, "%s", key->may_none ? "auto, none or " : "auto or ");
+        fprintf(stream, "auto%s%s or ", key->none != NULL ? ", " : "",
+                key->none != NULL ? key->none : "");
     }
     fprintf(stream, "%s to %s", least, most);
     if (key->kind == V2V_KEY_WHOLE && key->whole.multiple > 1) {

@@ -35,7 +35,7 @@
 #define NUMBER(s, n, at, mode_, least_, most_, meaning_)                                           \
     {                                                                                              \
         .section = #s, .name = #n, .offset = offsetof(struct v2v_config, s.at),                    \
-        .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .may_none = 1, .mode = mode_,        \
+        .kind = V2V_KEY_NUMBER, .real = {least_, most_, 0.0}, .none = "none", .mode = mode_,       \
         .meaning = meaning_                                                                        \
     }
 
@@ -44,6 +44,13 @@
     {                                                                                              \
         AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, fallback_}, .mode = mode_,       \
                   .meaning = meaning_                                                              \
+    }
+
+/* A number, "auto" or, as it is by itself, "default". */
+#define USUAL(s, n, least_, most_, fallback_, meaning_)                                            \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_NUMBER, .real = {least_, most_, fallback_}, .none = "default",   \
+                  .mode = V2V_NUMBER_NONE, .meaning = meaning_                                     \
     }
 
 /* The weight of a term of the loss, from its row. */
@@ -202,8 +209,9 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1500"),
     REAL(deconv, weight, 1e-6, 1.0, 0.5, "rld, frl: of a view's correction"),
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
-    AUTO(deconv, lambda, V2V_NUMBER_GIVEN, 0.0, 1e3, 0.03,
-         "tv: weight of the variation, in noise of the views"),
+    USUAL(deconv, lambda, 0.0, 1e3, 0.03,
+          "tv: weight of the variation, in noise of the views; auto: by views left out; default: "
+          "0.03, auto where more than noise is missed"),
     WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
          "tv: the same for all samples, or of photons; auto: as the first frame shows", "auto",
          "gaussian", "poisson"),

@@ -34,9 +34,9 @@ struct v2v_key {
     } whole;              /**< of V2V_KEY_WHOLE, _BOOL and _WORD */
     struct {
         double least, most, fallback;
-    } real;                                /**< of V2V_KEY_REAL and _NUMBER */
-    int may_none;                          /**< a V2V_KEY_NUMBER takes "none", beside "auto" */
-    int mode;                              /**< of a V2V_KEY_NUMBER's default */
+    } real;           /**< of V2V_KEY_REAL and _NUMBER */
+    const char *none; /**< the word of a V2V_KEY_NUMBER for V2V_NUMBER_NONE; NULL: it has none */
+    int mode;         /**< of a V2V_KEY_NUMBER's default */
     const char *words[V2V_KEY_MOST_WORDS]; /**< of V2V_KEY_NAME: the default alone */
     const char *meaning;
 };

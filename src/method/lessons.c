@@ -1,6 +1,7 @@
 #include "v2v3d/method/lessons.h"
 
 #include "method/features.h"
+#include "method/tv.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
@@ -171,6 +172,7 @@ static enum v2v_status make_example(struct v2v_examples *examples, float *images
 const struct v2v_examples_ops v2v_examples_lessons = {
     .name = "lessons",
     .mirroring = V2V_MIRROR_IMAGES,
+    .estimator = &v2v_estimator_tv,
     .steps_of_one = STEPS_OF_LESSON,
     .create = create_examples,
     .destroy = destroy_examples,

@@ -72,6 +72,7 @@ struct level {
     double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
     double floor; /* the variance where there is no light, likewise, as weights take it .. */
     double dark;  /* .. and as found, its root, in units of the views */
+    double mean;  /* the variance, of all samples, in units of sigma^2 */
 };
 
 struct tv {
@@ -87,6 +88,7 @@ struct tv {
     enum v2v_noise_model model;
     struct v2v_camera camera;
     double light;              /* sum of a view's PSF, mean of all views */
+    double missed;             /* of the views by the last run, of their noise */
     int is_told;               /* bool: `level` is that of a larger frame, for all runs */
     struct level level;        /* of the last run, or of all */
     float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
@@ -96,7 +98,7 @@ struct tv {
 
 static int is_open(const struct v2v_config *config)
 {
-    return config->deconv.lambda.mode == V2V_NUMBER_AUTO ||
+    return config->deconv.lambda.mode != V2V_NUMBER_GIVEN ||
            config->deconv.noise == V2V_NOISE_MODEL_AUTO;
 }
 
@@ -105,14 +107,9 @@ static enum v2v_status settle(struct v2v_config *config, const struct v2v_proble
                               const float *views)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_number *lambda = &config->deconv.lambda;
     V2V_TRY(v2v_camera_check(problem));
     V2V_TRY(v2v_photons_settle(config, problem, views));
-    if (lambda->mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(v2v_tv_choose_lambda(&lambda->value, problem, views));
-        lambda->mode = V2V_NUMBER_GIVEN;
-        v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame", lambda->value);
-    }
+    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views));
 done:
     return rc;
 }
@@ -145,7 +142,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
         .fixed_bytes = v2v_mem_bytes(views, 0)};
     if (problem->config->deconv.lambda.mode == V2V_NUMBER_AUTO) {
         return V2V_FAIL(V2V_E_CONFIG,
-                        "deconv.lambda: auto is for deconvolve alone; here it is a number");
+                        "deconv.lambda: auto is for a recording to settle; here it is a number");
     }
     if (problem->config->deconv.stop != V2V_STOP_FIXED) {
         return V2V_FAIL(V2V_E_CONFIG,
@@ -238,6 +235,12 @@ void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda)
     self->lambda = lambda;
 }
 
+double v2v_tv_missed(const struct v2v_estimator *estimator)
+{
+    const struct tv *self = estimator->self;
+    return self->missed;
+}
+
 static void destroy(struct v2v_estimator *estimator)
 {
     struct tv *self = estimator->self;
@@ -261,9 +264,13 @@ static const double least_of_brightest = 1e-3;
  * volume than the light. */
 static const double least_variance = 0.05, dark_twice = 2.0;
 
+/* The mean variance is at least this part of that in the light. */
+static const double least_mean = 1e-6;
+
 /** The noise of photons, where it isn't too small; else the level stays.
- *  Local. @param least noise that float32 holds */
-static void of_photons(struct level *level, const struct v2v_photons *photons, double least)
+ *  Local. @param light mean of the samples @param least noise that float32 holds */
+static void of_photons(struct level *level, const struct v2v_photons *photons, double light,
+                       double least)
 {
     const double variance = photons->gain * photons->bright + photons->variance;
     const double unit = sqrt(variance);
@@ -272,6 +279,7 @@ static void of_photons(struct level *level, const struct v2v_photons *photons, d
         level->gain = photons->gain / unit;
         level->floor = fmax(dark_twice * photons->variance / variance, least_variance);
         level->dark = sqrt(photons->variance);
+        level->mean = fmax((photons->gain * light + photons->variance) / variance, least_mean);
     }
 }
 
@@ -279,10 +287,11 @@ static void of_photons(struct level *level, const struct v2v_photons *photons, d
 static struct level measure(const struct tv *self, const float *views)
 {
     const int64_t count = self->views * self->height * self->width;
-    double brightest = 0.0, deepest = 0.0;
+    double brightest = 0.0, deepest = 0.0, sum = 0.0;
     for (int64_t i = 0; i < count; i++) {
         brightest = fmax(brightest, (double)views[i]);
         deepest = fmax(deepest, -(double)views[i]);
+        sum += (double)views[i];
     }
     if (brightest == 0.0) {
         return (struct level){0};
@@ -298,11 +307,12 @@ static struct level measure(const struct tv *self, const float *views)
     const double noisy = fmax(brightness, least_of_brightest * fmax(brightest, deepest));
     struct level level = {.brightness = brightness,
                           .deepest = deepest / brightness,
-                          .sigma = fmax(sigma, least_noise * noisy)};
+                          .sigma = fmax(sigma, least_noise * noisy),
+                          .mean = 1.0};
     level.dark = level.sigma;
     if (self->model == V2V_NOISE_MODEL_POISSON ||
         (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
-        of_photons(&level, &photons, least_noise * noisy);
+        of_photons(&level, &photons, sum / (double)count, least_noise * noisy);
     }
     return level;
 }
@@ -425,8 +435,8 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const struct v2v_surroundings *around = estimator->around;
     const int64_t pixels =
         around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
-    const double samples = (double)(self->views * pixels);
-    double change = INFINITY, missed = 0.0;
+    const double variance = (double)(self->views * pixels) * level->mean;
+    double change = INFINITY;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
     self->steps = steps_of(self, step_of(self));
@@ -436,7 +446,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         v2v_watchdog_beat("an iteration of total variation");
         v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
-            missed = sqrt(v2v_data_step_extend(self->step) / samples);
+            self->missed = sqrt(v2v_data_step_extend(self->step) / variance);
         }
         v2v_tv_planes_step(&self->planes, &self->steps);
         change = v2v_data_step_change(self->step);
@@ -449,7 +459,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
                 (long long)estimator->frame, level->sigma / level->brightness);
     }
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
-            (long long)estimator->frame, (long long)done, missed);
+            (long long)estimator->frame, (long long)done, self->missed);
     estimator->iterations = done;
     if (self->iterations == 0 && done == MOST_ITERATIONS) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
@@ -504,6 +514,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     const struct level *level = &self->level;
     const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
     estimator->iterations = 0;
+    self->missed = 0.0;
     if (is_lit) {
         begin(estimator, views);
     }

@@ -10,8 +10,8 @@
 
 #include <math.h>
 
-/* Weights that may be tried, 0.0075 to 0.24 of sigma; from 0.03 on downhill. */
-enum { WEIGHTS = 11, MIDDLE = 4 };
+/* Weights that may be tried, 0.0075 to 1.92 of sigma; from 0.03 on downhill. */
+enum { WEIGHTS = 17, MIDDLE = 4 };
 #define LEAST_WEIGHT 0.0075
 #define WEIGHT_RATIO 1.4142135623730951
 
@@ -28,6 +28,9 @@ enum { ITERATIONS = 30 };
  * recordings are nearest to their truth below it (tests/bench/README.md). */
 #define OF_ALL_VIEWS 0.92
 
+/* Views missed by so many times their noise are missed by more than noise. */
+static const double noise_alone = 1.05;
+
 struct chooser {
     const struct v2v_psf_file *psf;
     int64_t height, width; /* of the square */
@@ -35,6 +38,7 @@ struct chooser {
     float *volume;         /* [z,height,width] */
     float *predicted;      /* [left out,height,width] */
     struct v2v_config config;
+    struct v2v_problem problem; /* of the square */
     struct v2v_left_out *fold[FOLDS];
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
@@ -138,6 +142,8 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
+    self->problem = (struct v2v_problem){
+        .config = &self->config, .psf = psf, .height = self->height, .width = self->width};
     for (int i = 0; i < WEIGHTS; i++) {
         self->missed[i] = -1.0;
     }
@@ -148,33 +154,78 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(
         V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * self->height * self->width));
     v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
-    const struct v2v_problem own = {
-        .config = &self->config, .psf = psf, .height = self->height, .width = self->width};
+done:
+    return rc;
+}
+
+/* What a volume of all views misses them by, of their noise. */
+static enum v2v_status miss_all(double *missed, struct chooser *self, double weight)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *estimator = NULL;
+    v2v_watchdog_beat("what total variation misses");
+    V2V_TRY(v2v_estimator_create(&estimator, &v2v_estimator_tv, &self->problem, NULL));
+    v2v_tv_set_lambda(estimator, weight);
+    V2V_TRY(estimator->ops->run(estimator, &self->volume, self->views, NULL));
+    *missed = v2v_tv_missed(estimator);
+done:
+    v2v_estimator_destroy(&estimator);
+    return rc;
+}
+
+static enum v2v_status choose(double *weight, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    int best = 0;
     for (int64_t fold = 0; fold < FOLDS; fold++) {
-        V2V_TRY(v2v_left_out_choose(&self->fold[fold], &v2v_estimator_tv, &own, fold));
+        V2V_TRY(v2v_left_out_choose(&self->fold[fold], &v2v_estimator_tv, &self->problem, fold));
+    }
+    V2V_TRY(descend(self, &best));
+    *weight = OF_ALL_VIEWS * between(self->missed, best);
+    if (tells_nothing(self->missed, best)) {
+        v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
     }
 done:
     return rc;
 }
 
-enum v2v_status v2v_tv_choose_lambda(double *lambda, const struct v2v_problem *problem,
+static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self,
+                              const struct v2v_problem *problem, const float *views)
+{
+    enum v2v_status rc = V2V_OK;
+    const int is_asked = lambda->mode == V2V_NUMBER_AUTO, can = problem->psf->views > FOLDS;
+    double missed = 0.0;
+    V2V_TRY(prepare(self, problem, views));
+    if (!is_asked) {
+        V2V_TRY(miss_all(&missed, self, lambda->value));
+        v2v_log(V2V_LOG_DEBUG, "by lambda %.3g views are missed by %.3g of their noise",
+                lambda->value, missed);
+    }
+    if (is_asked || (can && missed > noise_alone)) {
+        V2V_TRY(choose(&lambda->value, self));
+        v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value,
+                is_asked ? "" : ", since volumes miss more of the views than noise");
+    }
+    lambda->mode = V2V_NUMBER_GIVEN;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v_problem *problem,
                                      const float *views)
 {
     enum v2v_status rc = V2V_OK;
     struct chooser *self = NULL;
-    int best = 0;
-    if (problem->psf->views <= FOLDS) {
+    if (lambda->mode == V2V_NUMBER_GIVEN) {
+        return V2V_OK;
+    }
+    if (lambda->mode == V2V_NUMBER_AUTO && problem->psf->views <= FOLDS) {
         return V2V_FAIL(V2V_E_CONFIG,
                         "--lambda auto leaves views out: it needs %d or more, not %lld", FOLDS + 1,
                         (long long)problem->psf->views);
     }
     V2V_TRY(V2V_ALLOC(self, "tv.lambda", 1));
-    V2V_TRY(prepare(self, problem, views));
-    V2V_TRY(descend(self, &best));
-    *lambda = OF_ALL_VIEWS * between(self->missed, best);
-    if (tells_nothing(self->missed, best)) {
-        v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
-    }
+    V2V_TRY(settle(lambda, self, problem, views));
 done:
     if (self != NULL) {
         for (int64_t fold = 0; fold < FOLDS; fold++) {

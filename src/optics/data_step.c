@@ -508,7 +508,7 @@ static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first,
         const float moved = projected + split[x];
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);
         const double d = (double)kept[x] - (double)projected;
-        squares += (double)weight * d * d;
+        squares += d * d;
         split[x] = moved - between;
         recorded[x] = between - split[x];
     }

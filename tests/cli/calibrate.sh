@@ -40,7 +40,12 @@ says 'held-out residual: .* before, .* after'
 works project --psf psf.h5 --volume volume.h5 -o spoilt.h5 --calibration spoil.yaml
 works simulate --psf psf.h5 --volume volume.h5 -o clean.h5 --calibration spoil.yaml
 same spoilt.h5 clean.h5 /views
-works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration cal.yaml
+more='since volumes miss more of the views than noise'
+works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5
+grep -q "lambda [0-9.]*, by views left out of a frame, $more" stderr || fail "lambda: $(cat stderr)"
+works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration spoil.yaml --force
+grep -q "$more" stderr && fail "lambda is searched for in vain: $(cat stderr)"
+works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration cal.yaml --force
 works evaluate --volume tv.h5 --psf psf.h5 --input rec.h5 --calibration cal.yaml --json
 works train -c tiny.yaml --steps 1 --psf psf.h5 --input rec.h5 -o run --calibration cal.yaml
 works reconstruct --psf psf.h5 --weights run/weights.h5 --input rec.h5 -o net.h5 --calibration cal.yaml

@@ -141,8 +141,8 @@ void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float 
 
 /** Where views are unknown, y becomes A x of the last run, A x' of the last advance; else, with
  *  weights, what they make of it. @kind Collective(comm), no allocation.
- *  @cost V inverse and V forward transforms. @return |A x - y|^2 where they are known, all views;
- *  with weights the sum of the weighted squares */
+ *  @cost V inverse and V forward transforms. @return |A x - y|^2 where they are known, all views,
+ *  y as recorded: without weights */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
 #ifdef __cplusplus

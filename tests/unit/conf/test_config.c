@@ -68,6 +68,23 @@ static void defaults_are_those_of_the_method(void **state)
     assert_int_equal(c.psf.reduce, V2V_REDUCE_SUM);
     assert_int_equal(c.loss.weight[V2V_LOSS_MSE].mode, V2V_NUMBER_AUTO);
     assert_int_equal(c.recon.skip.mode, V2V_NUMBER_NONE);
+    assert_int_equal(c.deconv.lambda.mode, V2V_NUMBER_NONE);
+    assert_true(c.deconv.lambda.value == 0.03);
+}
+
+/* The word of a number that is not given is its own. */
+static void a_usual_number_is_called_default(void **state)
+{
+    (void)state;
+    struct v2v_config c;
+    assert_ok(load_text(&c, "deconv:\n  lambda: 0.5\n"));
+    assert_int_equal(c.deconv.lambda.mode, V2V_NUMBER_GIVEN);
+    assert_ok(load_text(&c, "deconv:\n  lambda: default\n"));
+    assert_int_equal(c.deconv.lambda.mode, V2V_NUMBER_NONE);
+    assert_true(c.deconv.lambda.value == 0.03);
+    assert_int_equal(load_text(&c, "deconv:\n  lambda: none\n"), V2V_E_CONFIG);
+    assert_int_equal(load_text(&c, "deconv:\n  lambda: off\n"), V2V_E_CONFIG);
+    assert_int_equal(load_text(&c, "input:\n  offset: default\n"), V2V_E_CONFIG);
 }
 
 static void every_kind_of_value_is_read(void **state)
@@ -329,6 +346,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(header_example_works),
         cmocka_unit_test(defaults_are_those_of_the_method),
+        cmocka_unit_test(a_usual_number_is_called_default),
         cmocka_unit_test(every_kind_of_value_is_read),
         cmocka_unit_test(odd_but_valid_files_are_read),
         cmocka_unit_test(bad_files_are_refused_by_line_and_reason),

@@ -1,0 +1,46 @@
+#include "cli/settle.h"
+
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/method/fusion.h"
+#include "v2v3d/par/agreement.h"
+
+enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
+                                    const struct v2v_estimator_ops *ops,
+                                    const struct v2v_problem *problem,
+                                    struct v2v_recording *recording,
+                                    const struct v2v_scaling *scaling)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_config *config = &session->config;
+    const int64_t count = problem->psf->views;
+    const int noise = config->deconv.noise;
+    struct v2v_fusion *fusion = NULL;
+    float *views = NULL;
+    if (ops == NULL || ops->is_open == NULL || !ops->is_open(config)) {
+        return V2V_OK;
+    }
+    rc = V2V_ALLOC(views, "cli.settle", v2v_mem_product(count, problem->height, problem->width));
+    if (rc == V2V_OK) {
+        rc = v2v_fusion_create(&fusion, config->recon.neighbours, count, problem->height,
+                               problem->width);
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_fusion_read(fusion, views, recording, scaling, 0);
+    }
+    v2v_fusion_destroy(&fusion);
+    if (rc == V2V_OK) {
+        rc = ops->settle(config, problem, views);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    /* one answer for all: ranks on other processors may round another way */
+    v2v_par_broadcast(session->world, &config->deconv, sizeof config->deconv, 0);
+    v2v_par_broadcast(session->world, &config->recon, sizeof config->recon, 0);
+    if (config->deconv.noise != noise) {
+        v2v_log(V2V_LOG_INFO, "noise %s, by the first frame",
+                config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian");
+    }
+done:
+    v2v_mem_free(views);
+    return rc;
+}
