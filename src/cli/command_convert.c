@@ -191,6 +191,10 @@ static enum v2v_status convert_recording(const struct arguments *given,
     } else {
         struct recording_tiff tiff = {given->output, recording, views};
         V2V_TRY(v2v_agreement_alone(session->world, recording_to_tiff, &tiff));
+        if (info->offset != 0.0 && v2v_step_on_root(session)) {
+            v2v_log(V2V_LOG_WARNING, "%s cannot say that its zero is %g: read it with --offset %g",
+                    given->output, info->offset, info->offset);
+        }
     }
 done:
     v2v_mem_free(views);

@@ -1,4 +1,5 @@
 #include "v2v3d/io/scaling.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
@@ -25,6 +26,7 @@
 
 struct statistics {
     double mean, squares, largest; /* squares: mean of x^2 */
+    double pedestal;               /* of the first frame */
 };
 
 /* Sums by frame, added in the order of the frames: the same bits at any rank count. */
@@ -38,11 +40,14 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
     const struct v2v_part part =
         v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
     double *sums = NULL; /* [frame,2]: of samples and of their squares */
-    float *views = NULL;
+    float *views = NULL, *scratch = NULL;
     float largest = 0.0f;
     rc = V2V_ALLOC(sums, "io.scaling", v2v_mem_product(info->frames, 2, 1));
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(views, "io.scaling", count);
+    }
+    if (rc == V2V_OK && part.first == 0) {
+        rc = V2V_ALLOC(scratch, "io.scaling", count);
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
         rc = v2v_recording_read(recording, views, t);
@@ -51,17 +56,23 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
             sums[2 * t + 1] += (double)views[i] * (double)views[i];
             largest = views[i] > largest ? views[i] : largest;
         }
+        if (rc == V2V_OK && t == 0) {
+            statistics->pedestal =
+                v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+        }
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_sum_f64(comm, sums, 2 * info->frames);
     statistics->largest = (double)largest;
     v2v_par_max_f64(comm, &statistics->largest, 1);
+    v2v_par_max_f64(comm, &statistics->pedestal, 1);
     statistics->mean = statistics->squares = 0.0;
     for (int64_t t = 0; t < info->frames; t++) {
         statistics->mean += sums[2 * t] / (double)count / (double)info->frames;
         statistics->squares += sums[2 * t + 1] / (double)count / (double)info->frames;
     }
 done:
+    v2v_mem_free(scratch);
     v2v_mem_free(views);
     v2v_mem_free(sums);
     return rc;
@@ -85,6 +96,8 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     }
     if (guess && statistics.mean > SIGNED_ZERO && statistics.largest <= LARGEST_COUNT) {
         scaling->offset = SIGNED_ZERO;
+    } else if (guess) {
+        scaling->pedestal = statistics.pedestal;
     }
     if (settings->gain.mode == V2V_NUMBER_AUTO) {
         const double mean = statistics.mean - scaling->offset;
@@ -101,6 +114,16 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     }
 done:
     return rc;
+}
+
+void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording)
+{
+    if (scaling->pedestal > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s is hardly anywhere darker than %.4g: if that is the camera's zero, subtract it "
+                "(--offset %.4g); --offset none says that it is light",
+                recording, scaling->pedestal, scaling->pedestal);
+    }
 }
 
 void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count)

@@ -193,7 +193,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self,
                               const struct v2v_problem *problem, const float *views)
 {
     enum v2v_status rc = V2V_OK;
-    const int is_asked = lambda->mode == V2V_NUMBER_AUTO, can = problem->psf->views > FOLDS;
+    const int is_asked = lambda->mode == V2V_NUMBER_AUTO;
     double missed = 0.0;
     V2V_TRY(prepare(self, problem, views));
     if (!is_asked) {
@@ -201,7 +201,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self,
         v2v_log(V2V_LOG_DEBUG, "by lambda %.3g views are missed by %.3g of their noise",
                 lambda->value, missed);
     }
-    if (is_asked || (can && missed > noise_alone)) {
+    if (is_asked || missed > noise_alone) {
         V2V_TRY(choose(&lambda->value, self));
         v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value,
                 is_asked ? "" : ", since volumes miss more of the views than noise");
@@ -219,10 +219,14 @@ enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v
     if (lambda->mode == V2V_NUMBER_GIVEN) {
         return V2V_OK;
     }
-    if (lambda->mode == V2V_NUMBER_AUTO && problem->psf->views <= FOLDS) {
-        return V2V_FAIL(V2V_E_CONFIG,
-                        "--lambda auto leaves views out: it needs %d or more, not %lld", FOLDS + 1,
-                        (long long)problem->psf->views);
+    if (problem->psf->views <= FOLDS) {
+        if (lambda->mode == V2V_NUMBER_AUTO) {
+            return V2V_FAIL(V2V_E_CONFIG,
+                            "--lambda auto leaves views out: it needs %d or more, not %lld",
+                            FOLDS + 1, (long long)problem->psf->views);
+        }
+        lambda->mode = V2V_NUMBER_GIVEN;
+        return V2V_OK;
     }
     V2V_TRY(V2V_ALLOC(self, "tv.lambda", 1));
     V2V_TRY(settle(lambda, self, problem, views));

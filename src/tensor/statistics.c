@@ -1,5 +1,6 @@
 #include "v2v3d/tensor/statistics.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 
 #include <math.h>
@@ -377,4 +378,39 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
     return median > 0.0 ? median / (sqrt(PIXELS) * of_normal)
                         : sqrt(v2v_sum_of_squares(scratch, count * inside) /
                                (double)(PIXELS * count * inside));
+}
+
+/* Means of squares of an image, from its first row and column on. @return how many */
+static int64_t means_of_squares(float *means, const float *image, int64_t height, int64_t width,
+                                int64_t side)
+{
+    const int64_t across = width / side, down = height / side;
+    for (int64_t i = 0; i < down * across; i++) {
+        const float *square = image + i / across * side * width + i % across * side;
+        double sum = 0.0;
+        for (int64_t k = 0; k < side * side; k++) {
+            sum += (double)square[k / side * width + k % side];
+        }
+        means[i] = (float)(sum / (double)(side * side));
+    }
+    return down * across;
+}
+
+double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                              int64_t width)
+{
+    enum { SIDE = 16, OF_LEAST = 100, DARK = 100, CERTAIN = 5, BELOW = 2 };
+    const int64_t side = v2v_smaller(SIDE, v2v_smaller(height, width));
+    int64_t squares = 0;
+    for (int64_t i = 0; i < count; i++) {
+        squares +=
+            means_of_squares(scratch + squares, images + i * height * width, height, width, side);
+    }
+    const double bright = (double)v2v_select(scratch, squares, squares - 1);
+    const double least = (double)v2v_select(scratch, squares, squares / OF_LEAST);
+    if (!(least > 0.0 && DARK * least > bright)) {
+        return 0.0;
+    }
+    const double error = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
+    return least > CERTAIN * error ? least + BELOW * error : 0.0;
 }

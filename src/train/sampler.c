@@ -10,12 +10,13 @@
 #include "v2v3d/tensor/pad.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 /* Frames kept in memory: recordings up to this many bytes are read once. */
 #define KEPT_BYTES ((int64_t)2 << 30)
 
-enum { AXES = 2 };
+enum { AXES = 2, NAME_BYTES = 32 };
 enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X, DRAWS };
 enum { DRAW_TRANSPOSE = DRAWS + DRAW_FRAME }; /* of the second candidate, which is of that frame */
 
@@ -123,6 +124,7 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
+    char name[NAME_BYTES];
     V2V_TRY(
         v2v_par_agree(comm, V2V_ALLOC(sampler->source, "sampler.sources", job->recording_count)));
     sampler->source_count = job->recording_count;
@@ -139,9 +141,13 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
         sampler->frames +=
             info->frames - (sampler->examples != NULL ? sampler->examples->frames - 1 : 0);
         sampler->frame_pixels = pixels > sampler->frame_pixels ? pixels : sampler->frame_pixels;
-        v2v_log(V2V_LOG_INFO, "recording %lld: %lld frames of %lld x %lld, offset %g, gain %g",
-                (long long)i + 1, (long long)info->frames, (long long)info->height,
-                (long long)info->width, of->scaling.offset, of->scaling.gain);
+        snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
+        v2v_log(V2V_LOG_INFO, "%s: %lld frames of %lld x %lld, offset %g, gain %g", name,
+                (long long)info->frames, (long long)info->height, (long long)info->width,
+                of->scaling.offset, of->scaling.gain);
+        if (v2v_comm_rank(comm) == 0) {
+            v2v_scaling_warn(&of->scaling, name);
+        }
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
     V2V_TRY(v2v_par_agree(comm, check_sources(sampler)));

@@ -91,6 +91,21 @@ says 'volume, 4 frames'
 works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
+
+# A camera's zero that nothing states is noticed, once a command, unless an offset is given.
+works convert --input moving.h5 -o bare.tif
+grep -q 'bare.tif cannot say that its zero is 100: read it with --offset 100' stderr ||
+    fail "the offset is lost: $(cat stderr)"
+bare=(deconvolve --psf one/psf.h5 --input bare.tif --iterations 2 -o bare.h5 --force)
+works "${bare[@]}"
+[ "$(grep -c 'bare.tif is hardly anywhere darker than 10[0-9.]*: if' stderr)" -eq 1 ] ||
+    fail "the camera's zero: $(cat stderr)"
+works "${bare[@]}" --offset 100
+grep -q darker stderr && fail "the offset was given: $(cat stderr)"
+works "${bare[@]}" --offset none
+grep -q darker stderr && fail "there is none: $(cat stderr)"
+works deconvolve --psf one/psf.h5 --input moving.h5 --iterations 2 -o bare.h5 --force
+grep -q darker stderr && fail "the recording states it: $(cat stderr)"
 # A volume of frames 1 and 2 is judged by these of the truth, of the recording and of other volumes.
 judged() { # VOLUME FIRST: a line of figures of two frames, from that frame on
     works evaluate --truth moving_truth.h5 --volume "$1" --psf one/psf.h5 --input moving.h5 --frames 0

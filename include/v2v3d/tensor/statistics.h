@@ -21,6 +21,14 @@ enum v2v_status v2v_percentile(double *value, const float *x, int64_t count,
  *  smaller; no NaN. @kind Local, nothing is allocated. @return x[k] */
 float v2v_select(float *x, int64_t count, int64_t k);
 
+/** What images hold at least, nearly everywhere, as where the zero of a camera was not subtracted:
+ *  of the means of squares of 16 x 16 pixels (of what there is of smaller images) the one that a
+ *  hundredth of them are below, and twice its error by noise, which it is too low by. 0 where there
+ *  are dark pixels: that is less than a hundredth of the brightest square, or than 5 such errors.
+ *  @kind Local. @param scratch [count,height,width] */
+double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                              int64_t width);
+
 /** Standard deviation of white noise in images of at least 2 x 2 pixels (0 below): the median of
  *  |a - b - c + d| over all 2 x 2 neighbours, which smooth light leaves alone, over 2 * 0.6745;
  *  where that is 0, as of few photons, half the root of their mean square.

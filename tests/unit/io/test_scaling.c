@@ -64,6 +64,32 @@ static void offset_and_gain_follow_their_modes(void **state)
     }
 }
 
+/* Of the first frame, where auto finds nothing to subtract; nothing is as bright there as 100 times
+ * its only square. */
+static void a_pedestal_is_told_where_nothing_is_said_of_one(void **state)
+{
+    (void)state;
+    static const double bare[8] = {102, 102, 102, 102, 0, 0, 0, 0};
+    static const struct {
+        const double *values;
+        struct v2v_number offset;
+        double expected;
+    } cases[] = {
+        {bare, {V2V_NUMBER_AUTO, 0}, 102}, {bare, {V2V_NUMBER_NONE, 0}, 0},
+        {bare, {V2V_NUMBER_GIVEN, 90}, 0}, {raised, {V2V_NUMBER_AUTO, 0}, 0},
+        {peaked, {V2V_NUMBER_AUTO, 0}, 0},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const struct v2v_input_settings settings = {.offset = cases[i].offset};
+        struct v2v_recording *recording = recording_of(cases[i].values);
+        struct v2v_scaling scaling;
+        const enum v2v_status rc = v2v_scaling_decide(&scaling, recording, &settings, NULL);
+        assert_true(rc == V2V_OK || cases[i].offset.mode == V2V_NUMBER_GIVEN);
+        assert_true(scaling.pedestal == cases[i].expected);
+        v2v_recording_close(&recording);
+    }
+}
+
 static void a_stated_offset_goes_before_the_guess(void **state)
 {
     (void)state;
@@ -207,6 +233,7 @@ int main(void)
         cmocka_unit_test(noise_alone_is_not_brought_up_to_the_level_of_light),
         cmocka_unit_test(what_has_no_level_is_left_as_it_is),
         cmocka_unit_test(offset_and_gain_follow_their_modes),
+        cmocka_unit_test(a_pedestal_is_told_where_nothing_is_said_of_one),
         cmocka_unit_test(a_stated_offset_goes_before_the_guess),
         cmocka_unit_test(an_image_without_light_has_no_auto_gain),
         cmocka_unit_test(samples_above_16_bits_are_no_camera_counts),
