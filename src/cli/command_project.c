@@ -137,6 +137,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         (const char *const[]){given->psf, given->calibration, given->volume, given->input}, 4));
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    session->config.input.hot_pixels = V2V_HOT_PIXELS_KEEP; /* the adjoint is linear */
     V2V_TRY(given->adjoint ? adjoint(recording, given, session, &psf)
                            : forward(given, session, &psf));
 done:

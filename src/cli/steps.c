@@ -183,6 +183,10 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
                          "same, --pixel-size %g says so",
                          path, info->pixel_size_um, psf->pixel_size_um, psf->pixel_size_um));
     }
+    if (psf->data != NULL && settings.hot_pixels == V2V_HOT_PIXELS_MEND) {
+        V2V_TRY(
+            v2v_par_agree(session->world, v2v_recording_mend(*recording, v2v_psf_sharpness(psf))));
+    }
     if (session->calibration.views > 0) {
         V2V_TRY(v2v_par_agree(session->world,
                               v2v_recording_calibrate(*recording, &session->calibration)));

@@ -1,7 +1,9 @@
 #include "io/h5_common.h"
 #include "io/stack.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
+#include "v2v3d/tensor/hot_pixels.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <string.h>
@@ -16,6 +18,9 @@ struct v2v_recording {
     int64_t stride;                            /* pages from frame to frame */
     const struct v2v_calibration *calibration; /* NULL: none */
     float *as_recorded; /* [UNDISTORTING,height,width]; NULL: no view has distortion */
+    double sharpness;   /* of the PSFs */
+    float *samples;     /* [V2V_HOT_PIXELS_SCRATCH]; NULL: hot pixels are kept */
+    int has_told;       /* bool: of hot pixels */
 };
 
 /* Views of a frame: what the file states, which must be what is asked for; else that. A TIFF with
@@ -199,6 +204,31 @@ const struct v2v_calibration *v2v_recording_calibration(const struct v2v_recordi
     return recording->calibration;
 }
 
+enum v2v_status v2v_recording_mend(struct v2v_recording *recording, double sharpness)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_ASSERT(recording->samples == NULL);
+    V2V_TRY(V2V_ALLOC(recording->samples, "io.recording", V2V_HOT_PIXELS_SCRATCH));
+    recording->sharpness = sharpness;
+done:
+    return rc;
+}
+
+static void mend(struct v2v_recording *recording, float *views, int64_t t)
+{
+    const struct v2v_recording_info *info = &recording->info;
+    const int64_t hot = v2v_hot_pixels_mend(views, recording->samples, info->views, info->height,
+                                            info->width, recording->sharpness);
+    if (hot > 0 && !recording->has_told) {
+        v2v_log(
+            V2V_LOG_INFO,
+            "%s: frame %lld has %lld pixels that no light through the PSFs makes so bright: hot "
+            "pixels, here and in other frames, are taken from their neighbours",
+            recording->stack.path, (long long)t, (long long)hot);
+        recording->has_told = 1;
+    }
+}
+
 static void undo_distortion(const struct v2v_recording *recording, float *views)
 {
     const struct v2v_recording_info *info = &recording->info;
@@ -224,6 +254,9 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     const int64_t late = info->views - view;
     V2V_TRY(read_views(recording, views, page, view, late, t));
     V2V_TRY(read_views(recording, views, page + late, 0, view, t));
+    if (recording->samples != NULL) {
+        mend(recording, views, t);
+    }
     if (recording->as_recorded != NULL) {
         undo_distortion(recording, views);
     }
@@ -236,6 +269,7 @@ void v2v_recording_close(struct v2v_recording **recording)
     if (*recording != NULL) {
         v2v_stack_fini(&(*recording)->stack);
         v2v_mem_free((*recording)->as_recorded);
+        v2v_mem_free((*recording)->samples);
         v2v_mem_free(*recording);
         *recording = NULL;
     }

@@ -124,7 +124,6 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    char name[NAME_BYTES];
     V2V_TRY(
         v2v_par_agree(comm, V2V_ALLOC(sampler->source, "sampler.sources", job->recording_count)));
     sampler->source_count = job->recording_count;
@@ -141,13 +140,9 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
         sampler->frames +=
             info->frames - (sampler->examples != NULL ? sampler->examples->frames - 1 : 0);
         sampler->frame_pixels = pixels > sampler->frame_pixels ? pixels : sampler->frame_pixels;
-        snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
-        v2v_log(V2V_LOG_INFO, "%s: %lld frames of %lld x %lld, offset %g, gain %g", name,
-                (long long)info->frames, (long long)info->height, (long long)info->width,
-                of->scaling.offset, of->scaling.gain);
-        if (v2v_comm_rank(comm) == 0) {
-            v2v_scaling_warn(&of->scaling, name);
-        }
+        v2v_log(V2V_LOG_INFO, "recording %lld: %lld frames of %lld x %lld, offset %g, gain %g",
+                (long long)i + 1, (long long)info->frames, (long long)info->height,
+                (long long)info->width, of->scaling.offset, of->scaling.gain);
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
     V2V_TRY(v2v_par_agree(comm, check_sources(sampler)));
@@ -251,6 +246,15 @@ done:
     }
     *sampler = self;
     return rc;
+}
+
+void v2v_sampler_warn(const struct v2v_sampler *sampler)
+{
+    char name[NAME_BYTES];
+    for (int64_t i = 0; i < sampler->source_count; i++) {
+        snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
+        v2v_scaling_warn(&sampler->source[i].of.scaling, name);
+    }
 }
 
 void v2v_sampler_destroy(struct v2v_sampler **sampler)

@@ -70,6 +70,9 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
 enum v2v_layout { V2V_LAYOUT_AUTO, V2V_LAYOUT_VIEWS, V2V_LAYOUT_FRAMES };
 
 /** Where the frames of a recording or volume lie in a file. */
+/** What becomes of pixels brighter than light through the PSFs can make one. */
+enum v2v_hot_pixels { V2V_HOT_PIXELS_MEND, V2V_HOT_PIXELS_KEEP };
+
 struct v2v_input_settings {
     int64_t views;                       /**< 0: as many as the PSF set has */
     int64_t first_view;                  /**< page of the first frame's first view */
@@ -81,6 +84,7 @@ struct v2v_input_settings {
     double pixel_size_um, slice_spacing_um, frame_interval_s; /**< 0: as the file says */
     struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
     struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
+    int hot_pixels;           /**< enum v2v_hot_pixels */
 };
 
 /** Samples of the field that `psf simulate` propagates. BAND: as fine as its band asks for, a pixel

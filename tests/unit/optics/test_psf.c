@@ -169,6 +169,29 @@ static void header_example_projects_a_point_to_the_normalised_psf(void **state)
     v2v_mem_free(psf.data);
 }
 
+/* Of even light an eighth; a pixel with dark neighbours has no bound, unless it is dim. */
+static void sharpness_is_that_of_the_sharpest_pixel(void **state)
+{
+    (void)state;
+    float data[2 * 25] = {0.0f};
+    const struct v2v_psf_file psf = {
+        .views = 1, .slices = 2, .height = 5, .width = 5, .data = data};
+    assert_true(v2v_psf_sharpness(&psf) == 0.0);
+    for (int i = 0; i < 25; i++) {
+        data[i] = 2.0f;
+    }
+    assert_true(v2v_psf_sharpness(&psf) == 1.0 / 3.0); /* a corner's three neighbours */
+    data[12] = 8.0f;
+    assert_true(v2v_psf_sharpness(&psf) == 0.5);
+    data[25 + 12] = 10.0f;
+    data[25 + 13] = 5.0f;
+    assert_true(v2v_psf_sharpness(&psf) == 2.0);
+    data[25 + 24] = 0.9f;
+    assert_true(v2v_psf_sharpness(&psf) == 2.0);
+    data[25 + 24] = 1.1f;
+    assert_true(isinf(v2v_psf_sharpness(&psf)));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -178,6 +201,7 @@ int main(void)
         cmocka_unit_test(projector_holds_the_bytes_it_foretells),
         cmocka_unit_test(frame_beyond_all_memory_is_refused),
         cmocka_unit_test(header_example_projects_a_point_to_the_normalised_psf),
+        cmocka_unit_test(sharpness_is_that_of_the_sharpest_pixel),
         cmocka_unit_test(missing_set_is_an_input_failure),
     };
     return cmocka_run_group_tests_name("optics.psf", tests, NULL, NULL);

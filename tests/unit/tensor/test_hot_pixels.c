@@ -1,0 +1,95 @@
+#include "support.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/tensor/hot_pixels.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { IMAGES = 3, HEIGHT = 40, WIDTH = 48, PIXELS = HEIGHT * WIDTH, SAMPLES = IMAGES * PIXELS };
+
+static float images[SAMPLES], whole[SAMPLES], scratch[V2V_HOT_PIXELS_SCRATCH];
+
+/* Spots of light, 100 bright, as narrow as a sharpness of 0.31 allows, on `base`, and noise. */
+static void draw(double base, double noise)
+{
+    const double spot[3][3] = {{20.0, 60.0, 20.0}, {60.0, 100.0, 60.0}, {20.0, 60.0, 20.0}};
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const int64_t y = i / WIDTH % HEIGHT % 8, x = i % WIDTH % 8;
+        const double light = y >= 3 && y < 6 && x >= 3 && x < 6 ? spot[y - 3][x - 3] : 0.0;
+        images[i] = whole[i] =
+            (float)(base + light + noise * v2v_random_normal(11, 0, (uint64_t)i));
+    }
+}
+
+static int64_t mend(double sharpness)
+{
+    return v2v_hot_pixels_mend(images, scratch, IMAGES, HEIGHT, WIDTH, sharpness);
+}
+
+static void set(int64_t image, int64_t y, int64_t x, double value)
+{
+    images[image * PIXELS + y * WIDTH + x] += (float)value;
+}
+
+/* Beside others, too, in corners, and whatever the camera's zero is. */
+static void hot_pixels_become_their_neighbours_median(void **state)
+{
+    (void)state;
+    static const double bases[] = {0.0, 100.0, -20.0, 32767.0};
+    for (size_t k = 0; k < sizeof bases / sizeof *bases; k++) {
+        draw(bases[k], 2.0);
+        assert_int_equal(mend(0.31), 0);
+        assert_memory_equal(images, whole, sizeof images);
+        set(0, 8, 8, 400.0);
+        set(0, 8, 9, 300.0);
+        set(1, 0, 0, 1e4);
+        set(2, HEIGHT - 1, WIDTH - 1, 500.0);
+        set(2, 4, 4, 2000.0); /* in the middle of a spot */
+        assert_int_equal(mend(0.31), 5);
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const int in_spot = i == 2 * PIXELS + 4 * WIDTH + 4;
+            if (images[i] != whole[i]) {
+                /* the median of at least three of noise 2; of a spot's flank 40, not 100 */
+                assert_true(fabs((double)images[i] - (double)whole[i]) < (in_spot ? 70.0 : 12.0));
+            }
+        }
+    }
+}
+
+/* Bright points that the optics can make stay, and what is not far above light and noise. */
+static void what_light_can_make_stays(void **state)
+{
+    (void)state;
+    draw(0.0, 2.0);
+    set(0, 8, 8, 20.0);
+    memcpy(whole, images, sizeof whole);
+    assert_int_equal(mend(0.31), 0);
+    set(0, 8, 8, 400.0);
+    memcpy(whole, images, sizeof whole);
+    assert_int_equal(mend(INFINITY), 0); /* a PSF of one pixel */
+    assert_int_equal(mend(50.0), 0);
+    assert_memory_equal(images, whole, sizeof images);
+}
+
+/* A frame that is dark but for a pixel has no light to compare it with. */
+static void nothing_is_compared_with_the_dark(void **state)
+{
+    (void)state;
+    memset(images, 0, sizeof images);
+    set(0, 8, 8, 400.0);
+    assert_int_equal(mend(0.31), 0);
+    assert_true(images[8 * WIDTH + 8] == 400.0f);
+    assert_int_equal(v2v_hot_pixels_mend(images, scratch, 1, 1, 1, 0.31), 0);
+    assert_int_equal(v2v_hot_pixels_mend(images, scratch, 2, 1, 2, 0.31), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(hot_pixels_become_their_neighbours_median),
+        cmocka_unit_test(what_light_can_make_stays),
+        cmocka_unit_test(nothing_is_compared_with_the_dark),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
