@@ -302,6 +302,12 @@ static void find_faults(struct work *work)
                  work->saturated);
         warn(work, text);
     }
+    if (work->scaling.pedestal > 0.0) {
+        snprintf(text, sizeof text,
+                 "the views are hardly anywhere darker than %.4g: the camera's zero (--offset)?",
+                 work->scaling.pedestal);
+        warn(work, text);
+    }
     if (work->levels[0] != '\0') {
         warn(work, work->levels);
     }

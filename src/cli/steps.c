@@ -295,15 +295,9 @@ done:
 enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_scaling *scaling,
                                 struct v2v_recording *recording)
 {
-    enum v2v_status rc = V2V_OK;
     struct v2v_input_settings settings = session->config.input;
     settings.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
-    V2V_TRY(v2v_scaling_decide(scaling, recording, &settings, session->world));
-    if (v2v_step_on_root(session)) {
-        v2v_scaling_warn(scaling, "the recording");
-    }
-done:
-    return rc;
+    return v2v_scaling_decide(scaling, recording, &settings, session->world);
 }
 
 void v2v_step_announce(const struct v2v_session *session)

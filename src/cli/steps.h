@@ -72,8 +72,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                                       const char *path,
                                       const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
-/** The recording's offset, with a warning of one that may be left; gain 1: for what does not need a
- *  gain.
+/** The recording's offset; gain 1: for what does not need a gain.
  *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_offset(const struct v2v_session *session, struct v2v_scaling *scaling,
                                 struct v2v_recording *recording) V2V_MUST_CHECK;

@@ -3,7 +3,6 @@
 #include "method/correction.h"
 #include "method/features.h"
 #include "method/learned.h"
-#include "method/photons.h"
 #include "method/strength.h"
 #include "method/tv.h"
 #include "v2v3d/base/memory.h"
@@ -22,8 +21,7 @@ struct unrolled {
 
 static int is_open(const struct v2v_config *config)
 {
-    return config->recon.strength.mode == V2V_NUMBER_AUTO ||
-           config->deconv.noise == V2V_NOISE_MODEL_AUTO;
+    return config->recon.strength.mode == V2V_NUMBER_AUTO || v2v_estimator_tv.is_open(config);
 }
 
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
@@ -31,8 +29,7 @@ static enum v2v_status settle(struct v2v_config *config, const struct v2v_proble
 {
     enum v2v_status rc = V2V_OK;
     double strength = 1.0;
-    V2V_TRY(v2v_camera_check(problem));
-    V2V_TRY(v2v_photons_settle(config, problem, views));
+    V2V_TRY(v2v_estimator_tv.settle(config, problem, views));
     if (config->recon.strength.mode == V2V_NUMBER_AUTO) {
         V2V_TRY(v2v_strength_choose(&strength, problem, views));
         config->recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, strength};
