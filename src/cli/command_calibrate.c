@@ -160,9 +160,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_scaling_apply(&scaling, views, samples);
-    if (v2v_step_on_root(session)) {
-        v2v_scaling_warn(&scaling, given->input);
-    }
+    v2v_scaling_warn(&scaling, given->input, session->world);
     v2v_step_announce(session);
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
     if (v2v_step_on_root(session)) {

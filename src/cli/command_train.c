@@ -187,11 +187,12 @@ static enum v2v_status settle(const struct material *material, struct v2v_sessio
     const struct v2v_network_ops *ops = NULL;
     struct v2v_scaling scaling;
     V2V_TRY(v2v_network_find(&ops, session->config.model.method));
-    if (ops->examples == NULL || ops->examples->estimator == NULL) {
+    const struct v2v_estimator_ops *maker = ops->examples != NULL ? ops->examples->estimator : NULL;
+    if (maker == NULL || !maker->is_open(&session->config)) { /* no need of the scaling */
         goto done;
     }
     V2V_TRY(v2v_scaling_decide(&scaling, first, &session->config.input, session->world));
-    V2V_TRY(v2v_settle_by_frame(session, ops->examples->estimator, &problem, first, &scaling));
+    V2V_TRY(v2v_settle_by_frame(session, maker, &problem, first, &scaling));
 done:
     return rc;
 }

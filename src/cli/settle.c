@@ -17,7 +17,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     const int noise = config->deconv.noise;
     struct v2v_fusion *fusion = NULL;
     float *views = NULL;
-    if (ops == NULL || ops->is_open == NULL || !ops->is_open(config)) {
+    if (ops->is_open == NULL || !ops->is_open(config)) {
         return V2V_OK;
     }
     rc = V2V_ALLOC(views, "cli.settle", v2v_mem_product(count, problem->height, problem->width));

@@ -10,7 +10,7 @@
 /** Decide them by the recording's first frame, whatever frames are asked for: a range has the bits
  *  of the whole. Nothing is read where nothing is left open.
  *  @kind   Collective(session->world)
- *  @param  session of which deconv and recon are settled @param ops the method; NULL: none
+ *  @param  session of which deconv and recon are settled
  *  @param  problem of the recording's frames, with session's configuration
  *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (reading) | V2V_E_CONFIG | V2V_E_NUMERIC; agreed */
 enum v2v_status v2v_settle_by_frame(struct v2v_session *session,

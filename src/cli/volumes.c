@@ -456,9 +456,7 @@ enum v2v_status v2v_volumes_of(const struct v2v_volumes *given,
     V2V_TRY(open_output(&work, session));
     work.is_open = 1;
     work.result.before = count_done(&work);
-    if (v2v_step_on_root(session)) {
-        v2v_scaling_warn(&work.scaling, given->input);
-    }
+    v2v_scaling_warn(&work.scaling, given->input, session->world);
     v2v_step_announce(session);
     struct v2v_par_time running = v2v_par_time_now();
     v2v_stop_heed_ending();

@@ -101,7 +101,8 @@ done:
 
 static int is_none(const struct v2v_key *key, const char *text)
 {
-    return key->none != NULL && strcmp(strcmp(text, "off") == 0 ? "none" : text, key->none) == 0;
+    const char *word = strcmp(text, "off") == 0 ? "none" : text;
+    return key->none != NULL && strcmp(word, key->none) == 0;
 }
 
 static enum v2v_status assign_number(struct v2v_number *value, const struct v2v_key *key,

@@ -116,9 +116,10 @@ done:
     return rc;
 }
 
-void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording)
+void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording,
+                      const struct v2v_comm *comm)
 {
-    if (scaling->pedestal > 0.0) {
+    if (scaling->pedestal > 0.0 && v2v_comm_rank(comm) == 0) {
         v2v_log(V2V_LOG_WARNING,
                 "%s is hardly anywhere darker than %.4g: if that is the camera's zero, subtract it "
                 "(--offset %.4g); --offset none says that it is light",

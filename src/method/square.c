@@ -41,6 +41,13 @@ struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_
     return best;
 }
 
+struct v2v_square v2v_square_of_image(const float *image, int64_t height, int64_t width,
+                                      int64_t side)
+{
+    return v2v_square_find(image, width, (struct v2v_part){0, height}, (struct v2v_part){0, width},
+                           side);
+}
+
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
                     int64_t height, int64_t width)
 {

@@ -14,6 +14,10 @@ struct v2v_square {
 struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
                                   struct v2v_part columns, int64_t side);
 
+/** Likewise, anywhere in the image. @kind Local. @param image [height,width] */
+struct v2v_square v2v_square_of_image(const float *image, int64_t height, int64_t width,
+                                      int64_t side);
+
 /** Images [count,height,width] cut to a square of theirs. @kind Local.
  *  @param to [count,square] out */
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,

@@ -108,8 +108,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = problem->psf;
     const struct v2v_square square =
-        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
-                        (struct v2v_part){0, problem->width}, SIDE);
+        v2v_square_of_image(views, problem->height, problem->width, SIDE);
     self->height = square.rows.count;
     self->width = square.columns.count;
     const int64_t pixels = v2v_mem_product(self->height, self->width, 1);

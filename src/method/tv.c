@@ -72,7 +72,7 @@ struct level {
     double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
     double floor; /* the variance where there is no light, likewise, as weights take it .. */
     double dark;  /* .. and as found, its root, in units of the views */
-    double mean;  /* the variance, of all samples, in units of sigma^2 */
+    double mean_variance; /* of all samples, in units of sigma^2 */
 };
 
 struct tv {
@@ -279,7 +279,8 @@ static void of_photons(struct level *level, const struct v2v_photons *photons, d
         level->gain = photons->gain / unit;
         level->floor = fmax(dark_twice * photons->variance / variance, least_variance);
         level->dark = sqrt(photons->variance);
-        level->mean = fmax((photons->gain * light + photons->variance) / variance, least_mean);
+        level->mean_variance =
+            fmax((photons->gain * light + photons->variance) / variance, least_mean);
     }
 }
 
@@ -308,7 +309,7 @@ static struct level measure(const struct tv *self, const float *views)
     struct level level = {.brightness = brightness,
                           .deepest = deepest / brightness,
                           .sigma = fmax(sigma, least_noise * noisy),
-                          .mean = 1.0};
+                          .mean_variance = 1.0};
     level.dark = level.sigma;
     if (self->model == V2V_NOISE_MODEL_POISSON ||
         (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
@@ -435,7 +436,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const struct v2v_surroundings *around = estimator->around;
     const int64_t pixels =
         around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
-    const double variance = (double)(self->views * pixels) * level->mean;
+    const double variance = (double)(self->views * pixels) * level->mean_variance;
     double change = INFINITY;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");

@@ -32,7 +32,6 @@ enum { ITERATIONS = 30 };
 static const double noise_alone = 1.05;
 
 struct chooser {
-    const struct v2v_psf_file *psf;
     int64_t height, width; /* of the square */
     float *views;          /* [v,height,width] */
     float *volume;         /* [z,height,width] */
@@ -133,27 +132,26 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
                                const float *views)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_psf_file *psf = self->psf = problem->psf;
     const struct v2v_square square =
-        v2v_square_find(views, problem->width, (struct v2v_part){0, problem->height},
-                        (struct v2v_part){0, problem->width}, SIDE);
+        v2v_square_of_image(views, problem->height, problem->width, SIDE);
     self->height = square.rows.count;
     self->width = square.columns.count;
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
     self->problem = (struct v2v_problem){
-        .config = &self->config, .psf = psf, .height = self->height, .width = self->width};
+        .config = &self->config, .psf = problem->psf, .height = self->height, .width = self->width};
     for (int i = 0; i < WEIGHTS; i++) {
         self->missed[i] = -1.0;
     }
     V2V_TRY(V2V_ALLOC(self->views, "tv.lambda",
-                      v2v_mem_product(psf->views, self->height, self->width)));
+                      v2v_mem_product(problem->psf->views, self->height, self->width)));
     V2V_TRY(V2V_ALLOC(self->volume, "tv.lambda",
-                      v2v_mem_product(psf->slices, self->height, self->width)));
+                      v2v_mem_product(problem->psf->slices, self->height, self->width)));
     V2V_TRY(
         V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * self->height * self->width));
-    v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
+    v2v_square_cut(&square, self->views, views, problem->psf->views, problem->height,
+                   problem->width);
 done:
     return rc;
 }

@@ -1,6 +1,6 @@
 #include "v2v3d/optics/psf.h"
 
-#include "v2v3d/base/bounds.h"
+#include "v2v3d/tensor/hot_pixels.h"
 
 #include <math.h>
 
@@ -59,35 +59,12 @@ double v2v_psf_light(const struct v2v_psf_file *psf)
     return sum > 0.0 ? sum / (double)psf->views : 1.0;
 }
 
-static double sum_of_neighbours(const float *image, int64_t y, int64_t x, int64_t height,
-                                int64_t width)
-{
-    double sum = -(double)image[y * width + x];
-    for (int64_t j = v2v_larger(y - 1, 0); j <= v2v_smaller(y + 1, height - 1); j++) {
-        for (int64_t i = v2v_larger(x - 1, 0); i <= v2v_smaller(x + 1, width - 1); i++) {
-            sum += (double)image[j * width + i];
-        }
-    }
-    return sum;
-}
-
 double v2v_psf_sharpness(const struct v2v_psf_file *psf)
 {
-    const double least_part = 0.1;
-    const int64_t height = psf->height, width = psf->width, pixels = height * width;
+    const int64_t pixels = psf->height * psf->width;
     double most = 0.0;
-    for (int64_t k = 0; k < psf->views * psf->slices; k++) {
-        const float *slice = psf->data + k * pixels;
-        double brightest = 0.0;
-        for (int64_t i = 0; i < pixels; i++) {
-            brightest = fmax(brightest, (double)slice[i]);
-        }
-        for (int64_t i = 0; i < pixels; i++) {
-            if (slice[i] > 0.0f && (double)slice[i] >= least_part * brightest) {
-                const double around = sum_of_neighbours(slice, i / width, i % width, height, width);
-                most = fmax(most, around > 0.0 ? (double)slice[i] / around : INFINITY);
-            }
-        }
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        most = fmax(most, v2v_sharpness_of_image(psf->data + i * pixels, psf->height, psf->width));
     }
     return most;
 }

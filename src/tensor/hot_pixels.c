@@ -27,11 +27,10 @@ static int64_t sample(float *to, const float *from, int64_t count)
     return n;
 }
 
-/* Median of what noise makes of 2 x 2 neighbours. */
+/* By 2 x 2 neighbours at the places of the samples. */
 static double noise_of(float *scratch, const float *images, int64_t count, int64_t height,
                        int64_t width)
 {
-    const double of_normal = 0.67448975019608171; /* median of |x|, x standard normal */
     const int64_t samples = count * height * width, step = samples / V2V_HOT_PIXELS_SCRATCH + 1;
     int64_t n = 0;
     for (int64_t i = 0; i < samples; i += step) {
@@ -40,7 +39,7 @@ static double noise_of(float *scratch, const float *images, int64_t count, int64
             scratch[n++] = fabsf((a[0] - a[1]) - (b[0] - b[1]));
         }
     }
-    return n > 0 ? (double)v2v_select(scratch, n, n / 2) / (2.0 * of_normal) : 0.0;
+    return n > 0 ? v2v_noise_of_differences(scratch, n) : 0.0;
 }
 
 static struct level level_of(float *scratch, const float *images, int64_t count, int64_t height,
@@ -76,19 +75,43 @@ static int neighbours_of(float sorted[NEIGHBOURS], const float *image, int64_t y
     return n;
 }
 
+static double sum_above(const float *x, int count, double base)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; i++) {
+        sum += (double)x[i] - base;
+    }
+    return sum;
+}
+
+double v2v_sharpness_of_image(const float *image, int64_t height, int64_t width)
+{
+    const double least_of_brightest = 0.1;
+    double brightest = 0.0, most = 0.0;
+    for (int64_t i = 0; i < height * width; i++) {
+        brightest = fmax(brightest, (double)image[i]);
+    }
+    for (int64_t i = 0; i < height * width; i++) {
+        float around[NEIGHBOURS];
+        if (image[i] > 0.0f && (double)image[i] >= least_of_brightest * brightest) {
+            const int n = neighbours_of(around, image, i / width, i % width, height, width);
+            const double sum = sum_above(around, n, 0.0);
+            most = fmax(most, sum > 0.0 ? (double)image[i] / sum : INFINITY);
+        }
+    }
+    return most;
+}
+
 static int mend(float *image, int64_t y, int64_t x, int64_t height, int64_t width, double sharpness,
                 const struct level *level)
 {
     float *here = image + y * width + x, sorted[NEIGHBOURS];
     const int n = neighbours_of(sorted, image, y, x, height, width);
-    double sum = 0.0;
     if (n == 0) {
         return 0;
     }
-    for (int i = 0; i < n; i++) {
-        sum += (double)sorted[i] - level->base;
-    }
-    const double made = between_pixels * sharpness * fmax(sum, 0.0) * NEIGHBOURS / n;
+    const double sum = fmax(sum_above(sorted, n, level->base), 0.0);
+    const double made = between_pixels * sharpness * sum * NEIGHBOURS / n;
     if (!((double)*here - level->base - made > level->least)) {
         return 0;
     }

@@ -355,11 +355,16 @@ struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t coun
     return line;
 }
 
+double v2v_noise_of_differences(float *differences, int64_t count)
+{
+    const double of_normal = 0.67448975019608171; /* median of |x|, x standard normal */
+    return (double)v2v_select(differences, count, count / 2) / (2.0 * of_normal);
+}
+
 double v2v_noise_of_images(float *scratch, const float *images, int64_t count, int64_t height,
                            int64_t width)
 {
     enum { PIXELS = 4 };
-    const double of_normal = 0.67448975019608171; /* median of |x|, x standard normal */
     const int64_t inside = (height - 1) * (width - 1);
     if (height < 2 || width < 2) {
         return 0.0;
@@ -374,10 +379,10 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
             }
         }
     }
-    const double median = (double)v2v_select(scratch, count * inside, count * inside / 2);
-    return median > 0.0 ? median / (sqrt(PIXELS) * of_normal)
-                        : sqrt(v2v_sum_of_squares(scratch, count * inside) /
-                               (double)(PIXELS * count * inside));
+    const double noise = v2v_noise_of_differences(scratch, count * inside);
+    return noise > 0.0 ? noise
+                       : sqrt(v2v_sum_of_squares(scratch, count * inside) /
+                              (double)(PIXELS * count * inside));
 }
 
 /* Means of squares of an image, from its first row and column on. @return how many */

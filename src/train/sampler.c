@@ -248,12 +248,12 @@ done:
     return rc;
 }
 
-void v2v_sampler_warn(const struct v2v_sampler *sampler)
+void v2v_sampler_warn(const struct v2v_sampler *sampler, const struct v2v_comm *comm)
 {
     char name[NAME_BYTES];
     for (int64_t i = 0; i < sampler->source_count; i++) {
         snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
-        v2v_scaling_warn(&sampler->source[i].of.scaling, name);
+        v2v_scaling_warn(&sampler->source[i].of.scaling, name, comm);
     }
 }
 

@@ -18,8 +18,8 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
 
-/** Of what is suspicious about the recordings (v2v_scaling_warn). @kind Rank-0. */
-void v2v_sampler_warn(const struct v2v_sampler *sampler);
+/** Of what is suspicious about the recordings (v2v_scaling_warn). @kind Local. */
+void v2v_sampler_warn(const struct v2v_sampler *sampler, const struct v2v_comm *comm);
 
 /* Floats of the frames that it will take, one by one, and keep. */
 int64_t v2v_sampler_room(const struct v2v_sampler *sampler);

@@ -216,9 +216,7 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     if (run.step >= job->config->train.steps) { /* resumed: its checkpoint is all there is to do */
         goto done;
     }
-    if (v2v_comm_rank(comm) == 0) {
-        v2v_sampler_warn(run.trainer.sampler);
-    }
+    v2v_sampler_warn(run.trainer.sampler, comm);
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);

@@ -29,9 +29,10 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** A pedestal that was left, if there is one, is worth a warning. @kind Rank-0.
+/** A pedestal that was left, if there is one, is worth a warning, by rank 0. @kind Local.
  *  @param recording what it is called */
-void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording);
+void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording,
+                      const struct v2v_comm *comm);
 
 /** x <- (x - offset) * gain / shading, in place. @kind Local. @param x with a calibration, all its
  *  views [v,y,x] */

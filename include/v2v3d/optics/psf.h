@@ -53,9 +53,8 @@ enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
 /** What a view's PSF sums to, mean over the views; 1 where all is dark. @kind Local. */
 double v2v_psf_light(const struct v2v_psf_file *psf);
 
-/** Most that a pixel of a slice's PSF holds over the sum of its eight neighbours, of pixels with at
- *  least a tenth of the brightest there; INFINITY where one has dark neighbours alone. No image of
- *  light through the optics has more, but for noise. @kind Local. */
+/** That of the sharpest slice (v2v_sharpness_of_image): no image of light through the optics has
+ *  more, but for noise. @kind Local. */
 double v2v_psf_sharpness(const struct v2v_psf_file *psf);
 
 /** E of the de-crosstalk loss: mean over z of the slice sums of view 0. @kind Local. */

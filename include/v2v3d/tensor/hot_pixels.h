@@ -8,6 +8,11 @@
 extern "C" {
 #endif
 
+/** Most that a pixel of an image, of at least a tenth of its brightest, holds over the sum of its
+ *  eight neighbours: INFINITY where one has dark neighbours alone, 0 for a dark image.
+ *  @kind Local. @param image [height,width] */
+double v2v_sharpness_of_image(const float *image, int64_t height, int64_t width);
+
 enum { V2V_HOT_PIXELS_SCRATCH = 1 << 16 };
 
 /** They become the median of their eight neighbours (fewer at an edge). A pixel is hot where it
@@ -18,7 +23,7 @@ enum { V2V_HOT_PIXELS_SCRATCH = 1 << 16 };
  *  @kind   Local, deterministic
  *  @param  images [count,height,width], of one frame, finite
  *  @param  scratch [V2V_HOT_PIXELS_SCRATCH]
- *  @param  sharpness most that a pixel of a point's image holds over the sum of its neighbours
+ *  @param  sharpness of points' images
  *  @return how many were hot
  *  @source REFERENCE.md 1 */
 int64_t v2v_hot_pixels_mend(float *images, float *scratch, int64_t count, int64_t height,

@@ -29,6 +29,10 @@ float v2v_select(float *x, int64_t count, int64_t k);
 double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
                               int64_t width);
 
+/** Standard deviation of white noise of which |a - b - c + d| are given: their median over
+ *  2 * 0.6745. @kind Local. @param differences [count], rearranged @param count above 0 */
+double v2v_noise_of_differences(float *differences, int64_t count);
+
 /** Standard deviation of white noise in images of at least 2 x 2 pixels (0 below): the median of
  *  |a - b - c + d| over all 2 x 2 neighbours, which smooth light leaves alone, over 2 * 0.6745;
  *  where that is 0, as of few photons, half the root of their mean square.
