@@ -17,7 +17,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     const int noise = config->deconv.noise;
     struct v2v_fusion *fusion = NULL;
     float *views = NULL;
-    if (ops->is_open == NULL || !ops->is_open(config)) {
+    if (!v2v_estimator_is_open(ops, config)) {
         return V2V_OK;
     }
     rc = V2V_ALLOC(views, "cli.settle", v2v_mem_product(count, problem->height, problem->width));
@@ -29,13 +29,8 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
         rc = v2v_fusion_read(fusion, views, recording, scaling, 0);
     }
     v2v_fusion_destroy(&fusion);
-    if (rc == V2V_OK) {
-        rc = ops->settle(config, problem, views);
-    }
     V2V_TRY(v2v_par_agree(session->world, rc));
-    /* one answer for all: ranks on other processors may round another way */
-    v2v_par_broadcast(session->world, &config->deconv, sizeof config->deconv, 0);
-    v2v_par_broadcast(session->world, &config->recon, sizeof config->recon, 0);
+    V2V_TRY(v2v_estimator_settle(config, ops, problem, views, session->world));
     if (config->deconv.noise != noise) {
         v2v_log(V2V_LOG_INFO, "noise %s, by the first frame",
                 config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian");

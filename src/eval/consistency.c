@@ -308,9 +308,8 @@ done:
     return rc;
 }
 
-/** Local: the frames to judge; what the method leaves to a frame, by the first of them, the same
- *  everywhere. */
-static enum v2v_status settle(struct judge *self)
+/** Local: the frames to judge. */
+static enum v2v_status list_frames(struct judge *self)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_consistency *out = self->out;
@@ -323,9 +322,17 @@ static enum v2v_status settle(struct judge *self)
     }
     V2V_TRY(
         V2V_ALLOC(self->views, "eval.views", v2v_mem_product(views, info->height, info->width)));
-    if (self->ops->is_open != NULL && self->ops->is_open(&self->config)) {
-        V2V_TRY(load(self, 0));
-        V2V_TRY(self->ops->settle(&self->config, &self->problem, self->views));
+done:
+    return rc;
+}
+
+/** Collective(world): what the method leaves to a frame, by the first of them. */
+static enum v2v_status settle(struct judge *self, const struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    if (v2v_estimator_is_open(self->ops, &self->config)) {
+        V2V_TRY(v2v_par_agree(world, load(self, 0)));
+        V2V_TRY(v2v_estimator_settle(&self->config, self->ops, &self->problem, self->views, world));
     }
 done:
     return rc;
@@ -392,9 +399,10 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
     self.folds = v2v_left_out_folds(job->psf->views);
     rc = find_estimator(&self);
     if (rc == V2V_OK) {
-        rc = settle(&self);
+        rc = list_frames(&self);
     }
     V2V_TRY(v2v_par_agree(world, rc));
+    V2V_TRY(settle(&self, world));
     V2V_TRY(lay_out(&self, world));
     V2V_TRY(v2v_par_agree(world, self.grid.idle ? V2V_OK : take_memory(&self)));
     V2V_TRY(judge_all(&self));

@@ -52,6 +52,23 @@ const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_networ
     return network->traits & V2V_TRAIT_CORRECTS ? &v2v_estimator_unrolled : &v2v_estimator_learned;
 }
 
+int v2v_estimator_is_open(const struct v2v_estimator_ops *ops, const struct v2v_config *config)
+{
+    return ops->is_open != NULL && ops->is_open(config);
+}
+
+enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v_estimator_ops *ops,
+                                     const struct v2v_problem *problem, const float *views,
+                                     const struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(ops->settle(config, problem, views, world));
+    v2v_par_broadcast(world, &config->deconv, sizeof config->deconv, 0);
+    v2v_par_broadcast(world, &config->recon, sizeof config->recon, 0);
+done:
+    return rc;
+}
+
 enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
                                      const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem,

@@ -129,12 +129,13 @@ done:
 
 enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
-                                    const struct v2v_problem *problem, int64_t choice)
+                                    const struct v2v_problem *problem, int64_t choice,
+                                    const struct v2v_comm *shard)
 {
     const int64_t views = problem->psf->views, count = views > FEW_VIEWS ? V2V_LEFT_OUT_MOST : 1;
     const int64_t every = views / count; /* above the number of choices */
     const struct v2v_left_out_views without = {every - 1 - choice, every, every * count};
-    return v2v_left_out_create(left_out, ops, problem, without, 1, NULL);
+    return v2v_left_out_create(left_out, ops, problem, without, 1, shard);
 }
 
 void v2v_left_out_destroy(struct v2v_left_out **left_out)

@@ -88,7 +88,7 @@ static enum v2v_status try_choice(struct chooser *self, const struct v2v_problem
     const int64_t pixels = self->height * self->width;
     struct v2v_left_out *fold = NULL;
     v2v_watchdog_beat("the strength of a correction");
-    V2V_TRY(v2v_left_out_choose(&fold, &v2v_estimator_unrolled, problem, choice));
+    V2V_TRY(v2v_left_out_choose(&fold, &v2v_estimator_unrolled, problem, choice, NULL));
     V2V_TRY(v2v_left_out_run(fold, self->after, self->views));
     v2v_left_out_predict(fold, self->corrected, self->after);
     v2v_left_out_predict(fold, self->predicted, v2v_unrolled_start(fold->estimator));

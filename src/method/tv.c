@@ -104,12 +104,15 @@ static int is_open(const struct v2v_config *config)
 
 /* The noise first: lambda is in units of it. */
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views)
+                              const float *views, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_camera_check(problem));
-    V2V_TRY(v2v_photons_settle(config, problem, views));
-    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views));
+    rc = v2v_camera_check(problem);
+    if (rc == V2V_OK) {
+        rc = v2v_photons_settle(config, problem, views);
+    }
+    V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views, comm));
 done:
     return rc;
 }

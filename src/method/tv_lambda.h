@@ -8,14 +8,15 @@
  *  of the others with more weight and with less, and the weight is taken whose volumes predict the
  *  views left out best; on two choices of them, and on a square of the frame where it varies most.
  *  `default`: as it is, unless the square's volume misses its views by more than their noise, as
- *  where they are out of register; then likewise, if there are three views. Every rank computes it
- *  by itself, to the same bits.
- *  @kind Local. @param lambda in and out, then of mode V2V_NUMBER_GIVEN
+ *  where they are out of register; then likewise, if there are three views. The ranks of a host
+ *  share the volumes, never the answer.
+ *  @kind Collective(world). @param lambda in and out, then of mode V2V_NUMBER_GIVEN
  *  @param problem of the whole frame; its deconv.lambda is not read @param views [v,y,x], no offset
  *  @return V2V_OK | V2V_E_CONFIG (auto: fewer than three views) | V2V_E_MEMORY | V2V_E_NUMERIC (NaN
  *  or Inf)
  *  @source REFERENCE.md 10 */
 enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v_problem *problem,
-                                     const float *views) V2V_MUST_CHECK;
+                                     const float *views,
+                                     const struct v2v_comm *world) V2V_MUST_CHECK;
 
 #endif

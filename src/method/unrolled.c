@@ -25,13 +25,13 @@ static int is_open(const struct v2v_config *config)
 }
 
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views)
+                              const float *views, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     double strength = 1.0;
-    V2V_TRY(v2v_estimator_tv.settle(config, problem, views));
+    V2V_TRY(v2v_estimator_tv.settle(config, problem, views, comm));
     if (config->recon.strength.mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(v2v_strength_choose(&strength, problem, views));
+        V2V_TRY(v2v_par_agree(comm, v2v_strength_choose(&strength, problem, views)));
         config->recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, strength};
     }
 done:

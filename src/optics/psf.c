@@ -63,6 +63,7 @@ double v2v_psf_sharpness(const struct v2v_psf_file *psf)
 {
     const int64_t pixels = psf->height * psf->width;
     double most = 0.0;
+#pragma omp parallel for schedule(static) reduction(max : most)
     for (int64_t i = 0; i < psf->views * psf->slices; i++) {
         most = fmax(most, v2v_sharpness_of_image(psf->data + i * pixels, psf->height, psf->width));
     }

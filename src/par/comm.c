@@ -1,6 +1,7 @@
 #include "v2v3d/par/comm.h"
 
 #include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -155,17 +156,13 @@ void v2v_par_abort(int exit_code)
     _exit(exit_code);
 }
 
-enum v2v_status v2v_comm_split(struct v2v_comm **comm, const struct v2v_comm *parent, int colour,
-                               int key)
+/* Ranks of `from`, which holds some of the parent's, by colour and key. Collective(parent). */
+static enum v2v_status split(struct v2v_comm **comm, const struct v2v_comm *parent, MPI_Comm from,
+                             int colour, int key)
 {
     enum v2v_status rc = V2V_OK;
-    *comm = NULL;
-    if (parent == NULL) {
-        return V2V_OK; /* alone is alone */
-    }
-    V2V_ASSERT(colour >= 0);
     V2V_TRY(v2v_par_agree(parent, comm_alloc(comm, parent->size)));
-    MPI_Comm_split(parent->mpi, colour, key, &(*comm)->mpi);
+    MPI_Comm_split(from, colour, key, &(*comm)->mpi);
     MPI_Comm_rank((*comm)->mpi, &(*comm)->rank);
     MPI_Comm_size((*comm)->mpi, &(*comm)->size);
     (*comm)->world_rank = parent->world_rank;
@@ -173,6 +170,36 @@ done:
     if (rc != V2V_OK) {
         v2v_comm_destroy(comm);
     }
+    return rc;
+}
+
+enum v2v_status v2v_comm_split(struct v2v_comm **comm, const struct v2v_comm *parent, int colour,
+                               int key)
+{
+    *comm = NULL;
+    if (parent == NULL) {
+        return V2V_OK; /* alone is alone */
+    }
+    V2V_ASSERT(colour >= 0);
+    return split(comm, parent, parent->mpi, colour, key);
+}
+
+enum v2v_status v2v_comm_split_host(struct v2v_comm **comm, const struct v2v_comm *parent, int most)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t processors = v2v_larger(sysconf(_SC_NPROCESSORS_ONLN), 1);
+    const int together = (int)v2v_smaller(most, processors);
+    MPI_Comm host = MPI_COMM_NULL;
+    int rank = 0;
+    *comm = NULL;
+    if (parent == NULL) {
+        return V2V_OK; /* alone is alone */
+    }
+    V2V_ASSERT(most >= 1);
+    MPI_Comm_split_type(parent->mpi, MPI_COMM_TYPE_SHARED, parent->rank, MPI_INFO_NULL, &host);
+    MPI_Comm_rank(host, &rank);
+    rc = split(comm, parent, host, rank / together, rank);
+    MPI_Comm_free(&host);
     return rc;
 }
 

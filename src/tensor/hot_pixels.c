@@ -87,13 +87,14 @@ static double sum_above(const float *x, int count, double base)
 double v2v_sharpness_of_image(const float *image, int64_t height, int64_t width)
 {
     const double least_of_brightest = 0.1;
-    double brightest = 0.0, most = 0.0;
+    float brightest = 0.0f;
+    double most = 0.0;
     for (int64_t i = 0; i < height * width; i++) {
-        brightest = fmax(brightest, (double)image[i]);
+        brightest = image[i] > brightest ? image[i] : brightest;
     }
     for (int64_t i = 0; i < height * width; i++) {
         float around[NEIGHBOURS];
-        if (image[i] > 0.0f && (double)image[i] >= least_of_brightest * brightest) {
+        if (image[i] > 0.0f && (double)image[i] >= least_of_brightest * (double)brightest) {
             const int n = neighbours_of(around, image, i / width, i % width, height, width);
             const double sum = sum_above(around, n, 0.0);
             most = fmax(most, sum > 0.0 ? (double)image[i] / sum : INFINITY);

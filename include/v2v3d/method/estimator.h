@@ -104,10 +104,11 @@ struct v2v_estimator_ops {
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
     int (*is_open)(const struct v2v_config *config);
-    /** Decide it, by the views [v,y,x] of a whole frame. @kind Local, the same bits on any rank.
-     *  @param config problem's own @return V2V_OK | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC */
+    /** Decide it, by the views [v,y,x] of a whole frame, the same on all ranks.
+     *  @kind Collective(comm). @param config problem's own
+     *  @return V2V_OK | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC; agreed */
     enum v2v_status (*settle)(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views);
+                              const float *views, const struct v2v_comm *comm);
 
     /** What a frame takes: rows, unit of its sides, cuts, memory, ranks that may share it
      *  (most_shards), outputs (most_branches), the mean of which is the result. @kind Local.
@@ -145,6 +146,19 @@ const struct v2v_estimator_ops *v2v_estimator_at(int64_t index);
 /** By name. @kind Local. @return V2V_OK | V2V_E_CONFIG (names those that there are) */
 enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops,
                                    const char *name) V2V_MUST_CHECK;
+
+/** Does the configuration leave a setting to a frame? @kind Local. */
+int v2v_estimator_is_open(const struct v2v_estimator_ops *ops, const struct v2v_config *config);
+
+/** Decide such settings (ops->settle). Rank 0's answer is all ranks': other processors may round
+ *  another way.
+ *  @kind   Collective(world)
+ *  @param  config problem's own; deconv and recon are settled
+ *  @param  views [v,y,x] of a whole frame, the same on all ranks
+ *  @return as ops->settle; agreed */
+enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v_estimator_ops *ops,
+                                     const struct v2v_problem *problem, const float *views,
+                                     const struct v2v_comm *world) V2V_MUST_CHECK;
 
 /** The one that a network's weights are for. @kind Local. */
 const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_network_ops *network);

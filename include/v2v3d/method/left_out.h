@@ -43,13 +43,13 @@ enum v2v_status v2v_left_out_create(struct v2v_left_out **left_out,
                                     const struct v2v_problem *problem,
                                     struct v2v_left_out_views without, int predicts,
                                     const struct v2v_comm *shard) V2V_MUST_CHECK;
-/** The same on one rank, with one of two choices of views left out, which are spread over all:
- *  three of many views, one of six or fewer. @kind Local. @param problem of three views or more */
+/** The same with one of two choices of views left out, which are spread over all: three of many
+ *  views, one of six or fewer. @kind Collective(shard). @param problem of three views or more */
 enum { V2V_LEFT_OUT_CHOICES = 2, V2V_LEFT_OUT_MOST = 3 };
 enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
                                     const struct v2v_estimator_ops *ops,
-                                    const struct v2v_problem *problem,
-                                    int64_t choice) V2V_MUST_CHECK;
+                                    const struct v2v_problem *problem, int64_t choice,
+                                    const struct v2v_comm *shard) V2V_MUST_CHECK;
 /** Accepts NULL; nulls the pointer. @kind Collective(shard) */
 void v2v_left_out_destroy(struct v2v_left_out **left_out);
 

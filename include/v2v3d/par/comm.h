@@ -44,6 +44,12 @@ int v2v_comm_size(const struct v2v_comm *comm);
 enum v2v_status v2v_comm_split(struct v2v_comm **comm, const struct v2v_comm *parent, int colour,
                                int key) V2V_MUST_CHECK;
 
+/** Ranks of one host, at most `most` of them and no more than it has processors, get a communicator
+ *  of their own; NULL for NULL.
+ *  @kind Collective(parent). @return V2V_OK | V2V_E_MEMORY (agreed) */
+enum v2v_status v2v_comm_split_host(struct v2v_comm **comm, const struct v2v_comm *parent,
+                                    int most) V2V_MUST_CHECK;
+
 /** @kind Collective(*comm); accepts NULL; nulls the pointer. */
 void v2v_comm_destroy(struct v2v_comm **comm);
 

@@ -489,6 +489,38 @@ static void a_monitor_sees_every_iteration_and_ends_them(void **state)
     }
 }
 
+/* As the method leaves them open: kind of noise, weight by views left out. */
+static enum v2v_status settle(struct v2v_config *settled, const float *recorded,
+                              const struct v2v_comm *world)
+{
+    const struct v2v_estimator_ops *tv = NULL;
+    const struct v2v_problem problem = {
+        .config = settled, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    *settled = config;
+    settled->deconv.noise = V2V_NOISE_MODEL_AUTO;
+    settled->deconv.lambda.mode = V2V_NUMBER_AUTO;
+    assert_ok(v2v_estimator_find(&tv, "tv"));
+    assert_true(v2v_estimator_is_open(tv, settled));
+    return v2v_estimator_settle(settled, tv, &problem, recorded, world);
+}
+
+static void any_number_of_ranks_settles_alike(void **state)
+{
+    (void)state;
+    static float recorded[SAMPLES];
+    struct v2v_config alone, together;
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        recorded[i] = views[i] + (float)(0.02 * v2v_random_normal(12, 0, (uint64_t)i));
+    }
+    assert_ok(settle(&alone, recorded, NULL));
+    assert_ok(settle(&together, recorded, test_world()));
+    assert_int_equal(together.deconv.lambda.mode, V2V_NUMBER_GIVEN);
+    assert_true(together.deconv.lambda.value == alone.deconv.lambda.value);
+    assert_int_equal(together.deconv.noise, alone.deconv.noise);
+    recorded[PIXELS + 2 * WIDTH + 7] = NAN;
+    assert_int_equal(settle(&together, recorded, test_world()), V2V_E_NUMERIC);
+}
+
 static void a_request_to_one_rank_stops_all(void **state)
 {
     (void)state;
@@ -535,6 +567,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
                                         setup_diner_fftw3_mpi, teardown),
         WITH_ALL(a_nan_in_the_views_is_named),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_settles_alike, setup_tv, teardown),
         WITH_ALL(a_monitor_sees_every_iteration_and_ends_them),
         WITH_ALL(a_request_to_one_rank_stops_all),
     };

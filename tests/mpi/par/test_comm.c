@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 /* Must stay above the piece of one MPI call in reduce.c (2^24), and no multiple of it. */
 enum { LARGE = (1 << 24) + 12345 };
@@ -280,6 +281,26 @@ static void split_orders_ranks_by_key_and_names_world_ranks(void **state)
     assert_null(half);
 }
 
+/* All tests run on one host. */
+static void split_host_takes_ranks_in_their_order(void **state)
+{
+    (void)state;
+    const int n = (int)size_of_world(), rank = rank_of_world();
+    for (int most = 1; most <= n + 1; most++) {
+        struct v2v_comm *group = NULL;
+        const int processors = (int)sysconf(_SC_NPROCESSORS_ONLN);
+        const int together = most < processors ? most : processors;
+        const int before = rank / together * together;
+        assert_ok(v2v_comm_split_host(&group, test_world(), most));
+        assert_int_equal(v2v_comm_size(group), n - before < together ? n - before : together);
+        assert_int_equal(v2v_comm_rank(group), rank - before);
+        int64_t ranks = -rank;
+        v2v_par_max_i64(group, &ranks, 1);
+        assert_int_equal(-ranks, before);
+        v2v_comm_destroy(&group);
+    }
+}
+
 static void null_communicator_is_this_rank_alone(void **state)
 {
     (void)state;
@@ -290,6 +311,8 @@ static void null_communicator_is_this_rank_alone(void **state)
     assert_int_equal(v2v_comm_rank(NULL), 0);
     assert_int_equal(v2v_comm_size(NULL), 1);
     assert_ok(v2v_comm_split(&comm, NULL, 5, 5));
+    assert_null(comm);
+    assert_ok(v2v_comm_split_host(&comm, NULL, 1));
     assert_null(comm);
     assert_int_equal(v2v_par_agree(NULL, V2V_E_BUSY), V2V_E_BUSY);
     v2v_par_sum_f64(NULL, &x, 1);
@@ -328,6 +351,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(allgather_places_uneven_parts),
         cmocka_unit_test(exchange_swaps_the_neighbours_numbers),
         cmocka_unit_test(split_orders_ranks_by_key_and_names_world_ranks),
+        cmocka_unit_test(split_host_takes_ranks_in_their_order),
         cmocka_unit_test(null_communicator_is_this_rank_alone),
         cmocka_unit_test(folder_is_the_same_on_all_ranks_and_fresh),
     };

@@ -90,7 +90,7 @@ static void choices_share_no_view(void **state)
         make(views[i]);
         for (int64_t choice = 0; choice < V2V_LEFT_OUT_CHOICES; choice++) {
             struct v2v_left_out *left_out = NULL;
-            assert_ok(v2v_left_out_choose(&left_out, &v2v_estimator_tv, &problem, choice));
+            assert_ok(v2v_left_out_choose(&left_out, &v2v_estimator_tv, &problem, choice, NULL));
             check(times, left_out, count[i]);
         }
         for (int64_t v = 0; v < views[i]; v++) {

@@ -330,8 +330,8 @@ static void small_frames_and_few_views_work(void **state)
 static double settled(int mode, const struct v2v_problem *problem, const float *views)
 {
     struct v2v_number lambda = {mode, 0.03}, again = lambda;
-    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views));
-    assert_ok(v2v_tv_settle_lambda(&again, problem, views));
+    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL));
+    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL));
     assert_int_equal(lambda.mode, V2V_NUMBER_GIVEN);
     assert_true(lambda.value == again.value);
     return lambda.value;
@@ -374,7 +374,7 @@ static void the_weight_is_found_by_views_left_out(void **state)
     const double moved = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(moved != 0.03 && moved == settled(V2V_NUMBER_AUTO, &problem, views));
     psf.views = 2;
-    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views), V2V_E_CONFIG);
+    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL), V2V_E_CONFIG);
     assert_true(settled(V2V_NUMBER_NONE, &problem, views) == 0.03); /* too few to leave some out */
     v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
