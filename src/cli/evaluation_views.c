@@ -31,8 +31,9 @@ struct work {
     struct v2v_recording *recording;
     struct v2v_scaling scaling;
     struct v2v_projection projection;
-    float *views, *scratch; /* [v,y,x], [y,x] */
-    int64_t *known;         /* [figure,v]: frames, of the figures that are no held-out views' */
+    float *views, *scratch;    /* [v,y,x], [y,x] */
+    struct v2v_match *of_view; /* [v]: over all frames */
+    int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
     struct v2v_scaling trained_by;  /* .. the recording are taken by */
@@ -68,6 +69,7 @@ static enum v2v_status take_memory(struct work *work)
     }
     V2V_TRY(V2V_ALLOC(work->known, "evaluate.figures", V2V_VIEW_HELDOUT * work->psf.views));
     V2V_TRY(V2V_ALLOC(evaluation->disagreement_slices, "evaluate.figures", work->psf.slices));
+    V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", work->psf.views));
     V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
 done:
@@ -105,6 +107,7 @@ static void match(struct work *work, int64_t t)
         add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(&one, scale));
         add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(&one));
         v2v_match_add(&all, &one);
+        v2v_match_add(&work->of_view[v], &one);
     }
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
 }
@@ -250,6 +253,19 @@ static void judge_flux(struct work *work)
     }
 }
 
+static void judge_light(struct work *work)
+{
+    double light = 0.0;
+    const int64_t odd = v2v_match_odd_view(&light, work->of_view, work->psf.views);
+    char text[128];
+    if (odd >= 0) {
+        snprintf(text, sizeof text,
+                 "view %" PRId64 " holds %.2g times the light that the volume gives it", odd,
+                 light);
+        warn(work, text);
+    }
+}
+
 /* The levels that the network was trained at. Collective. */
 static enum v2v_status read_levels(struct work *work)
 {
@@ -297,6 +313,7 @@ static void find_faults(struct work *work)
     const struct v2v_evaluation *evaluation = work->evaluation;
     char text[128];
     judge_flux(work);
+    judge_light(work);
     if (work->saturated > 0) {
         snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",
                  work->saturated);
@@ -353,6 +370,7 @@ done:
     v2v_mem_free(work.known);
     v2v_mem_free(work.scratch);
     v2v_mem_free(work.views);
+    v2v_mem_free(work.of_view);
     v2v_recording_close(&work.recording);
     v2v_psf_file_fini(&work.psf);
     return rc;

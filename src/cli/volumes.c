@@ -283,8 +283,8 @@ static void report_skipped(const struct work *work)
 }
 
 /* How the finished volumes' first frame meets its views. Collective. */
-static enum v2v_status match_first(struct v2v_match *match, const struct work *work,
-                                   const struct v2v_session *session)
+static enum v2v_status match_first(struct v2v_match *match, struct v2v_match *of_view,
+                                   const struct work *work, const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = work->psf;
@@ -311,7 +311,7 @@ static enum v2v_status match_first(struct v2v_match *match, const struct work *w
     V2V_TRY(v2v_par_agree(session->world, rc));
     offset.gain = 1.0;
     v2v_scaling_apply(&offset, views, samples);
-    V2V_TRY(v2v_match_frame(match, psf, slices, views, height, width,
+    V2V_TRY(v2v_match_frame(match, of_view, psf, slices, views, height, width,
                             by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
 done:
     v2v_mem_free(slices);
@@ -356,20 +356,39 @@ static void log_match(const struct v2v_match *match, int64_t frame)
     }
 }
 
+static void warn_of_odd_view(const struct v2v_match *of_view, int64_t views, int64_t frame)
+{
+    double light = 0.0;
+    const int64_t odd = v2v_match_odd_view(&light, of_view, views);
+    if (odd >= 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: view %lld holds %.2g times the light that the volume gives it, beside "
+                "the other views: was it blocked, or is its gain another (v2v3d calibrate)?",
+                (long long)frame, (long long)odd, light);
+    }
+}
+
 /* One line, once everything else is done and its memory given back; a volume is none the worse
  * without it. Collective. */
 static void report_quality(struct work *work, const struct v2v_session *session)
 {
-    struct v2v_match match;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_match match, *of_view = NULL;
     if (work->given->common.quiet) {
         return;
     }
     v2v_recon_destroy(&work->recon);
-    if (match_first(&match, work, session) != V2V_OK) {
-        v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
-        return;
+    rc = v2v_par_agree(session->world, V2V_ALLOC(of_view, "cli.quality", work->psf->views));
+    if (rc == V2V_OK) {
+        rc = match_first(&match, of_view, work, session);
     }
-    log_match(&match, work->frames.first);
+    if (rc == V2V_OK) {
+        log_match(&match, work->frames.first);
+        warn_of_odd_view(of_view, work->psf->views, work->frames.first);
+    } else {
+        v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
+    }
+    v2v_mem_free(of_view);
 }
 
 /* A failed run keeps the frames that it finished, and says so. Collective. */

@@ -62,6 +62,30 @@ double v2v_match_flux(const struct v2v_match *match)
     return match->y > 0.0 ? match->p / match->y : NAN;
 }
 
+int64_t v2v_match_odd_view(double *light, const struct v2v_match *of_view, int64_t views)
+{
+    const double least = 0.55, certain = 10.0;
+    struct v2v_match all = {0};
+    double oddest = least;
+    int64_t odd = -1;
+    for (int64_t v = 0; v < views; v++) {
+        v2v_match_add(&all, &of_view[v]);
+    }
+    for (int64_t v = 0; v < views; v++) {
+        const struct v2v_match *here = &of_view[v];
+        const double expected = here->p * (all.y - here->y) / (all.p - here->p);
+        const double part = fmax(here->y, 0.0) / expected;
+        const double oddness = fmin(part, 1.0 / part);
+        if (expected > 0.0 && isfinite(expected) && oddness < oddest &&
+            fabs(here->y - expected) > certain * sqrt(here->noise)) {
+            oddest = oddness;
+            *light = part;
+            odd = v;
+        }
+    }
+    return odd;
+}
+
 int64_t v2v_saturated_pixels(const float *views, int64_t count)
 {
     float highest = -INFINITY, next = -INFINITY;
@@ -102,9 +126,10 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride)
 /* What the OTFs of views that are projected together may hold, bytes over all ranks. */
 static const int64_t most_bytes = (int64_t)512 << 20;
 
-enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
-                                const float *slices, const float *views, int64_t height,
-                                int64_t width, float scale, const struct v2v_comm *comm)
+enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
+                                const struct v2v_psf_file *psf, const float *slices,
+                                const float *views, int64_t height, int64_t width, float scale,
+                                const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t count = psf->views, pixels = height * width;
@@ -117,9 +142,8 @@ enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_fi
     V2V_TRY(v2v_grouped_create(&grouped, psf, height, width, V2V_SPLIT_SLICES, most_bytes, comm));
     V2V_TRY(v2v_grouped_forward(grouped, images, slices, scale));
     for (int64_t v = 0; v < count; v++) {
-        const struct v2v_match one =
-            v2v_match_of(scratch, views + v * pixels, images + v * pixels, height, width);
-        v2v_match_add(match, &one);
+        of_view[v] = v2v_match_of(scratch, views + v * pixels, images + v * pixels, height, width);
+        v2v_match_add(match, &of_view[v]);
     }
 done:
     v2v_grouped_destroy(&grouped);

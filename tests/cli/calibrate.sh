@@ -28,6 +28,10 @@ for key in heldout_before heldout_after heldout_frame_before heldout_frame_after
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
 done
+works deconvolve --psf psf.h5 --input rec.h5 -o dim.h5
+grep -q 'frame 0: view 1 holds 0\.0[0-9]* times the light' stderr || fail "$(cat stderr)"
+works evaluate --psf psf.h5 --input rec.h5 --volume dim.h5
+grep -q 'view 1 holds 0\.0[0-9]* times the light' stderr || fail "$(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
 works info cal.yaml
 says 'calibration of 5 views, of frames of 64 x 64 pixels'

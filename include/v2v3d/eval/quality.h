@@ -35,6 +35,13 @@ double v2v_match_sigmas(const struct v2v_match *match, double scale);
  *  beyond it is recorded and in no volume. NaN where sum y <= 0. @kind Local. */
 double v2v_match_flux(const struct v2v_match *match);
 
+/** Of views and projections of one frame, the view whose light is most unlike what the volume gives
+ *  it, by the proportion of the other views: less than 0.55 times it, or it less than 0.55 times
+ *  the view's, and by more than 10 sigma of the sum. As of a view that was blocked, or of another
+ *  gain; what views see beyond a frame of 48 or 96 pixels makes 0.61.
+ *  @kind Local. @param light out: times what it should be @return the view; -1: none is */
+int64_t v2v_match_odd_view(double *light, const struct v2v_match *of_view, int64_t views);
+
 /** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
  *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
  *  @kind Local. */
@@ -46,14 +53,15 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
 /** The match of one frame, all views, as many at a time as have half a gigabyte of OTFs over all
  *  ranks, or half of what a memory limit leaves a rank, or one: nothing is kept.
  *  @kind   Collective(comm)
+ *  @param  of_view [v] out: of each view; match: of all
  *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
  *  @param  scale of the projection: 1, or 1/Z for the mean over z
  *  @return V2V_OK | V2V_E_MEMORY; agreed
  *  @cost   V * Z transforms of PSFs, Z of slices for as many views as go together, and V inverse,
  *          over all ranks */
-enum v2v_status v2v_match_frame(struct v2v_match *match, const struct v2v_psf_file *psf,
-                                const float *slices, const float *views, int64_t height,
-                                int64_t width, float scale,
+enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
+                                const struct v2v_psf_file *psf, const float *slices,
+                                const float *views, int64_t height, int64_t width, float scale,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
