@@ -17,13 +17,17 @@ enum { SIDE = 256, MARGIN = 24 };
 enum { REACH = 13 };
 
 struct chooser {
-    int64_t height, width;              /* of the square */
-    float *views;                       /* [v,height,width] */
-    float *after;                       /* [z,height,width] */
-    float *predicted, *corrected;       /* [left out,height,width] */
-    float *along, *smooth;              /* [height,width] */
-    struct v2v_strength_sums all, fine; /* so far; of the latter, what is finer than 8 pixels */
+    int64_t height, width;        /* of the square */
+    float *views;                 /* [v,height,width] */
+    float *after;                 /* [z,height,width] */
+    float *predicted, *corrected; /* [left out,height,width] */
+    float *along, *smooth;        /* [height,width] */
+    struct v2v_strength_sums all,
+        fine; /* of a choice; of the latter, what is finer than 8 pixels */
 };
+
+/* Choices of views left out. */
+enum { CHOICES = V2V_LEFT_OUT_CHOICES };
 
 /* Running means of `count` lines, of `length` pixels that are `step` apart; ends repeat. */
 static void smooth_lines(float *to, const float *from, int64_t count, int64_t line, int64_t length,
@@ -130,6 +134,39 @@ done:
     return rc;
 }
 
+/* This rank's choices: one each, as far as they go. */
+static enum v2v_status try_choices(struct v2v_strength_sums fine[CHOICES],
+                                   struct v2v_strength_sums all[CHOICES], struct chooser *self,
+                                   const struct v2v_problem *problem, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    for (int64_t i = v2v_comm_rank(comm); i < CHOICES; i += v2v_comm_size(comm)) {
+        self->fine = self->all = (struct v2v_strength_sums){0};
+        V2V_TRY(try_choice(self, problem, i));
+        fine[i] = self->fine;
+        all[i] = self->all;
+    }
+done:
+    return rc;
+}
+
+/* Over the choices of all ranks, in one order. Collective(comm). */
+static void share(struct v2v_strength_sums *sum, const struct v2v_strength_sums mine[CHOICES],
+                  const struct v2v_comm *comm)
+{
+    double found[2 * CHOICES];
+    for (int i = 0; i < CHOICES; i++) {
+        found[2 * i] = mine[i].product;
+        found[2 * i + 1] = mine[i].square;
+    }
+    v2v_par_sum_f64(comm, found, 2 * CHOICES);
+    *sum = (struct v2v_strength_sums){0};
+    for (int i = 0; i < CHOICES; i++) {
+        sum->product += found[2 * i];
+        sum->square += found[2 * i + 1];
+    }
+}
+
 static double best_of(const struct v2v_strength_sums *sums)
 {
     return sums->product / sums->square;
@@ -147,24 +184,25 @@ double v2v_strength_of(const struct v2v_strength_sums *fine, const struct v2v_st
 }
 
 enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
-                                    const float *views)
+                                    const float *views, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct chooser self = {0};
+    struct v2v_strength_sums fine[CHOICES] = {0}, all[CHOICES] = {0};
     struct v2v_problem own = *problem;
     struct v2v_config config = *problem->config;
     *strength = 1.0;
-    if (problem->psf->views <= V2V_LEFT_OUT_CHOICES) {
+    if (problem->psf->views <= CHOICES) {
         goto done;
     }
-    V2V_TRY(prepare(&self, problem, views));
+    V2V_TRY(v2v_par_agree(comm, prepare(&self, problem, views)));
     config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
     own.config = &config;
     own.height = self.height;
     own.width = self.width;
-    for (int64_t choice = 0; choice < V2V_LEFT_OUT_CHOICES; choice++) {
-        V2V_TRY(try_choice(&self, &own, choice));
-    }
+    V2V_TRY(v2v_par_agree(comm, try_choices(fine, all, &self, &own, comm)));
+    share(&self.fine, fine, comm);
+    share(&self.all, all, comm);
     if (!(self.fine.square > 0.0)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose the strength of the network's "
                               "correction by: all of it is taken");

@@ -31,7 +31,7 @@ static enum v2v_status settle(struct v2v_config *config, const struct v2v_proble
     double strength = 1.0;
     V2V_TRY(v2v_estimator_tv.settle(config, problem, views, comm));
     if (config->recon.strength.mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(v2v_par_agree(comm, v2v_strength_choose(&strength, problem, views)));
+        V2V_TRY(v2v_strength_choose(&strength, problem, views, comm));
         config->recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, strength};
     }
 done:

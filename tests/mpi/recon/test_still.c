@@ -255,7 +255,7 @@ static void an_interrupted_run_goes_on_to_the_same_bits(void **state)
 }
 
 /** A correction by a network that learnt nothing, of which a hundredth is taken. */
-static void use_unrolled(void)
+static void use_unrolled(uint64_t seed)
 {
     struct v2v_network *network = NULL;
     struct v2v_weights_info info;
@@ -268,7 +268,7 @@ static void use_unrolled(void)
                                           .slices = SLICES,
                                           .outputs = V2V_NETWORK_ALL};
     assert_ok(v2v_network_create(&network, "unrolled", &spec));
-    assert_ok(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HE, 7));
+    assert_ok(v2v_rule_weights(&network->schema.fields, network->weights, V2V_RULE_HE, seed));
     assert_ok(v2v_network_describe(&info, &config, VIEWS, SLICES, 0));
     path_of(weights, "weights.h5");
     if (v2v_comm_rank(test_world()) == 0) {
@@ -286,12 +286,42 @@ static void a_correction_is_computed_where_it_blinks_and_taken_over_elsewhere(vo
     char path[1024];
     alone(0.05);
     memcpy(first, reference, sizeof first);
-    use_unrolled();
+    use_unrolled(7);
     what_is_still_is_the_key_frames_and_what_blinks_is_followed(state);
     assert_memory_not_equal(first, reference, sizeof first);
     path_of(path, "corrected.h5");
     assert_ok(reconstruct(path, 0.05, 0, FRAMES, test_world()));
     assert_bits(path, 0, FRAMES);
+}
+
+static double settled_strength(const float *views, const struct v2v_comm *world)
+{
+    struct v2v_config settled = config;
+    const struct v2v_problem problem = {
+        .config = &settled, .psf = &psf, .weights = weights, .height = HEIGHT, .width = WIDTH};
+    settled.recon.strength.mode = V2V_NUMBER_AUTO;
+    assert_true(v2v_estimator_is_open(method, &settled));
+    assert_ok(v2v_estimator_settle(&settled, method, &problem, views, world));
+    assert_int_equal(settled.recon.strength.mode, V2V_NUMBER_GIVEN);
+    return settled.recon.strength.value;
+}
+
+/* Some networks that learnt nothing are right by chance. */
+static void ranks_change_no_strength(void **state)
+{
+    (void)state;
+    static float views[SAMPLES];
+    int between = 0;
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        views[i] = frames[0][i] + (float)(0.05 * v2v_random_normal(23, 0, (uint64_t)i));
+    }
+    for (uint64_t seed = 1; seed <= 6; seed++) {
+        use_unrolled(seed);
+        const double alone = settled_strength(views, NULL);
+        assert_true(settled_strength(views, test_world()) == alone);
+        between += alone > 0.0 && alone < 1.0;
+    }
+    assert_true(between > 0);
 }
 
 /** A window has to be told of weights. */
@@ -350,7 +380,7 @@ static void a_window_is_told_what_is_measured_of_the_frame(void **state)
 {
     (void)state;
     assert_told();
-    use_unrolled();
+    use_unrolled(7);
     assert_told();
 }
 
@@ -466,7 +496,7 @@ static void a_part_knows_the_light_around_it(void **state)
     config.deconv.noise = V2V_NOISE_MODEL_POISSON;
     assert_parts(0.12);
     config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN;
-    use_unrolled();
+    use_unrolled(7);
     config.recon.strength.value = 1.0;
     assert_parts(0.12);
 }
@@ -494,6 +524,7 @@ int main(int argc, char **argv)
         TEST(a_range_has_the_bits_of_the_whole),
         TEST(an_interrupted_run_goes_on_to_the_same_bits),
         TEST(a_correction_is_computed_where_it_blinks_and_taken_over_elsewhere),
+        TEST(ranks_change_no_strength),
         TEST(a_window_is_told_what_is_measured_of_the_frame),
         TEST(a_part_knows_the_light_around_it),
         TEST(a_method_without_windows_is_refused),
