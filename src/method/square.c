@@ -6,36 +6,56 @@
 
 enum { STEP = 16 };
 
-/* Sum of squares about the mean. */
-static double variation_of(const float *image, int64_t width, const struct v2v_square *square)
+/* Of pixels: their sum, and that of their squares. */
+struct sums {
+    double sum, squares;
+};
+
+/* Add `sign` times the sums of rows of a square's columns. */
+static void add_rows(struct sums *sums, double sign, const float *image, int64_t width,
+                     const struct v2v_part *columns, struct v2v_part rows)
 {
-    const int64_t across = square->columns.count, count = square->rows.count * across;
-    double sum = 0.0, squares = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        const int64_t y = square->rows.first + i / across, x = square->columns.first + i % across;
-        const double p = (double)image[y * width + x];
-        sum += p;
-        squares += p * p;
+    for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
+        const float *row = image + y * width + columns->first;
+        double sum = 0.0, squares = 0.0;
+        for (int64_t x = 0; x < columns->count; x++) {
+            sum += (double)row[x];
+            squares += (double)row[x] * (double)row[x];
+        }
+        sums->sum += sign * sum;
+        sums->squares += sign * squares;
     }
-    return squares - sum * sum / (double)count;
 }
 
+/* Downwards a square gains rows below and loses as many above. */
 struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
                                   struct v2v_part columns, int64_t side)
 {
-    struct v2v_square best = {{rows.first, v2v_smaller(side, rows.count)},
+    struct v2v_square here = {{rows.first, v2v_smaller(side, rows.count)},
                               {columns.first, v2v_smaller(side, columns.count)}};
-    const int64_t last_top = rows.first + rows.count - best.rows.count;
-    const int64_t last_left = columns.first + columns.count - best.columns.count;
+    struct v2v_square best = here;
+    const int64_t last_top = rows.first + rows.count - here.rows.count;
+    const int64_t last_left = columns.first + columns.count - here.columns.count;
+    V2V_ASSERT(side >= STEP);
+    const double pixels = (double)(here.rows.count * here.columns.count);
     double most = -1.0;
-    for (int64_t top = rows.first; top <= last_top; top += STEP) {
-        for (int64_t left = columns.first; left <= last_left; left += STEP) {
-            const struct v2v_square here = {{top, best.rows.count}, {left, best.columns.count}};
-            const double variation = variation_of(image, width, &here);
+    for (; here.columns.first <= last_left; here.columns.first += STEP) {
+        struct sums sums = {0};
+        here.rows.first = rows.first;
+        add_rows(&sums, 1.0, image, width, &here.columns, here.rows);
+        while (1) {
+            const double variation = sums.squares - sums.sum * sums.sum / pixels;
+            const int64_t above = here.rows.first, below = above + here.rows.count;
             if (variation > most) {
                 most = variation;
                 best = here;
             }
+            here.rows.first += STEP;
+            if (here.rows.first > last_top) {
+                break;
+            }
+            add_rows(&sums, -1.0, image, width, &here.columns, (struct v2v_part){above, STEP});
+            add_rows(&sums, 1.0, image, width, &here.columns, (struct v2v_part){below, STEP});
         }
     }
     return best;

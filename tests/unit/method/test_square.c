@@ -1,0 +1,65 @@
+/* Where a frame varies most. */
+#include "method/square.h"
+
+#include "support.h"
+#include "v2v3d/base/random.h"
+
+enum { HEIGHT = 150, WIDTH = 190 };
+
+static float image[HEIGHT * WIDTH];
+
+static double variation_of(const struct v2v_square *square)
+{
+    const double count = (double)(square->rows.count * square->columns.count);
+    double sum = 0.0, squares = 0.0;
+    for (int64_t y = square->rows.first; y < square->rows.first + square->rows.count; y++) {
+        for (int64_t x = 0; x < square->columns.count; x++) {
+            const double p = (double)image[y * WIDTH + square->columns.first + x];
+            sum += p;
+            squares += p * p;
+        }
+    }
+    return squares - sum * sum / count;
+}
+
+/* Of every 16th row and column of a part of the image. */
+static void assert_best(struct v2v_part rows, struct v2v_part columns, int64_t side)
+{
+    const struct v2v_square best = v2v_square_find(image, WIDTH, rows, columns, side);
+    const int64_t high = best.rows.count, wide = best.columns.count;
+    assert_int_equal(high, side < rows.count ? side : rows.count);
+    assert_int_equal(wide, side < columns.count ? side : columns.count);
+    assert_int_equal((best.rows.first - rows.first) % 16, 0);
+    assert_int_equal((best.columns.first - columns.first) % 16, 0);
+    for (int64_t top = rows.first; top + high <= rows.first + rows.count; top += 16) {
+        for (int64_t left = columns.first; left + wide <= columns.first + columns.count;
+             left += 16) {
+            const struct v2v_square other = {{top, high}, {left, wide}};
+            assert_true(variation_of(&best) >= variation_of(&other));
+        }
+    }
+}
+
+static void no_other_square_varies_more(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= 20; seed++) {
+        for (int64_t i = 0; i < HEIGHT * WIDTH; i++) {
+            image[i] = (float)v2v_random_normal(seed, 0, (uint64_t)i);
+        }
+        const int64_t spot = (int64_t)v2v_random_below(seed, 1, 0, HEIGHT * WIDTH);
+        image[spot] = 30.0f;
+        assert_best((struct v2v_part){0, HEIGHT}, (struct v2v_part){0, WIDTH}, 48);
+        assert_best((struct v2v_part){7, 130}, (struct v2v_part){21, 160}, 100);
+        assert_best((struct v2v_part){7, 12}, (struct v2v_part){21, 160}, 100);
+        assert_best((struct v2v_part){HEIGHT - 5, 5}, (struct v2v_part){WIDTH - 3, 3}, 100);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(no_other_square_varies_more),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
