@@ -151,20 +151,21 @@ done:
 }
 
 /* Over the choices of all ranks, in one order. Collective(comm). */
-static void share(struct v2v_strength_sums *sum, const struct v2v_strength_sums mine[CHOICES],
-                  const struct v2v_comm *comm)
+static struct v2v_strength_sums sum_of(const struct v2v_strength_sums mine[CHOICES],
+                                       const struct v2v_comm *comm)
 {
+    struct v2v_strength_sums sum = {0};
     double found[2 * CHOICES];
     for (int i = 0; i < CHOICES; i++) {
         found[2 * i] = mine[i].product;
         found[2 * i + 1] = mine[i].square;
     }
     v2v_par_sum_f64(comm, found, 2 * CHOICES);
-    *sum = (struct v2v_strength_sums){0};
     for (int i = 0; i < CHOICES; i++) {
-        sum->product += found[2 * i];
-        sum->square += found[2 * i + 1];
+        sum.product += found[2 * i];
+        sum.square += found[2 * i + 1];
     }
+    return sum;
 }
 
 static double best_of(const struct v2v_strength_sums *sums)
@@ -201,18 +202,17 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     own.height = self.height;
     own.width = self.width;
     V2V_TRY(v2v_par_agree(comm, try_choices(fine, all, &self, &own, comm)));
-    share(&self.fine, fine, comm);
-    share(&self.all, all, comm);
-    if (!(self.fine.square > 0.0)) {
+    const struct v2v_strength_sums of_fine = sum_of(fine, comm), of_all = sum_of(all, comm);
+    if (!(of_fine.square > 0.0)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose the strength of the network's "
                               "correction by: all of it is taken");
         goto done;
     }
-    *strength = v2v_strength_of(&self.fine, &self.all);
+    *strength = v2v_strength_of(&of_fine, &of_all);
     v2v_log(V2V_LOG_INFO,
             "views left out speak for %.2f of the network's correction, and miss no more by it up "
             "to %.2f",
-            best_of(&self.fine), most_of(&self.all));
+            best_of(&of_fine), most_of(&of_all));
 done:
     v2v_mem_free(self.views);
     v2v_mem_free(self.after);

@@ -17,7 +17,7 @@ enum { WEIGHTS = 17, MIDDLE = 4 };
 
 enum { FOLDS = V2V_LEFT_OUT_CHOICES };
 
-/* Ranks that share a volume of the square: its torus has rows enough for each. */
+/* Ranks that share a volume of the square at most, two dozen rows each. */
 enum { MOST_TOGETHER = 8 };
 
 /* Pixels of the square's side. Predictions are judged where what lies beyond it gives little light.
@@ -31,11 +31,11 @@ enum { ITERATIONS = 30 };
  * recordings are nearest to their truth below it (tests/bench/README.md). */
 #define OF_ALL_VIEWS 0.92
 
-/* Views missed by so many times their noise are missed by more than noise. Those that aren't show
- * it after few iterations: 16 recordings in register are missed by 0.982 to 1.028 after the second,
- * four out of register by 1.34 and more, 0.98 to 0.992 and as much after the sixth. */
+/* Views missed by so many times their noise are missed by more than noise, which shows early:
+ * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
+ * to 0.991, four out of register by 1.34 and more all along. */
 static const double noise_alone = 1.05;
-enum { SOON = 6 };
+enum { FIRST_LOOK = 6 };
 
 struct chooser {
     int64_t height, width; /* of the square */
@@ -180,7 +180,7 @@ done:
 static int is_noise_alone(void *context, int64_t iteration, const struct v2v_iterate *iterate)
 {
     (void)context;
-    return iteration >= SOON && v2v_tv_missed(iterate->estimator) <= noise_alone;
+    return iteration >= FIRST_LOOK && v2v_tv_missed(iterate->estimator) <= noise_alone;
 }
 
 /* What a volume of all views misses them by, of their noise. */
