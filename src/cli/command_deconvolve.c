@@ -15,9 +15,10 @@ static const struct v2v_option options[] = {
                    "rl, rld, frl: after N iterations, or when views held out are predicted no "
                    "better"),
     V2V_OPTION_SET("weight", "deconv.weight", "W", "rld, frl: of a view's correction (0.5)"),
-    V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
-                   "tv: weight of the variation, in noise of the views; auto: by views left out of "
-                   "the first frame; default: 0.03, but auto where more than noise is missed"),
+    V2V_OPTION_SET(
+        "lambda", "deconv.lambda", "L|auto",
+        "tv: weight of the variation, in noise of the views; auto: by views left out of "
+        "the first frame; default: by the noise, but auto where more than noise is missed"),
     V2V_OPTION_SET(
         "noise", "deconv.noise", "auto|gaussian|poisson",
         "tv: the same for all samples, or of photons; auto (default): as the first frame shows"),

@@ -244,6 +244,12 @@ double v2v_tv_missed(const struct v2v_estimator *estimator)
     return self->missed;
 }
 
+double v2v_tv_noise_part(const struct v2v_estimator *estimator)
+{
+    const struct level *level = &((const struct tv *)estimator->self)->level;
+    return level->sigma > 0.0 ? level->sigma / level->brightness : 0.0;
+}
+
 static void destroy(struct v2v_estimator *estimator)
 {
     struct tv *self = estimator->self;
@@ -458,10 +464,9 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
         done = i;
     }
-    if (level->gain > 0.0) {
-        v2v_log(V2V_LOG_DEBUG, "frame %lld: noise of photons, %.3g of the brightness",
-                (long long)estimator->frame, level->sigma / level->brightness);
-    }
+    v2v_log(V2V_LOG_DEBUG, "frame %lld: noise%s %.3g of the brightness",
+            (long long)estimator->frame, level->gain > 0.0 ? " of photons," : "",
+            level->sigma / level->brightness);
     v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
             (long long)estimator->frame, (long long)done, self->missed);
     estimator->iterations = done;

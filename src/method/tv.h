@@ -18,6 +18,10 @@ void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
  */
 double v2v_tv_missed(const struct v2v_estimator *estimator);
 
+/** Noise of the views last run or looked at, over their brightness; 0: a dark frame.
+ *  @kind Local. */
+double v2v_tv_noise_part(const struct v2v_estimator *estimator);
+
 /** Its step towards the views, free for other use between runs: lent. @kind Local. */
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
 
@@ -32,7 +36,7 @@ struct v2v_tv_noise {
     double deviation;
 };
 
-/** Of the last run; all 0: a dark frame. @kind Local. */
+/** Of the views last run or looked at; all 0: a dark frame. @kind Local. */
 struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator);
 
 #endif
