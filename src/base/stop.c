@@ -38,11 +38,6 @@ void v2v_stop_heed_ending(void)
     sigaction(SIGINT, &action, NULL);
 }
 
-void v2v_stop_request(void)
-{
-    requested = 1;
-}
-
 int v2v_stop_requested(void)
 {
     return requested != 0;

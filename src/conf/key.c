@@ -244,7 +244,8 @@ int64_t v2v_key_conflict(const struct v2v_config *config, char *why, size_t byte
     return -1;
 }
 
-enum v2v_status v2v_key_find_path(int64_t *index, const char *path, size_t bytes, const char *where)
+/* "section.name" of an assignment up to `bytes`. Index, or a failure that starts with `where`. */
+static enum v2v_status find_path(int64_t *index, const char *path, size_t bytes, const char *where)
 {
     char section[V2V_KEY_NAME_BYTES], name[V2V_KEY_NAME_BYTES];
     const char *dot = memchr(path, '.', bytes);
@@ -268,7 +269,7 @@ enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment
     if (equals == NULL || memchr(assignment, '.', (size_t)(equals - assignment)) == NULL) {
         return V2V_FAIL(V2V_E_CONFIG, "--set: '%.200s' is not section.key=value", assignment);
     }
-    V2V_TRY(v2v_key_find_path(&index, assignment, (size_t)(equals - assignment), "--set"));
+    V2V_TRY(find_path(&index, assignment, (size_t)(equals - assignment), "--set"));
     V2V_TRY(v2v_key_assign(&changed, index, equals + 1, "--set"));
     if (v2v_key_conflict(&changed, why, sizeof why) >= 0) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "--set %.200s: %s", assignment, why));
@@ -284,7 +285,7 @@ enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config
     enum v2v_status rc = V2V_OK;
     char value[V2V_KEY_VALUE_BYTES];
     int64_t index = -1;
-    V2V_TRY(v2v_key_find_path(&index, key, strlen(key), "settings"));
+    V2V_TRY(find_path(&index, key, strlen(key), "settings"));
     v2v_key_format(value, config, &v2v_key_table[index]);
     V2V_TRY(v2v_text_format(text, bytes, "%s", value));
 done:

@@ -53,11 +53,6 @@ enum v2v_status v2v_key_find(int64_t *index, const char *section, const char *na
  *  @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_key_find_section(const char *section, const char *where) V2V_MUST_CHECK;
 
-/** "section.name" of an assignment up to `bytes`. Index, or a failure that starts with `where`.
- *  @kind Local. @return V2V_OK | V2V_E_CONFIG */
-enum v2v_status v2v_key_find_path(int64_t *index, const char *path, size_t bytes,
-                                  const char *where) V2V_MUST_CHECK;
-
 /** Its value as text that v2v_key_assign takes. @kind Local. @param text [V2V_KEY_VALUE_BYTES] */
 void v2v_key_format(char *text, const struct v2v_config *config, const struct v2v_key *key);
 

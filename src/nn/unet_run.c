@@ -9,10 +9,16 @@
 
 #include <string.h>
 
+/* Does the layer convolve three images as one? */
+static int is_deep_layer(const struct v2v_plain_unet *unet, int i)
+{
+    return unet->spec.is_deep && unet->layer[i].kernel == 3;
+}
+
 /* The image, or the three images, that make image d of the layer's output. */
 static const float *input_of(const struct v2v_plain_unet *unet, int i, int64_t d)
 {
-    return v2v_stack_at(&unet->stack[unet->wire[i].from], d - v2v_unet_is_deep_layer(unet, i), 0);
+    return v2v_stack_at(&unet->stack[unet->wire[i].from], d - is_deep_layer(unet, i), 0);
 }
 
 static void run(struct v2v_plain_unet *unet, int i, float *out)
@@ -75,7 +81,7 @@ static void run_back(struct v2v_plain_unet *unet, int i, const struct v2v_parame
     const struct v2v_layer *layer = &unet->layer[i];
     const struct v2v_stack *din = i > 0 ? &unet->gradient[unet->wire[i].from] : NULL;
     const int64_t depth = unet->stack[unet->wire[i].from].depth;
-    const int to = unet->wire[i].to, is_deep = v2v_unet_is_deep_layer(unet, i);
+    const int to = unet->wire[i].to, is_deep = is_deep_layer(unet, i);
     v2v_watchdog_beat("the gradient of a layer of the U-Net");
     for (int64_t d = 0; d < depth; d++) {
         const struct v2v_gradients wanted = {

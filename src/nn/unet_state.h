@@ -38,10 +38,4 @@ static inline int v2v_unet_stack(int level, int kind)
     return KINDS * level + kind;
 }
 
-/* Does the layer convolve three images as one? */
-static inline int v2v_unet_is_deep_layer(const struct v2v_plain_unet *unet, int i)
-{
-    return unet->spec.is_deep && unet->layer[i].kernel == 3;
-}
-
 #endif

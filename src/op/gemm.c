@@ -36,15 +36,6 @@ void v2v_gemm(int backend, int transpose_a, int transpose_b, int64_t m, int64_t 
                 beta, c, blas_int(ldc));
 }
 
-void v2v_gemm_f64(int transpose_a, int transpose_b, int64_t m, int64_t n, int64_t k, double alpha,
-                  const double *a, int64_t lda, const double *b, int64_t ldb, double beta,
-                  double *c, int64_t ldc)
-{
-    cblas_dgemm(CblasRowMajor, blas_transpose(transpose_a), blas_transpose(transpose_b),
-                blas_int(m), blas_int(n), blas_int(k), alpha, a, blas_int(lda), b, blas_int(ldb),
-                beta, c, blas_int(ldc));
-}
-
 void v2v_op_set_threads(int threads)
 {
     V2V_ASSERT(threads >= 1);

@@ -28,7 +28,8 @@ struct v2v_slab v2v_slab_cut(int64_t height, int64_t unit, int64_t count, int64_
     return slab;
 }
 
-int64_t v2v_slabs_held(const struct v2v_slabs *self)
+/* How many slabs are this rank's. */
+static int64_t count_held(const struct v2v_slabs *self)
 {
     return self->ranks == 1 ? self->spec.count : 1;
 }
@@ -98,7 +99,7 @@ void v2v_slabs_begin_features(struct v2v_slabs *self, struct v2v_padded *feature
 {
     int own_view = view[self->rank];
     float *sent = self->sent, *received = self->received;
-    for (int64_t local = 0; local < v2v_slabs_held(self) && own_view >= 0; local++) {
+    for (int64_t local = 0; local < count_held(self) && own_view >= 0; local++) {
         const struct v2v_slab *slab = v2v_slabs_at(self, local);
         struct rows rows = rows_read(self, slab);
         if (rows.count > 0) {

@@ -48,8 +48,7 @@ enum v2v_status v2v_slabs_create(struct v2v_slabs **slabs,
                                  const struct v2v_slabs_spec *spec) V2V_MUST_CHECK;
 void v2v_slabs_destroy(struct v2v_slabs **slabs);
 
-/* This rank's slabs: number `local` of v2v_slabs_held. */
-int64_t v2v_slabs_held(const struct v2v_slabs *slabs);
+/* This rank's slab number `local`: of all where it is alone, else of its one. */
 const struct v2v_slab *v2v_slabs_at(const struct v2v_slabs *slabs, int64_t local);
 /* The slab's index in the frame. */
 int64_t v2v_slabs_index(const struct v2v_slabs *slabs, int64_t local);

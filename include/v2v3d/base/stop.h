@@ -5,10 +5,9 @@
 extern "C" {
 #endif
 
-/** Stop on request: SIGUSR1 and SIGUSR2 set a flag that loops poll; v2v_stop_request sets it too.
+/** Stop on request: SIGUSR1 and SIGUSR2 set a flag that loops poll.
  *  @kind Local: ranks must agree on the flag before they act on it. */
 void v2v_stop_install(void);
-void v2v_stop_request(void);
 int v2v_stop_requested(void);
 
 /** From now on SIGTERM and SIGINT ask likewise, and end the process only where it was asked

@@ -13,11 +13,6 @@ void v2v_gemm(int backend, int transpose_a, int transpose_b, int64_t m, int64_t 
               float alpha, const float *a, int64_t lda, const float *b, int64_t ldb, float beta,
               float *c, int64_t ldc);
 
-/** The same in double precision by cblas_dgemm: for twins that judge float32. @kind Local. */
-void v2v_gemm_f64(int transpose_a, int transpose_b, int64_t m, int64_t n, int64_t k, double alpha,
-                  const double *a, int64_t lda, const double *b, int64_t ldb, double beta,
-                  double *c, int64_t ldc);
-
 /** Threads of the libraries and of OpenMP for this process. @kind Local. */
 void v2v_op_set_threads(int threads);
 

@@ -504,7 +504,8 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
     int attempts = 1;
     snprintf(path, sizeof path, "%s/volume.h5", folder);
     if (v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1) {
-        v2v_stop_request(); /* for good: this test stays the last one */
+        v2v_stop_install();
+        raise(SIGUSR1); /* for good: this test stays the last one */
     }
     enum v2v_status rc = reconstruct(folder, path, with_an_idle_rank());
     assert_int_equal(rc, V2V_STOPPED);

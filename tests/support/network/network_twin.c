@@ -4,8 +4,8 @@
 #include "network/twin_image.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/op/gemm.h"
 #include "v2v3d/v2v/schema.h"
+#include <cblas.h>
 #include <string.h>
 
 enum { BRANCHES = 2, LEVELS = 4, PYRAMID = 3, DEEP = 16, LEVEL_FEATURES = 4 };
@@ -123,9 +123,10 @@ static enum v2v_status pass_add(const struct pass *pass, struct v2v_image *out, 
             int64_t left = in->channels - c;
             int64_t channels = left < CHUNK_CHANNELS ? left : CHUNK_CHANNELS;
             fill_patch(twin->patch, in, c, channels, layer, y, rows, out->width);
-            v2v_gemm_f64(0, 0, pass->out, rows * out->width, channels * taps, 1.0,
-                         pass->weight + (first + c) * taps, pass->in * taps, twin->patch,
-                         rows * out->width, 1.0, out->data + y * out->width, pixels);
+            const int taken = (int)(channels * taps), made = (int)(rows * out->width);
+            cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, pass->out, made, taken, 1.0,
+                        pass->weight + (first + c) * taps, (int)(pass->in * taps), twin->patch,
+                        made, 1.0, out->data + y * out->width, (int)pixels);
         }
     }
 done:
