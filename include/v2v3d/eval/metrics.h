@@ -32,8 +32,8 @@ struct v2v_scores {
  * its background is subtracted).
  *  @kind   Local
  *  @param  truth, volume [z,y,x]
- *  @return V2V_OK | V2V_E_INPUT (smaller than 31 x 31: nothing is left for SSIM's window) |
- *          V2V_E_MEMORY
+ *  @return V2V_OK | V2V_E_INPUT (smaller than 31 x 31: nothing is left for SSIM's window; NaN or
+ *          Inf) | V2V_E_MEMORY
  *  @source REFERENCE.md 6 */
 enum v2v_status v2v_scores_of(struct v2v_scores *scores, const float *truth, const float *volume,
                               int64_t slices, int64_t height, int64_t width,

@@ -33,8 +33,8 @@ extern "C" {
 int v2v_file_exists(const char *path);
 int v2v_file_is_folder(const char *path);
 
-/** Fail with V2V_E_INPUT unless `path` is a readable regular file (not a folder, FIFO or device).
- *  @kind Local. */
+/** Is `path` a readable regular file, and no folder, FIFO or device?
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT */
 enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
 
 /** Has it to be opened as HDF5? By its first bytes, else by its name. @kind Local. */
@@ -58,8 +58,11 @@ enum v2v_status v2v_file_remember(struct v2v_file_state *state, const char *path
 enum v2v_status v2v_file_unchanged(enum v2v_status rc, const struct v2v_file_state *state,
                                    const char *path) V2V_MUST_CHECK;
 
-/** Fail with V2V_E_USAGE when `path` exists and `force` is 0, or is one of the `count` inputs (same
- *  inode), and with V2V_E_IO when its folder is missing or not writable. @kind Local. */
+/** May an output be written to `path`?
+ *  @kind   Local
+ *  @return V2V_OK | V2V_E_USAGE (it exists and `force` is 0, or is one of the `count` inputs or
+ *          would lie among the files of one) | V2V_E_IO (its folder is missing or not writable) |
+ *          V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_check_output(const char *path, int force, const char *const *inputs,
                                       int64_t count) V2V_MUST_CHECK;
 
@@ -107,10 +110,12 @@ enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES],
                                      const char *path) V2V_MUST_CHECK;
 void v2v_file_unlock_output(int *descriptor, const char *name);
 
-/** Create a folder (and its parents); an existing one is fine. @kind Local. */
+/** Create a folder (and its parents); an existing one is fine.
+ *  @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;
 
-/** Write text crash-safely (temporary, fsync, rename). @kind Local. */
+/** Write text crash-safely (temporary, fsync, rename).
+ *  @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_INPUT (the name is too long) */
 enum v2v_status v2v_file_write_text(const char *path, const char *text) V2V_MUST_CHECK;
 
 /** Start the helper that looks at HDF5 files before this process does, and end it. It is forked

@@ -9,11 +9,12 @@ extern "C" {
 #endif
 
 /** Write an 8-bit picture. @kind Local. @param pixels [y,x,channels], channels 1 (grey) or 3 (RGB)
- *  @return V2V_OK | V2V_E_IO */
+ *  @return V2V_OK | V2V_E_IO | V2V_E_INPUT (a name too long) */
 enum v2v_status v2v_png_write(const char *path, const uint8_t *pixels, int64_t height,
                               int64_t width, int channels) V2V_MUST_CHECK;
 
-/** A canvas to draw on: pictures of projections. Caller's struct, heap pixels. */
+/** A canvas to draw on: pictures of projections. Caller's struct, heap pixels.
+ *  @kind Local. @return V2V_OK | V2V_E_MEMORY */
 struct v2v_canvas {
     int64_t height, width;
     uint8_t *rgb; /**< [y,x,3], black at first */

@@ -65,19 +65,21 @@ enum v2v_status v2v_recording_mend(struct v2v_recording *recording,
 enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views,
                                    int64_t t) V2V_MUST_CHECK;
 
-/** @kind Collective(comm of open); accepts NULL. */
+/** @kind Local; accepts NULL. */
 void v2v_recording_close(struct v2v_recording **recording);
 
 /** A recording to write: `/views` [t,v,y,x] float32 (or uint16, as info says), chunk = one view of
  *  one frame, attrs as in src/io/README.md; appears under `path` at v2v_recording_finish.
- *  @kind Collective(comm) */
+ *  @kind   Collective(comm)
+ *  @return V2V_OK | V2V_E_INPUT (a name too long) | V2V_E_BUSY (another run writes it) | V2V_E_IO |
+ *          V2V_E_MEMORY; agreed */
 struct v2v_recording_writer;
 enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,
                                      const struct v2v_recording_info *info,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** Write frame t's views first .. first+count-1; count may be 0, ranks may differ in all arguments.
- *  @kind Collective(comm) */
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed; likewise _finish */
 enum v2v_status v2v_recording_write(struct v2v_recording_writer *writer, const float *views,
                                     int64_t t, int64_t first, int64_t count) V2V_MUST_CHECK;
 enum v2v_status v2v_recording_finish(struct v2v_recording_writer **writer) V2V_MUST_CHECK;

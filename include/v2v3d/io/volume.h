@@ -46,6 +46,7 @@ struct v2v_volume;
 enum v2v_status v2v_volume_open(struct v2v_volume **volume, const char *path,
                                 const struct v2v_input_settings *settings,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
+/** @kind Local. @return lent until it is closed */
 const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume);
 
 /** Can frame t be there? 0: it is marked as not done. @kind Local. */
@@ -57,7 +58,7 @@ int v2v_volume_has(const struct v2v_volume *volume, int64_t t);
 enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t, int64_t first,
                                 int64_t count) V2V_MUST_CHECK;
 
-/** @kind Collective(comm of open); accepts NULL. */
+/** @kind Local; accepts NULL. */
 void v2v_volume_close(struct v2v_volume **volume);
 
 /** Which datasets a written file has beside `/volume`. */
@@ -78,7 +79,10 @@ struct v2v_attribute {
  *  whatever the name, and v2v_volume_finish makes the file of that: only then all ranks' frames,
  *  and their largest voxel, are known, and ranks keep their own pace until then. `datasets`
  * is a bit mask of 1 << V2V_VOLUME_... ; it appears under `path` at v2v_volume_finish.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_USAGE (other file type) | V2V_E_IO; agreed */
+ *  @kind   Collective(comm)
+ *  @return V2V_OK | V2V_E_USAGE (other file type; what a TIFF cannot hold) | V2V_E_INPUT (a name
+ *          too long; slices too large to be compressed) | V2V_E_BUSY (another run writes it) |
+ *          V2V_E_IO | V2V_E_MEMORY; agreed */
 struct v2v_volume_writer;
 enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char *path,
                                   const struct v2v_volume_info *info, unsigned datasets,
@@ -91,7 +95,7 @@ enum v2v_status v2v_volume_create(struct v2v_volume_writer **writer, const char 
 
 /** As v2v_volume_create, with what an interrupted run of the same task left under the temporary
  *  name: frames that are marked there and whose checksum holds are done. All are to do when there
- * is no such file, and in a TIFF. @kind Collective(comm). @return agreed */
+ * is no such file, and in a TIFF. @kind Collective(comm). @return as v2v_volume_create */
 enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char *path,
                                   const struct v2v_volume_info *info, unsigned datasets,
                                   const struct v2v_attribute *attributes, int64_t attribute_count,
@@ -113,6 +117,8 @@ enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info 
                                  unsigned datasets, const struct v2v_attribute *attributes,
                                  int64_t attribute_count,
                                  const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** Was frame t done when the file was gone on with? @kind Local. */
 int v2v_volume_is_done(const struct v2v_volume_writer *writer, int64_t t);
 
 /** Write slices first .. first+count-1 of frame t of one dataset; count may be 0; ranks may differ

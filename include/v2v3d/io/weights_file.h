@@ -57,7 +57,8 @@ enum v2v_status v2v_weights_file_read(float *arena, const char *path, const char
 /** Write the groups that are not NULL; `history` and `config` (may be NULL) are stored as text.
  *  Every setting also is an attribute by its key, for people and other programs. CRC-32C
  *  of every array in its attr `crc32c`.
- *  Written under a temporary name, fsynced, renamed. @kind Local (one rank). */
+ *  Written under a temporary name, fsynced, renamed.
+ *  @kind Local (one rank). @return V2V_OK | V2V_E_IO | V2V_E_INPUT (a name or setting too long) */
 enum v2v_status v2v_weights_file_write(const char *path, const struct v2v_weights_info *info,
                                        const struct v2v_fields *fields,
                                        const float *const group[V2V_WEIGHTS_GROUPS],

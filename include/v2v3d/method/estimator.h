@@ -115,7 +115,8 @@ struct v2v_estimator_ops {
      *  @return V2V_OK | V2V_E_CONFIG (settings that the method cannot work with) */
     enum v2v_status (*describe_work)(struct v2v_grid_work *work, const struct v2v_problem *problem);
     /** The common fields are set already. @kind Collective(shard).
-     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_INTERNAL; agreed by the shard */
+     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_CONFIG | V2V_E_INTERNAL; agreed by
+     *  the shard */
     enum v2v_status (*create)(struct v2v_estimator *estimator, const struct v2v_problem *problem);
     /** After whatever part of create was done; self may be NULL. @kind Local. */
     void (*destroy)(struct v2v_estimator *estimator);

@@ -1,5 +1,5 @@
-/** A network that is trained view to view: the interface that training, checkpoints, weight files
- *  and reconstruction know it by.
+/** A network that is trained: the interface that training, checkpoints, weight files,
+ *  reconstruction and denoising know it by.
  *
  *  Purpose: one const table of functions a method (struct v2v_network_ops), all of them listed in
  *  method/networks.h. What a network computes, how its parameters are called and which of its

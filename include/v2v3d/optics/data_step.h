@@ -12,7 +12,8 @@
  *
  *  Example (compiled by tests/unit/optics):
  *
- *      V2V_TRY(v2v_data_step_create(&step, &psf, 512, 512, V2V_SPLIT_SLABS, comm));
+ *      V2V_TRY(v2v_data_step_create(&step, &psf, 512, 512, &torus, V2V_SPLIT_SLABS,
+ *                                   comm));
  *      v2v_data_step_factor(step, &(struct v2v_penalty){.constant = 1.0 / tau});
  *      v2v_data_step_begin(step, views, 1.0);
  *      v2v_data_step_run(step, volume);              // [slices, rows of the torus, its width]

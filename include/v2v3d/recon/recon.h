@@ -33,7 +33,7 @@ struct v2v_recon;
 /** Lay the ranks out for `frames` frames and make the method ready, as problem->config->parallel
  *  says: ranks take frames; where there are too few of them, outputs and parts of a frame.
  *  @kind   Collective(world)
- *  @param  ops borrowed @param problem its outputs and room are set here
+ *  @param  ops borrowed @param problem copied; its outputs and room are decided here
  *  @return V2V_OK | V2V_E_CONFIG | V2V_E_INPUT | V2V_E_MEMORY | V2V_E_INTERNAL; agreed */
 enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_estimator_ops *ops,
                                  const struct v2v_problem *problem, int64_t frames,
