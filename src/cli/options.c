@@ -252,12 +252,17 @@ static enum v2v_status option_word(struct parser *parser, const char *word)
     return store(parser, option, value);
 }
 
+/* Required options are numbers above 0, pointers, or what starts with a pointer. */
+static int is_missing(const struct v2v_option *option, const void *destination)
+{
+    return option->kind == V2V_OPTION_INTEGER ? *(const int64_t *)destination == 0
+                                              : *(const char *const *)destination == NULL;
+}
+
 static enum v2v_status check_required(const struct parser *parser)
 {
     for (const struct v2v_option *o = parser->table; o->kind != V2V_OPTION_END; o++) {
-        /* The destinations of required options are pointers or start with one. */
-        const char *const *to = (const void *)(parser->arguments + o->at);
-        if (o->required && *to == NULL) {
+        if (o->required && is_missing(o, parser->arguments + o->at)) {
             return is_named(o) ? V2V_FAIL(V2V_E_USAGE, "--%s %s is missing", o->name, o->value)
                                : V2V_FAIL(V2V_E_USAGE, "%s%s is missing",
                                           o->kind == V2V_OPTION_REST ? "-- " : "", o->value);

@@ -42,7 +42,7 @@ struct v2v_option {
     const char *value;         /**< name of the value in the help; the words of a CHOICE; NULL: it
                                     takes none (a SETTING then becomes true) */
     const char *help;
-    int required;
+    int required;        /**< bool; then `least` of an INTEGER is above 0 */
     const char *initial; /**< taken when it is not given; NULL: zero */
     const char *key;     /**< SETTING: the configuration's key */
     double least, most;  /**< of INTEGER and NUMBER */
