@@ -148,7 +148,8 @@ enum v2v_status v2v_evaluation_run(struct v2v_evaluation *evaluation,
     enum v2v_status rc = V2V_OK;
     struct v2v_volume *volume = NULL;
     struct v2v_input_settings settings;
-    *evaluation = (struct v2v_evaluation){.heldout = NAN,
+    *evaluation = (struct v2v_evaluation){.is_corrected = job->weights != NULL,
+                                          .heldout = NAN,
                                           .heldout_sigmas = NAN,
                                           .disagreement = NAN,
                                           .resolution = NAN,

@@ -47,12 +47,12 @@ static void print_consistency(const struct v2v_evaluation *evaluation)
     for (int64_t i = 0; i < found->frames; i++) {
         printf(" %" PRId64, found->frame[i]);
     }
-    printf(", by total variation of some of its views:\n"
+    printf(", by total variation%s of some of its views:\n"
            "held-out residual %.4g, %.4g of the noise\n"
            "disagreement of the halves %.4g\n"
            "lateral resolution %.3g pixels",
-           evaluation->heldout, evaluation->heldout_sigmas, evaluation->disagreement,
-           evaluation->resolution);
+           evaluation->is_corrected ? ", corrected by the network," : "", evaluation->heldout,
+           evaluation->heldout_sigmas, evaluation->disagreement, evaluation->resolution);
     if (!isnan(evaluation->resolution_um)) {
         printf(", %.4g um", evaluation->resolution_um);
     }
