@@ -164,7 +164,7 @@ static enum v2v_status settle_network(struct trial *trial, int *saw_all)
     *saw_all = network->split == NULL && config->model.view_split == V2V_VIEWS_ALL;
     V2V_TRY(v2v_precision_agree(&trial->problem.precision, config->recon.precision,
                                 trial->session->world));
-    trial->problem.skip = v2v_volumes_skip(&config->recon.skip, network->skip_auto);
+    trial->problem.skip = v2v_volumes_skip(&config->recon.skip, trial->ops, network);
 done:
     return rc;
 }

@@ -40,8 +40,13 @@ struct work {
     struct v2v_volumes_result result;
 };
 
-double v2v_volumes_skip(const struct v2v_number *skip, double automatic)
+double v2v_volumes_skip(const struct v2v_number *skip, const struct v2v_estimator_ops *ops,
+                        const struct v2v_network_ops *network)
 {
+    /* where nothing can be skipped, auto is refused as any tolerance is */
+    const double automatic = ops->tell != NULL || network == NULL ? V2V_RECON_SKIP_AUTO
+                             : network->traits & V2V_TRAIT_SKIPS  ? network->skip_auto
+                                                                  : 1.0;
     return skip->mode == V2V_NUMBER_NONE   ? 0.0
            : skip->mode == V2V_NUMBER_AUTO ? automatic
                                            : skip->value;
@@ -80,11 +85,7 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
     if (work->given->branches && ops->outputs == 1) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--branches: the network '%s' makes one volume", ops->name));
     }
-    /* where nothing can be skipped, auto is refused as any tolerance is */
-    const double automatic = work->ops->tell != NULL         ? V2V_RECON_SKIP_AUTO
-                             : ops->traits & V2V_TRAIT_SKIPS ? ops->skip_auto
-                                                             : 1.0;
-    problem->skip = v2v_volumes_skip(&recon->skip, automatic);
+    problem->skip = v2v_volumes_skip(&recon->skip, work->ops, ops);
     const int skips_light = problem->skip > 0.0 && work->ops->skips_light;
     if (skips_light && !session->config.model.winograd) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true"));
@@ -131,7 +132,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));
     } else {
-        work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, V2V_RECON_SKIP_AUTO);
+        work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, work->ops, NULL);
     }
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
     V2V_TRY(

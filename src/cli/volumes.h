@@ -44,8 +44,10 @@ struct v2v_volumes {
                    "views averaged with those of N frames on either side where nothing but "       \
                    "brightness changed (0)")
 
-/** The tolerance that recon.skip means; 0: nothing is left out. @kind Local */
-double v2v_volumes_skip(const struct v2v_number *skip, double automatic);
+/** The tolerance that recon.skip means to a method; 0: nothing is left out.
+ *  @kind Local. @param network that the method's weights are of; NULL: it has none */
+double v2v_volumes_skip(const struct v2v_number *skip, const struct v2v_estimator_ops *ops,
+                        const struct v2v_network_ops *network);
 
 /** Do the words fit together? @param frames FIRST:COUNT; all when it is not given @kind Local.
  *  @return V2V_OK | V2V_E_USAGE */
