@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "cli/versions.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -13,7 +14,6 @@
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/optics/psf.h"
-#include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <math.h>
@@ -120,7 +120,7 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
     const struct v2v_network_spec spec = {
         .config = config, .views = bench->psf.views, .slices = bench->psf.slices};
     bench->ops->describe_work(&work, &spec, given->size, given->size);
-    bench->size = v2v_pad_size(given->size, work.unit);
+    bench->size = v2v_round_up(given->size, work.unit);
     bench->voxels = v2v_mem_product(bench->psf.slices, bench->size, bench->size);
     const int64_t pixels = v2v_mem_product(bench->psf.views, bench->size, bench->size);
     V2V_TRY(V2V_ALLOC(bench->views, "bench.views", pixels));

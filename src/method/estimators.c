@@ -5,8 +5,8 @@
 #include "method/richardson_lucy.h"
 #include "method/tv.h"
 #include "method/unrolled.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>
@@ -86,8 +86,8 @@ enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
     const unsigned all = (1u << work.most_branches) - 1;
     *made = (struct v2v_estimator){.ops = ops,
                                    .shard = shard,
-                                   .height = v2v_pad_size(problem->height, work.unit),
-                                   .width = v2v_pad_size(problem->width, work.unit),
+                                   .height = v2v_round_up(problem->height, work.unit),
+                                   .width = v2v_round_up(problem->width, work.unit),
                                    .held = problem->outputs != 0 ? problem->outputs & all : all,
                                    .slices = {0, problem->psf->slices},
                                    .computed_part = 1.0,

@@ -31,14 +31,9 @@ static enum v2v_status check(const struct v2v_grid_shape *shape, int most_branch
     return V2V_OK;
 }
 
-static int64_t units_of(const struct v2v_grid_work *work)
-{
-    return (work->height + work->unit - 1) / work->unit;
-}
-
 int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards)
 {
-    int64_t units = units_of(work), cuts = v2v_smaller(shards - 1, 2);
+    int64_t units = v2v_parts(work->height, work->unit), cuts = v2v_smaller(shards - 1, 2);
     int64_t rows = v2v_par_part(units, shards, 0).count * work->unit;
     return v2v_smaller(rows + cuts * work->margin, units * work->unit);
 }
@@ -46,7 +41,8 @@ int64_t v2v_grid_slab_rows(const struct v2v_grid_work *work, int shards)
 /* Those rows as a part of the frame. */
 static double part_of_slab(const struct v2v_grid_work *work, int shards)
 {
-    return (double)v2v_grid_slab_rows(work, shards) / (double)(units_of(work) * work->unit);
+    return (double)v2v_grid_slab_rows(work, shards) /
+           (double)v2v_round_up(work->height, work->unit);
 }
 
 /* In units of one item on one rank. */

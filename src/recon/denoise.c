@@ -10,7 +10,6 @@
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -102,8 +101,8 @@ static enum v2v_status create_network(struct denoiser *self)
                                   &self->network->schema.fields));
     ops->describe_work(&work, &spec, TILE, TILE);
     const int64_t size = v2v_round_up(TILE, work.unit), n = self->examples->outputs;
-    const int64_t height = v2v_pad_size(self->info->height, work.unit);
-    const int64_t width = v2v_pad_size(self->info->width, work.unit);
+    const int64_t height = v2v_round_up(self->info->height, work.unit);
+    const int64_t width = v2v_round_up(self->info->width, work.unit);
     self->of_time = v2v_tiling_of(self->info->frames, n, n / 4);
     self->of_rows = v2v_tiling_of(self->info->height, v2v_smaller(size, height), MARGIN);
     self->of_columns = v2v_tiling_of(self->info->width, v2v_smaller(size, width), MARGIN);

@@ -126,8 +126,8 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     const int is_alone = recon->grid.branch_size == 1, is_one = recon->outputs == 1;
     const int is_learned = !is_one && problem->config->recon.combine == V2V_COMBINE_LEARNED;
     int64_t pixels = recon->height * recon->width;
-    int64_t padded_width = v2v_pad_size(recon->width, unit);
-    int64_t padded = v2v_pad_size(recon->height, unit) * padded_width;
+    int64_t padded_width = v2v_round_up(recon->width, unit);
+    int64_t padded = v2v_round_up(recon->height, unit) * padded_width;
     int64_t images = 2 * (is_alone ? recon->outputs : 1) + !is_one + is_learned;
     int64_t ranks = recon->grid.shard_size;
     int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;

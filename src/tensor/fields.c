@@ -1,5 +1,6 @@
 #include "v2v3d/tensor/fields.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 
 #include <string.h>
@@ -64,7 +65,7 @@ enum v2v_status v2v_fields_add(struct v2v_fields *fields, int64_t *index, const 
         *index = fields->count;
     }
     fields->count++;
-    fields->total += (count + ALIGN_FLOATS - 1) / ALIGN_FLOATS * ALIGN_FLOATS;
+    fields->total += v2v_round_up(count, ALIGN_FLOATS);
 done:
     return rc;
 }

@@ -2,11 +2,6 @@
 
 #include <string.h>
 
-int64_t v2v_pad_size(int64_t n, int64_t grid)
-{
-    return (n + grid - 1) / grid * grid;
-}
-
 /* Index i of a row of n pixels that goes on in its mirror image. */
 static int64_t mirrored(int64_t i, int64_t n)
 {

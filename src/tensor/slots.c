@@ -1,5 +1,6 @@
 #include "v2v3d/tensor/slots.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/status.h"
 
 #include <stddef.h>
@@ -8,7 +9,7 @@ enum { ALIGNMENT = 16, UNPLACED = -1 };
 
 static int64_t rounded(int64_t floats)
 {
-    return (floats + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    return v2v_round_up(floats, ALIGNMENT);
 }
 
 static int live_together(const struct v2v_slot *a, const struct v2v_slot *b)

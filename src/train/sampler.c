@@ -202,8 +202,8 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
         sampler->images = sampler->examples->inputs + sampler->examples->outputs;
         sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
-    sampler->height = crop > 0 ? crop : v2v_pad_size(info->height, unit);
-    sampler->width = crop > 0 ? crop : v2v_pad_size(info->width, unit);
+    sampler->height = crop > 0 ? crop : v2v_round_up(info->height, unit);
+    sampler->width = crop > 0 ? crop : v2v_round_up(info->width, unit);
     int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
     size_t most = (size_t)KEPT_BYTES;
     if (kind != NULL && v2v_mem_room() / 2 < most) { /* the rest is for the network */

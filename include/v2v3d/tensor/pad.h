@@ -7,9 +7,6 @@
 extern "C" {
 #endif
 
-/** The smallest multiple of `grid` that is >= n. @kind Local. */
-int64_t v2v_pad_size(int64_t n, int64_t grid);
-
 /** Extend planes [planes,height,width] to [planes,padded_height,padded_width] on the lower and
  * right side by reflection without repeating the edge (a frame smaller than what is missing
  * reflects to and fro). @kind Local; out must not overlap in. */

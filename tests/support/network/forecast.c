@@ -4,7 +4,6 @@
 #include "network/work.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/par/bucket_sum.h"
-#include "v2v3d/tensor/pad.h"
 #include <math.h>
 
 enum { BRANCHES = V2V_FORECAST_BRANCHES };
@@ -369,8 +368,8 @@ enum v2v_status v2v_forecast(struct v2v_forecast *forecast,
     struct v2v_grid_shape shape;
     struct plan plan = {.machine = machine,
                         .job = job,
-                        .height = v2v_pad_size(job->height, V2V_MODEL_GRID),
-                        .width = v2v_pad_size(job->width, V2V_MODEL_GRID),
+                        .height = v2v_round_up(job->height, V2V_MODEL_GRID),
+                        .width = v2v_round_up(job->width, V2V_MODEL_GRID),
                         .ranks = ranks,
                         .hosts = hosts,
                         .host_ranks = (ranks + hosts - 1) / hosts};

@@ -1,6 +1,7 @@
 /* Padding by reflection to the network's grid, and back. */
 #include "support.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/tensor/pad.h"
 
 enum { PLANES = 2, HEIGHT = 3, WIDTH = 5, PADDED_HEIGHT = 8, PADDED_WIDTH = 16 };
@@ -30,7 +31,7 @@ static void sizes_round_up_to_the_grid(void **state)
     (void)state;
     static const int64_t cases[][3] = {{1, 32, 32}, {32, 32, 32}, {33, 32, 64}, {512, 32, 512}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        assert_int_equal(v2v_pad_size(cases[i][0], cases[i][1]), cases[i][2]);
+        assert_int_equal(v2v_round_up(cases[i][0], cases[i][1]), cases[i][2]);
     }
 }
 
