@@ -229,16 +229,6 @@ static void give_slot_back(struct v2v_bucket_sum *sum, struct bucket *bucket)
     }
 }
 
-/* Every rank's part of `whole`, as MPI's counts and offsets from its start. */
-static void list_parts(int *counts, int *offsets, struct v2v_part whole, int size)
-{
-    for (int r = 0; r < size; r++) {
-        struct v2v_part part = v2v_par_part(whole.count, size, r);
-        counts[r] = (int)part.count;
-        offsets[r] = (int)part.first;
-    }
-}
-
 /* What a rank contributes to its own part stays where it is. */
 static void post_reduce(struct v2v_bucket_sum *sum, int64_t k, int level)
 {
@@ -246,7 +236,7 @@ static void post_reduce(struct v2v_bucket_sum *sum, int64_t k, int level)
     int size = sum->size[level], own = (int)bucket->part[level + 1].count;
     int *counts = bucket->counts, *offsets = counts + size;
     int *taken = offsets + size, *places = taken + size;
-    list_parts(counts, offsets, bucket->part[level], size);
+    v2v_par_list_parts(counts, offsets, bucket->part[level].count, size);
     for (int r = 0; r < size; r++) {
         taken[r] = own;
         places[r] = r * own;
@@ -290,7 +280,7 @@ static void post_spread(struct v2v_bucket_sum *sum, int64_t k, int level)
 {
     struct bucket *bucket = &sum->bucket[k];
     int size = sum->size[level];
-    list_parts(bucket->counts, bucket->counts + size, bucket->part[level], size);
+    v2v_par_list_parts(bucket->counts, bucket->counts + size, bucket->part[level].count, size);
     MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL,
                     sum->round.total + bucket->part[level].first, bucket->counts,
                     bucket->counts + size, MPI_FLOAT, sum->spread[level], &sum->request[k]);

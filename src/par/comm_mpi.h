@@ -14,6 +14,10 @@ MPI_Comm v2v_comm_mpi(const struct v2v_comm *comm);
 /** 4 * size numbers that belong to the communicator; NULL for NULL. @kind Local. */
 int *v2v_comm_scratch(const struct v2v_comm *comm);
 
+/** The parts of `count` items that ranks 0 .. size-1 have, as MPI's counts and offsets.
+ *  @kind Local. */
+void v2v_par_list_parts(int *counts, int *offsets, int64_t count, int size);
+
 /** Who sends to a rank beside others tells its messages from theirs. */
 enum { V2V_TAG_PAIR = 1, V2V_TAG_PARTS, V2V_TAG_TRANSFER, V2V_TAG_AGREEMENT, V2V_TAG_ALIVE };
 

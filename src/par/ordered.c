@@ -19,17 +19,6 @@ static void add(float *sum, const float *x, int64_t count)
     }
 }
 
-/* Every rank's part of a piece, as MPI's counts and offsets. */
-static void list_parts(const struct v2v_comm *comm, int *counts, int *offsets, int64_t count)
-{
-    int size = v2v_comm_size(comm);
-    for (int r = 0; r < size; r++) {
-        struct v2v_part part = v2v_par_part(count, size, r);
-        counts[r] = (int)part.count;
-        offsets[r] = (int)part.first;
-    }
-}
-
 /* Every rank's values of this rank's part come side by side; their sum in order replaces them. */
 static void add_piece(const struct v2v_comm *comm, float *x, int64_t count, float *scratch)
 {
@@ -37,7 +26,7 @@ static void add_piece(const struct v2v_comm *comm, float *x, int64_t count, floa
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
     int *taken = offsets + size, *places = taken + size;
     struct v2v_part mine = v2v_par_part(count, size, v2v_comm_rank(comm));
-    list_parts(comm, counts, offsets, count);
+    v2v_par_list_parts(counts, offsets, count, size);
     for (int r = 0; r < size; r++) {
         taken[r] = (int)mine.count;
         places[r] = (int)(r * mine.count);
@@ -66,7 +55,7 @@ void v2v_par_sum_ordered_f32(const struct v2v_comm *comm, float *x, int64_t coun
     began = v2v_clock_now();
     int *counts = v2v_comm_scratch(comm), *offsets = counts + size;
     for (int64_t i = 0; i < count; i += length) {
-        list_parts(comm, counts, offsets, v2v_smaller(count - i, length));
+        v2v_par_list_parts(counts, offsets, v2v_smaller(count - i, length), size);
         MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, x + i, counts, offsets, MPI_FLOAT,
                        v2v_comm_mpi(comm));
     }

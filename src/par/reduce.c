@@ -143,3 +143,12 @@ struct v2v_part v2v_par_part(int64_t n, int64_t parts, int64_t index)
         .count = least + (index < longer),
     };
 }
+
+void v2v_par_list_parts(int *counts, int *offsets, int64_t count, int size)
+{
+    for (int r = 0; r < size; r++) {
+        const struct v2v_part part = v2v_par_part(count, size, r);
+        counts[r] = (int)part.count;
+        offsets[r] = (int)part.first;
+    }
+}
