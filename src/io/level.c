@@ -8,9 +8,6 @@
 /* Of the samples, those above the peak. */
 static const double above_peak = 1e-3;
 
-/* As a homogeneous network's own level has it (REFERENCE.md 1). */
-static const double least_mean_of_noise = 0.1;
-
 const char *v2v_level_name(enum v2v_level figure)
 {
     static const char *const names[V2V_LEVEL_FIGURES] = {"mean", "peak", "noise",
@@ -34,7 +31,7 @@ void v2v_level_of_frame(double level[V2V_LEVEL_FIGURES], float *scratch, const f
     }
     const double mean = sum / (double)samples;
     const double noise = v2v_noise_of_images(scratch, views, count, height, width);
-    const double base = fmax(fabs(mean), least_mean_of_noise * noise);
+    const double base = fmax(fabs(mean), V2V_LEVEL_LEAST_MEAN * noise);
     if (!(base > 0.0)) {
         return;
     }

@@ -1,6 +1,7 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/io/level.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
 
@@ -14,10 +15,6 @@
 #define SIGNED_ZERO 32767.0
 #define LARGEST_COUNT 65535.0
 #define TARGET_MEAN 0.2
-
-/* The mean of so many pixels is known far better than a tenth of their noise; a frame whose light
- * is less than that is noise, and not to be brought up to the level of light. */
-#define LEAST_MEAN_OF_NOISE 0.1
 
 /* A mean that is less than this part of the samples' root mean square is what a subtracted
  * background left: rounding would decide its sign. Light in a millionth of dark samples, less than
@@ -159,7 +156,7 @@ double v2v_scaling_level(float *x, float *scratch, int64_t views, int64_t height
     for (int64_t v = 0; v < views; v++) {
         noise += v2v_noise_of_images(scratch, x + v * pixels, 1, height, width) / (double)views;
     }
-    const double level = fmax(fabs(sum / (double)(views * pixels)), LEAST_MEAN_OF_NOISE * noise);
+    const double level = fmax(fabs(sum / (double)(views * pixels)), V2V_LEVEL_LEAST_MEAN * noise);
     if (!(level > 0.0 && isfinite(level))) {
         return 1.0;
     }

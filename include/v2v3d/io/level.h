@@ -11,12 +11,16 @@
 extern "C" {
 #endif
 
+/** The mean of a frame is known far better than this part of its noise; one whose light is less is
+ *  noise, and not to be brought up to the level of light (REFERENCE.md 1). */
+#define V2V_LEVEL_LEAST_MEAN 0.1
+
 /** How bright and noisy a frame is, after offset and gain. */
 enum v2v_level {
     V2V_LEVEL_MEAN,
     V2V_LEVEL_PEAK,  /**< 99.9th percentile: few pixels may be anything */
     V2V_LEVEL_NOISE, /**< standard deviation, REFERENCE.md 10 */
-    V2V_LEVEL_RATIO, /**< noise over max(|mean|, noise / 10), which no gain changes */
+    V2V_LEVEL_RATIO, /**< noise over the larger of |mean| and its floor, which no gain changes */
     V2V_LEVEL_FIGURES
 };
 
