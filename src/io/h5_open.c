@@ -7,7 +7,6 @@
 int v2v_file_is_hdf5(const char *path)
 {
     static const char hdf5[] = "\x89HDF\r\n\x1a\n";
-    static const char *const names[] = {".h5", ".hdf5", ".hdf"};
     char first[8] = {0};
     FILE *file = fopen(path, "rb");
     if (file != NULL) {
@@ -20,12 +19,7 @@ int v2v_file_is_hdf5(const char *path)
             return 0;
         }
     }
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        if (v2v_text_ends_in(path, names[i])) {
-            return 1;
-        }
-    }
-    return 0;
+    return v2v_file_kind_by_name(path) == V2V_FILE_HDF5 || v2v_text_ends_in(path, ".hdf");
 }
 
 /* Why HDF5 does not open a file, in the words of who has it. */

@@ -78,45 +78,32 @@ done:
     return rc;
 }
 
-/* The file type by its name: 1 HDF5, 0 TIFF, -1 neither. */
-static int is_hdf5_name(const char *path)
-{
-    static const struct {
-        const char *ending;
-        int hdf5;
-    } endings[] = {{".h5", 1}, {".hdf5", 1}, {".tif", 0}, {".tiff", 0}};
-    for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++) {
-        if (v2v_text_ends_in(path, endings[i].ending)) {
-            return endings[i].hdf5;
-        }
-    }
-    return -1;
-}
-
 static enum v2v_status check_request(const char *path, const struct v2v_volume_info *info,
                                      unsigned datasets)
 {
-    const int hdf5 = is_hdf5_name(path);
+    const enum v2v_file_kind kind = v2v_file_kind_by_name(path);
     V2V_ASSERT((datasets & (1u << V2V_VOLUME_MEAN)) && datasets < (1u << V2V_H5_WRITER_SETS));
-    if (hdf5 < 0) {
+    if (kind == V2V_FILE_OTHER) {
         return V2V_FAIL(V2V_E_USAGE, "%s: a volume's name ends in .h5, .hdf5, .tif or .tiff", path);
     }
-    if (hdf5 == 0 && info->storage.deflate > 0) {
+    if (kind == V2V_FILE_TIFF && info->storage.deflate > 0) {
         return V2V_FAIL(V2V_E_USAGE, "%s: compression needs an HDF5 file (.h5)", path);
     }
-    if (hdf5 == 0 && datasets != 1u << V2V_VOLUME_MEAN) {
+    if (kind == V2V_FILE_TIFF && datasets != 1u << V2V_VOLUME_MEAN) {
         return V2V_FAIL(V2V_E_USAGE,
                         "%s: a TIFF holds the mean volume only; branches and uncertainty need .h5",
                         path);
     }
-    return hdf5 && v2v_volume_pack_is_needed(&info->storage) ? v2v_h5_packed_check(path, info)
-                                                             : V2V_OK;
+    return kind == V2V_FILE_HDF5 && v2v_volume_pack_is_needed(&info->storage)
+               ? v2v_h5_packed_check(path, info)
+               : V2V_OK;
 }
 
 /* Is it written as plain HDF5, at least at first? */
 static int is_written_as_hdf5(const char *path, const struct v2v_volume_info *info)
 {
-    return is_hdf5_name(path) == 1 || v2v_volume_pack_is_needed(&info->storage);
+    return v2v_file_kind_by_name(path) == V2V_FILE_HDF5 ||
+           v2v_volume_pack_is_needed(&info->storage);
 }
 
 static const char *task_of(const struct v2v_attribute *attributes, int64_t count)
@@ -151,7 +138,7 @@ static enum v2v_status make_pack(struct v2v_volume_pack *pack, const char *path,
     enum v2v_status rc = V2V_OK;
     *pack = (struct v2v_volume_pack){.info = *description->info,
                                      .datasets = description->datasets,
-                                     .is_tiff = is_hdf5_name(path) == 0,
+                                     .is_tiff = v2v_file_kind_by_name(path) == V2V_FILE_TIFF,
                                      .is_ome = v2v_tiff_is_ome_name(path)};
     V2V_TRY(v2v_text_format(pack->path, sizeof pack->path, "%s", path));
     V2V_TRY(v2v_text_format(pack->task, sizeof pack->task, "%s", task != NULL ? task : ""));
@@ -258,7 +245,7 @@ enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info 
     make_plan(&plan, &description);
     plan.storage = &info->storage;
     V2V_TRY(v2v_par_agree(comm, rc));
-    if (is_hdf5_name(path)) {
+    if (v2v_file_kind_by_name(path) == V2V_FILE_HDF5) {
         return check_h5(path, &plan, comm);
     }
     V2V_TRY(v2v_agreement_alone(
