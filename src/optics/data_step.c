@@ -193,7 +193,7 @@ static double penalty_at(const struct v2v_data_step *step, const struct v2v_pena
 /* Numbers beyond the last one count as it. */
 static void invert_block(struct v2v_data_step *step, int64_t b)
 {
-    const struct v2v_block *block = &step->projector->block[b];
+    const struct v2v_frequency_block *block = &step->projector->block[b];
     double *entries = step->entries + omp_get_thread_num() * v2v_hermitian_scratch(step->views);
     double penalties[V2V_BLOCK];
     for (int64_t f = 0; f < V2V_BLOCK; f++) {
@@ -253,7 +253,7 @@ static void transform_views(struct v2v_data_step *step)
                           step->recorded, step->views);
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = 0; b < layout->blocks; b++) {
-        const struct v2v_block *block = &projector->block[b];
+        const struct v2v_frequency_block *block = &projector->block[b];
         v2v_block_split(spectra_of(step, b), projector->view_spectra + block->first,
                         layout->view_stride, step->views, block->width);
     }
@@ -326,7 +326,7 @@ static void solve_block(struct v2v_data_step *step, int64_t b, float *slice)
 {
     const struct v2v_projector *projector = step->projector;
     const struct v2v_projector_layout *layout = &projector->layout;
-    const struct v2v_block *block = &projector->block[b];
+    const struct v2v_frequency_block *block = &projector->block[b];
     const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
     const int64_t of_view = step->slices * V2V_BLOCK_FLOATS;
     float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
@@ -392,7 +392,7 @@ static void change_spectra(struct v2v_data_step *step, float *volume,
                           volume, step->slices);
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = 0; b < layout->blocks; b++) {
-        const struct v2v_block *block = &projector->block[b];
+        const struct v2v_frequency_block *block = &projector->block[b];
         struct v2v_complex *spectra = projector->slice_spectra + block->first;
         float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
         v2v_block_split(slice, spectra, layout->slice_stride, step->slices, block->width);
@@ -428,7 +428,7 @@ void v2v_data_step_volume(struct v2v_data_step *step, float *volume)
     const struct v2v_projector_layout *layout = &projector->layout;
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = 0; b < layout->blocks; b++) {
-        const struct v2v_block *block = &projector->block[b];
+        const struct v2v_frequency_block *block = &projector->block[b];
         v2v_block_merge(projector->slice_spectra + block->first, volume_of(step, b),
                         layout->slice_stride, step->slices, block->width);
     }

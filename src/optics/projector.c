@@ -73,7 +73,7 @@ static void store(const struct v2v_projector *projector, const double *sum, int6
                   struct v2v_part rounds, int64_t i, int64_t count)
 {
     const struct v2v_projector_layout *layout = &projector->layout;
-    const struct v2v_block *block = &projector->block[b];
+    const struct v2v_frequency_block *block = &projector->block[b];
     if (layout->slot == 0) {
         v2v_block_round(projector->view_spectra + i * layout->view_stride + block->first, sum,
                         block->width);
@@ -97,7 +97,7 @@ static void project(struct v2v_projector *projector, const struct views *views,
     const int64_t slices = layout->slices;
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = blocks.first; b < blocks.first + blocks.count; b++) {
-        const struct v2v_block *block = &projector->block[b];
+        const struct v2v_frequency_block *block = &projector->block[b];
         double *sum = (double *)(void *)v2v_projector_scratch(projector);
         float *slice = v2v_projector_scratch(projector) + 2 * V2V_BLOCK_FLOATS;
         v2v_block_split(slice, projector->slice_spectra + block->first, layout->slice_stride,
@@ -203,7 +203,7 @@ static const struct v2v_complex *fetch(const struct v2v_projector *projector, in
                                        struct v2v_part rounds, int64_t i, int64_t count)
 {
     const struct v2v_projector_layout *layout = &projector->layout;
-    const struct v2v_block *block = &projector->block[b];
+    const struct v2v_frequency_block *block = &projector->block[b];
     if (layout->slot == 0) {
         return projector->view_spectra + i * layout->view_stride + block->first;
     }
@@ -221,7 +221,7 @@ static void project_adjoint(struct v2v_projector *projector, const struct views 
     const int64_t slices = layout->slices;
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = blocks.first; b < blocks.first + blocks.count; b++) {
-        const struct v2v_block *block = &projector->block[b];
+        const struct v2v_frequency_block *block = &projector->block[b];
         float *view = v2v_projector_scratch(projector);
         float *slice = view + 2 * V2V_BLOCK_FLOATS;
         memset(slice, 0, (size_t)(slices * V2V_BLOCK_FLOATS) * sizeof *slice);

@@ -48,7 +48,7 @@ static void compute_otfs(struct v2v_projector *projector, const struct v2v_psf_f
         }
 #pragma omp for schedule(static)
         for (int64_t b = 0; b < layout->blocks; b++) {
-            const struct v2v_block *block = &projector->block[b];
+            const struct v2v_frequency_block *block = &projector->block[b];
             v2v_block_split(v2v_projector_otf(projector, b, v),
                             projector->slice_spectra + block->first, layout->slice_stride,
                             layout->slices, block->width);

@@ -46,11 +46,6 @@ static struct v2v_part owned(const struct v2v_projector_layout *layout, int64_t 
     return v2v_par_part(columns, layout->owners, owner);
 }
 
-static int64_t blocks_of(int64_t frequencies)
-{
-    return (frequencies + V2V_BLOCK - 1) / V2V_BLOCK;
-}
-
 /* Rounds, owners and blocks. */
 static void plan_rounds(struct v2v_projector_layout *layout, enum v2v_split split, int ranks)
 {
@@ -66,7 +61,7 @@ static void plan_rounds(struct v2v_projector_layout *layout, enum v2v_split spli
     for (int64_t owner = 0; owner < layout->owners; owner++) {
         const int64_t columns = owned(layout, owner).count;
         for (int64_t round = 0; round < layout->rounds; round++) {
-            layout->blocks += blocks_of(columns_of_round(layout, columns, round) * ny);
+            layout->blocks += v2v_parts(columns_of_round(layout, columns, round) * ny, V2V_BLOCK);
         }
     }
 }
@@ -118,8 +113,8 @@ void v2v_projector_cut(struct v2v_projector *projector)
             const int64_t first = (columns.first + round * layout->step) * ny;
             projector->range[range] = (struct v2v_range){first, count, blocks};
             for (int64_t f = 0; f < count; f += V2V_BLOCK) {
-                projector->block[blocks++] =
-                    (struct v2v_block){range, first + f, v2v_smaller(count - f, V2V_BLOCK)};
+                projector->block[blocks++] = (struct v2v_frequency_block){
+                    range, first + f, v2v_smaller(count - f, V2V_BLOCK)};
             }
         }
     }
@@ -144,7 +139,7 @@ int64_t v2v_projector_bytes_beyond(const struct v2v_psf_file *psf, int64_t heigh
     int64_t bytes = (layout.otf + omp_get_max_threads() * layout.scratch) * float_bytes +
                     spectra * (int64_t)sizeof(struct v2v_complex) +
                     2 * layout.owners * layout.slot * (int64_t)sizeof(struct v2v_partial) +
-                    layout.blocks * (int64_t)sizeof(struct v2v_block) +
+                    layout.blocks * (int64_t)sizeof(struct v2v_frequency_block) +
                     (layout.rounds * layout.owners + 1) * (int64_t)sizeof(struct v2v_range) +
                     ranks * 2 * (int64_t)(sizeof(struct v2v_part) + sizeof(int64_t)) +
                     (int64_t)sizeof(struct v2v_projector) +

@@ -34,7 +34,7 @@ struct v2v_range {
     int64_t block;        /* its first one; those of the next range follow */
 };
 
-struct v2v_block {
+struct v2v_frequency_block {
     int64_t range, first, width; /* frequencies first .. first+width-1 */
 };
 
@@ -50,7 +50,7 @@ struct v2v_projector {
     struct v2v_fft_slabs *together;      /* frames that all ranks share */
     struct v2v_slicing *slicing;         /* volumes between rows and slices */
     struct v2v_range *range;             /* [rounds * owners + 1]; the last one closes the table */
-    struct v2v_block *block;             /* [blocks] */
+    struct v2v_frequency_block *block;   /* [blocks] */
     float *otf;                          /* [block,v,z,2,V2V_BLOCK]: read once, front to back */
     struct v2v_complex *slice_spectra;   /* [z,slice_stride]: [kx,ky] */
     struct v2v_complex *view_spectra;    /* [v,view_stride] */
