@@ -36,8 +36,8 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
     }
 }
 
-static const struct v2v_correction correction = {
+static const struct v2v_richardson_lucy_variant variant = {
     .iterations = 10, .has_denominator = 1, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_frl = {
-    .name = "frl", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};
+    .name = "frl", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};

@@ -64,14 +64,14 @@ static enum v2v_status take_memory(struct v2v_richardson_lucy *self, struct scra
     int64_t pixels = v2v_mem_product(share->view_rows.count, self->width, 1);
     V2V_TRY(
         v2v_sensitivity_init(&self->sensitivity, psf, share->slices, self->height, self->width));
-    const int64_t at_once = self->correction->at_once ? self->views : 1;
+    const int64_t at_once = self->variant->at_once ? self->views : 1;
     V2V_TRY(V2V_ALLOC(self->ratio, "rld.ratio", v2v_mem_product(at_once, pixels, 1)));
-    if (self->correction->background > 0) {
+    if (self->variant->background > 0) {
         V2V_TRY(V2V_ALLOC(self->noise, "rld.noise",
                           v2v_mem_product(self->views, self->height, self->width)));
     }
     V2V_TRY(V2V_ALLOC(self->numerator, "rld.correction", voxels));
-    if (self->correction->has_denominator) {
+    if (self->variant->has_denominator) {
         V2V_TRY(V2V_ALLOC(self->denominator, "rld.correction", voxels));
     }
     V2V_TRY(V2V_ALLOC(self->seen, "rld.seen", share->slices.count * self->width));
@@ -136,18 +136,18 @@ enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_richardson_lucy *self = NULL;
-    const struct v2v_correction *correction = estimator->ops->variant;
+    const struct v2v_richardson_lucy_variant *variant = estimator->ops->variant;
     const int64_t iterations = problem->config->deconv.iterations;
     V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "rld", 1)));
     estimator->self = self;
-    *self = (struct v2v_richardson_lucy){.correction = correction,
+    *self = (struct v2v_richardson_lucy){.variant = variant,
                                          .estimator = estimator,
                                          .comm = estimator->shard,
                                          .views = problem->psf->views,
                                          .height = problem->height,
                                          .width = problem->width,
                                          .iterations =
-                                             iterations > 0 ? iterations : correction->iterations,
+                                             iterations > 0 ? iterations : variant->iterations,
                                          .weight = problem->config->deconv.weight};
     V2V_TRY(prepare(self, problem));
     estimator->slices = v2v_projector_slices(self->projector);
@@ -189,7 +189,7 @@ static enum v2v_status measure(double *mean, struct v2v_richardson_lucy *self, c
     if (self->noise != NULL && *mean > least_mean) {
         const double sigma =
             v2v_noise_of_images(self->noise, views, self->views, self->height, self->width);
-        self->background = (float)(self->correction->background * sigma / *mean);
+        self->background = (float)(self->variant->background * sigma / *mean);
     }
 done:
     return rc;
@@ -227,7 +227,7 @@ static void add_sensitivities(struct v2v_richardson_lucy *self, const struct v2v
 /** Constant start whose projections have the method's mean; 0 where no view sees the voxel. */
 static void start(const struct v2v_richardson_lucy *self, float *volume)
 {
-    const double level = self->correction->start;
+    const double level = self->variant->start;
     float value = self->constant_view > 0 ? (float)(level / self->constant_view) : 0;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
@@ -317,14 +317,14 @@ static enum v2v_status look(const struct v2v_richardson_lucy *self, const float 
 static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, const float *views,
                                const struct v2v_view_list *list, double mean, int64_t iteration)
 {
-    const int at_once = self->correction->at_once;
+    const int at_once = self->variant->at_once;
     const float *rows = views + self->share.view_rows.first * self->width;
     const int64_t step = at_once ? list->count : 1;
     for (int64_t i = 0; i < list->count; i += step) {
         const struct v2v_view_list part = {list->view + i, step};
         v2v_watchdog_beat("views of the deconvolution");
         v2v_projector_forward(self->projector, self->ratio, volume, part.view, step, 1.0f);
-        self->correction->correct(self, rows, &part, (float)(1 / mean));
+        self->variant->correct(self, rows, &part, (float)(1 / mean));
         if (at_once) {
             multiply_at_once(self, volume);
         } else {
@@ -350,7 +350,7 @@ static enum v2v_status iterate_on(struct v2v_estimator *estimator, float *volume
     const struct v2v_iterate now = {estimator, to_slices, volume, mean};
     int enough = 0;
     start(self, volume);
-    if (self->correction->at_once) {
+    if (self->variant->at_once) {
         add_sensitivities(self, list);
     }
     for (int64_t i = 1; i <= iterations && !enough; i++) {

@@ -21,7 +21,7 @@
 struct v2v_richardson_lucy;
 
 /** What methods of this form differ in. */
-struct v2v_correction {
+struct v2v_richardson_lucy_variant {
     int64_t iterations;  /**< where deconv.iterations leaves it to the method */
     int has_denominator; /**< bool: of its own; else it is A_v^T 1 */
     int at_once;         /**< bool: all views make one step, w = 1, over the sum of their A_v^T 1;
@@ -37,7 +37,7 @@ struct v2v_correction {
 };
 
 struct v2v_richardson_lucy {
-    const struct v2v_correction *correction;
+    const struct v2v_richardson_lucy_variant *variant;
     const struct v2v_estimator *estimator; /**< for messages: name, frame */
     const struct v2v_comm *comm;
     struct v2v_projector *projector;
@@ -59,7 +59,8 @@ struct v2v_richardson_lucy {
     uint8_t *blind;       /**< [v,view_rows,x]: no voxel of the frame lights this pixel */
 };
 
-/** Functions of struct v2v_estimator_ops; `variant` is a struct v2v_correction. @kind as there. */
+/** Functions of struct v2v_estimator_ops; `variant` is a struct v2v_richardson_lucy_variant.
+ *  @kind as there. */
 enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
                                                   const struct v2v_problem *problem);
 enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,

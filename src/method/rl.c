@@ -32,13 +32,13 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
                           1.0f);
 }
 
-static const struct v2v_correction correction = {.iterations = 30,
-                                                 .has_denominator = 1,
-                                                 .at_once = 1,
-                                                 .judged_every = 5,
-                                                 .start = 0.05,
-                                                 .background = 3.0,
-                                                 .correct = correct};
+static const struct v2v_richardson_lucy_variant variant = {.iterations = 30,
+                                                           .has_denominator = 1,
+                                                           .at_once = 1,
+                                                           .judged_every = 5,
+                                                           .start = 0.05,
+                                                           .background = 3.0,
+                                                           .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_rl = {
-    .name = "rl", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};
+    .name = "rl", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};

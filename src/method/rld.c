@@ -25,8 +25,8 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
     v2v_projector_adjoint(self->projector, self->numerator, self->ratio, list->view, 1, 1.0f);
 }
 
-static const struct v2v_correction correction = {
+static const struct v2v_richardson_lucy_variant variant = {
     .iterations = 10, .judged_every = 1, .start = 1.0, .correct = correct};
 
 const struct v2v_estimator_ops v2v_estimator_rld = {
-    .name = "rld", .variant = &correction, V2V_RICHARDSON_LUCY_OPS};
+    .name = "rld", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};

@@ -73,7 +73,7 @@ int v2v_judge_enough(void *context, int64_t iteration, const struct v2v_iterate 
 {
     struct v2v_judge *judge = context;
     double sums[2];
-    if (iteration % judge->method->correction->judged_every != 0) {
+    if (iteration % judge->method->variant->judged_every != 0) {
         return 0;
     }
     miss(sums, judge, iterate->volume);
