@@ -18,7 +18,7 @@ static void describe_groups(struct v2v_report *report, const struct v2v_weights 
     for (int64_t i = 0; i < fields->count;) {
         const char *name = fields->item[i].name;
         const size_t word = strcspn(name, ".");
-        char group[V2V_FIELD_NAME_BYTES];
+        char group[V2V_FIELDS_NAME_BYTES];
         struct v2v_figures figures = {0};
         snprintf(group, sizeof group, "%.*s", (int)word, name);
         for (; i < fields->count && strncmp(fields->item[i].name, name, word) == 0 &&

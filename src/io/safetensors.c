@@ -266,7 +266,7 @@ done:
 
 /* ---- writing ---- */
 
-static json_t *entry_of(const struct v2v_field *field, int64_t first)
+static json_t *entry_of(const struct v2v_fields_item *field, int64_t first)
 {
     json_t *shape = json_array();
     for (int i = 0; i < field->rank; i++) {
@@ -280,9 +280,9 @@ static json_t *entry_of(const struct v2v_field *field, int64_t first)
                      (json_int_t)(first + field->count * (int64_t)sizeof(float)));
 }
 
-static int set_sum(json_t *metadata, const struct v2v_field *field, const float *arena)
+static int set_sum(json_t *metadata, const struct v2v_fields_item *field, const float *arena)
 {
-    char key[V2V_FIELD_NAME_BYTES + 16], text[16];
+    char key[V2V_FIELDS_NAME_BYTES + 16], text[16];
     const int64_t bytes = field->count * (int64_t)sizeof *arena;
     snprintf(key, sizeof key, "crc32c.%s", field->name);
     snprintf(text, sizeof text, "%lu",
@@ -305,7 +305,7 @@ static enum v2v_status make_header(char **text, const struct v2v_weights_info *i
         fine = fine && json_object_set_new(metadata, "config", json_string(config)) == 0;
     }
     for (int64_t i = 0; i < fields->count && fine; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         fine = set_sum(metadata, field, arena) &&
                json_object_set_new(header, field->name, entry_of(field, first)) == 0;
         first += field->count * (int64_t)sizeof *arena;
@@ -336,7 +336,7 @@ static int write_all(FILE *out, const char *header, const struct v2v_fields *fie
     int fine = fwrite(length, 1, sizeof length, out) == sizeof length &&
                fwrite(header, 1, bytes, out) == bytes;
     for (int64_t i = 0; i < fields->count && fine; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         const size_t count = (size_t)field->count;
         fine = fwrite(arena + field->offset, sizeof *arena, count, out) == count;
     }

@@ -12,7 +12,7 @@
 #include <string.h>
 
 /* "/adam_m/" and a field's name. */
-#define PLACE_BYTES (V2V_FIELD_NAME_BYTES + 32)
+#define PLACE_BYTES (V2V_FIELDS_NAME_BYTES + 32)
 
 /* ---- reading ---- */
 
@@ -141,7 +141,7 @@ done:
 
 /* Open a field's dataset: numbers in the field's shape. */
 static enum v2v_status open_field(hid_t *set, hid_t file, const char *path, const char *place,
-                                  const struct v2v_field *field)
+                                  const struct v2v_fields_item *field)
 {
     enum v2v_status rc = V2V_OK;
     hsize_t extent[H5S_MAX_RANK] = {0};
@@ -195,7 +195,7 @@ static enum v2v_status read_fields(float *arena, hid_t file, const char *path, c
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: has no group %s", path, place));
     }
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         V2V_TRY(v2v_text_format(place, sizeof place, "/%s/%s", group, field->name));
         V2V_TRY(open_field(&set, file, path, place, field));
         float *values = arena + field->offset;
@@ -292,11 +292,11 @@ done:
     return rc;
 }
 
-static enum v2v_status write_field(hid_t group, const char *path, const struct v2v_field *field,
-                                   const float *values)
+static enum v2v_status write_field(hid_t group, const char *path,
+                                   const struct v2v_fields_item *field, const float *values)
 {
     enum v2v_status rc = V2V_FAULT_POINT("h5.write");
-    hsize_t extent[V2V_FIELD_MAX_RANK] = {0};
+    hsize_t extent[V2V_FIELDS_MAX_RANK] = {0};
     for (int i = 0; i < field->rank; i++) {
         extent[i] = (hsize_t)field->shape[i];
     }
@@ -325,7 +325,7 @@ static enum v2v_status write_group(hid_t file, const char *path, const char *nam
         V2V_TRY(V2V_H5_FAIL(V2V_E_IO, path, name, "can't be created"));
     }
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         V2V_TRY(write_field(group, path, field, arena + field->offset));
     }
 done:

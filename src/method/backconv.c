@@ -57,9 +57,10 @@ static enum v2v_status declare(struct v2v_schema *schema, const struct v2v_netwo
     enum v2v_status rc = V2V_OK;
     struct v2v_layer layer[LAYERS];
     V2V_TRY(declare_layers(layer, &schema->fields, spec));
-    schema->group[0] = (struct v2v_group){.name = "the convolutions",
-                                          .count = schema->fields.total,
-                                          .levels = 1u << V2V_LEVEL_BRANCH | 1u << V2V_LEVEL_DATA};
+    schema->group[0] =
+        (struct v2v_group){.name = "the convolutions",
+                           .count = schema->fields.total,
+                           .levels = 1u << V2V_GRID_LEVEL_BRANCH | 1u << V2V_GRID_LEVEL_DATA};
     schema->groups = 1;
 done:
     return rc;

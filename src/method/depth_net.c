@@ -78,8 +78,9 @@ static enum v2v_status declare(struct v2v_schema *schema, const struct v2v_netwo
         V2V_TRY(v2v_fields_add(&schema->fields, &at, sizes[i].name, 4, shape));
         schema->fields.item[at].starts_small = i == LAYERS - 1;
     }
-    schema->group[0] = (struct v2v_group){
-        .name = "the convolutions", .count = schema->fields.total, .levels = 1u << V2V_LEVEL_DATA};
+    schema->group[0] = (struct v2v_group){.name = "the convolutions",
+                                          .count = schema->fields.total,
+                                          .levels = 1u << V2V_GRID_LEVEL_DATA};
     schema->groups = 1;
 done:
     return rc;

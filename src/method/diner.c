@@ -70,7 +70,7 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const struct v2v_psf_file *psf = problem->psf;
     const struct v2v_config *config = problem->config;
     const int64_t height = problem->height, width = problem->width;
-    const int64_t numbers = VOLUMES + MOMENTS * V2V_FIELD_COORDINATES;
+    const int64_t numbers = VOLUMES + MOMENTS * V2V_IMPLICIT_COORDINATES;
     const int64_t floats = v2v_mem_product(numbers * psf->slices, height, width);
     const int64_t views = v2v_mem_product(VIEWS * psf->views, height, width);
     const int64_t field = v2v_implicit_field_bytes(config->diner.width, psf->slices, height, width);
@@ -110,7 +110,7 @@ static enum v2v_status take_memory(struct diner *self)
     V2V_TRY(v2v_implicit_field_init(&self->field, self->rates.width, share->slices.count,
                                     self->height, self->width, self->comm));
     V2V_ASSERT(field->rows.first == share->rows.first && field->rows.count == share->rows.count);
-    V2V_TRY(take_moments(&self->table, field->rows.count * V2V_FIELD_COORDINATES * field->run));
+    V2V_TRY(take_moments(&self->table, field->rows.count * V2V_IMPLICIT_COORDINATES * field->run));
     V2V_TRY(take_moments(&self->network, field->at.count));
     V2V_TRY(V2V_ALLOC(self->level, "diner.volume", voxels));
     V2V_TRY(V2V_ALLOC(self->gradient, "diner.volume", voxels));

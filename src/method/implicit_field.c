@@ -64,9 +64,9 @@ static int64_t scratch_floats(int64_t width, int64_t run)
     return v2v_mem_product(2 * (PANEL + PART) + SUMS * LANES, width, 1) + TILE * PANEL + run;
 }
 
-static struct v2v_field_layout layout_of(int64_t width)
+static struct v2v_implicit_layout layout_of(int64_t width)
 {
-    struct v2v_field_layout at = {.b1 = V2V_FIELD_COORDINATES * width};
+    struct v2v_implicit_layout at = {.b1 = V2V_IMPLICIT_COORDINATES * width};
     at.w2 = at.b1 + width;
     at.b2 = at.w2 + width * width;
     at.w3 = at.b2 + width;
@@ -91,7 +91,7 @@ enum v2v_status v2v_implicit_field_init(struct v2v_implicit_field *field, int64_
 {
     enum v2v_status rc = V2V_OK;
     const int ranks = v2v_comm_size(comm);
-    V2V_ASSERT(width > 0 && width % V2V_FIELD_WIDTHS == 0);
+    V2V_ASSERT(width > 0 && width % V2V_IMPLICIT_WIDTHS == 0);
     *field = (struct v2v_implicit_field){.comm = comm,
                                          .slices = slices,
                                          .height = height,
@@ -103,7 +103,7 @@ enum v2v_status v2v_implicit_field_init(struct v2v_implicit_field *field, int64_
                                          .row_sums = row_sums_of(width)};
     field->a_scratch = scratch_floats(width, field->run);
     const int64_t voxels = v2v_mem_product(field->rows.count, field->run, 1);
-    const int64_t numbers = v2v_mem_product(V2V_FIELD_COORDINATES, voxels, 1);
+    const int64_t numbers = v2v_mem_product(V2V_IMPLICIT_COORDINATES, voxels, 1);
     V2V_TRY(V2V_ALLOC(field->table, "field.table", numbers));
     V2V_TRY(V2V_ALLOC(field->dtable, "field.table", numbers));
     V2V_TRY(V2V_ALLOC(field->raised, "field.layers", voxels));
@@ -140,7 +140,7 @@ void v2v_implicit_field_fini(struct v2v_implicit_field *field)
 
 int64_t v2v_implicit_field_bytes(int64_t width, int64_t slices, int64_t height, int64_t columns)
 {
-    const int64_t floats = 2 * V2V_FIELD_COORDINATES + 1; /* of a voxel; and its bits */
+    const int64_t floats = 2 * V2V_IMPLICIT_COORDINATES + 1; /* of a voxel; and its bits */
     const int64_t of_voxels =
         v2v_mem_product(4 * floats + width / TILE, height, run_of(slices, columns));
     return v2v_mem_bytes(v2v_mem_product(height, row_sums_of(width), 1), of_voxels);
@@ -164,17 +164,18 @@ void v2v_implicit_field_draw(const struct v2v_implicit_field *field, uint64_t se
 {
     const int64_t width = field->width, voxels = field->slices * field->columns;
     memset(field->table, 0,
-           (size_t)(field->rows.count * V2V_FIELD_COORDINATES * field->run) * sizeof(float));
+           (size_t)(field->rows.count * V2V_IMPLICIT_COORDINATES * field->run) * sizeof(float));
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < field->rows.count; y++) {
-        const int64_t first = (field->rows.first + y) * voxels * V2V_FIELD_COORDINATES;
-        for (int64_t i = 0; i < V2V_FIELD_COORDINATES * voxels; i++) {
-            const int64_t at = (y * V2V_FIELD_COORDINATES + i / voxels) * field->run + i % voxels;
+        const int64_t first = (field->rows.first + y) * voxels * V2V_IMPLICIT_COORDINATES;
+        for (int64_t i = 0; i < V2V_IMPLICIT_COORDINATES * voxels; i++) {
+            const int64_t at =
+                (y * V2V_IMPLICIT_COORDINATES + i / voxels) * field->run + i % voxels;
             field->table[at] = uniform(start_range, seed, STREAM_TABLE, first + i);
         }
     }
-    draw_layer(field, field->at.w1, (V2V_FIELD_COORDINATES + 1) * width, V2V_FIELD_COORDINATES,
-               seed);
+    draw_layer(field, field->at.w1, (V2V_IMPLICIT_COORDINATES + 1) * width,
+               V2V_IMPLICIT_COORDINATES, seed);
     draw_layer(field, field->at.w2, (width + 1) * width, width, seed);
     draw_layer(field, field->at.w3, width + 1, width, seed);
 }
@@ -229,9 +230,9 @@ static void forward_row(struct v2v_implicit_field *field, const struct panel_ker
                         int64_t y)
 {
     const struct scratch s = scratch_of(field);
-    const struct v2v_field_layout *at = &field->at;
+    const struct v2v_implicit_layout *at = &field->at;
     const float *w = field->weights;
-    const float *t = field->table + y * V2V_FIELD_COORDINATES * field->run;
+    const float *t = field->table + y * V2V_IMPLICIT_COORDINATES * field->run;
     for (int64_t i = 0; i < field->run; i += PANEL) {
         float *raised = field->raised + y * field->run + i;
         first_layer(s.first, t + i, t + field->run + i, w + at->w1, w + at->b1, field->width);
@@ -376,8 +377,8 @@ static void backward_part(struct v2v_implicit_field *field, const struct panel_k
     const struct scratch s = scratch_of(field);
     const int64_t width = field->width, run = field->run;
     const float *w1 = field->weights + field->at.w1, *b1 = field->weights + field->at.b1;
-    const float *t0 = field->table + y * V2V_FIELD_COORDINATES * run + i, *t1 = t0 + run;
-    float *d0 = field->dtable + y * V2V_FIELD_COORDINATES * run + i, *d1 = d0 + run;
+    const float *t0 = field->table + y * V2V_IMPLICIT_COORDINATES * run + i, *t1 = t0 + run;
+    float *d0 = field->dtable + y * V2V_IMPLICIT_COORDINATES * run + i, *d1 = d0 + run;
     const float *backward = field->packed + width * width;
     for (int64_t p = 0; p < count; p += PANEL) {
         first_layer(s.first, t0 + p, t1 + p, w1, b1, width);
@@ -443,7 +444,7 @@ static void backward_row(struct v2v_implicit_field *field, const struct panel_ke
 static void finish(struct v2v_implicit_field *field)
 {
     const int64_t width = field->width;
-    const struct v2v_field_layout *at = &field->at;
+    const struct v2v_implicit_layout *at = &field->at;
     const struct sums sums = sums_at(field, field->sums);
     const float *w = field->weights;
     float *dw = field->dweights;

@@ -14,11 +14,11 @@
 #include <stdint.h>
 
 /** Coordinates of a voxel; and what the width is a multiple of. */
-enum { V2V_FIELD_COORDINATES = 2, V2V_FIELD_WIDTHS = 32 };
+enum { V2V_IMPLICIT_COORDINATES = 2, V2V_IMPLICIT_WIDTHS = 32 };
 
 /** Where the network's parameters are, one after the other: W1 [width,2], b1 [width], W2
  *  [width,width], b2 [width], w3 [width], b3. */
-struct v2v_field_layout {
+struct v2v_implicit_layout {
     int64_t w1, b1, w2, b2, w3, b3, count;
 };
 
@@ -27,7 +27,7 @@ struct v2v_implicit_field {
     int64_t slices, height, columns; /**< of the whole volume */
     struct v2v_part rows;            /**< of it, here */
     int64_t width;                   /**< of the network's two hidden layers */
-    struct v2v_field_layout at;
+    struct v2v_implicit_layout at;
     int64_t run;       /**< slices * columns, filled up to whole panels: voxels of a row */
     float *table;      /**< [rows,2,run], a row's voxels in the order [z,x] */
     float *weights;    /**< [at.count] */

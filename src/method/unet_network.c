@@ -18,7 +18,7 @@ enum v2v_status v2v_unet_network_declare(struct v2v_schema *schema,
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_plain_unet_declare(&schema->fields, unet, prefix));
     schema->group[0] = (struct v2v_group){
-        .name = "the U-Net", .count = schema->fields.total, .levels = 1u << V2V_LEVEL_DATA};
+        .name = "the U-Net", .count = schema->fields.total, .levels = 1u << V2V_GRID_LEVEL_DATA};
     schema->groups = 1;
 done:
     return rc;
@@ -76,7 +76,7 @@ void v2v_unet_network_describe_work(struct v2v_grid_work *work,
 
 int64_t v2v_unet_network_width(const struct v2v_arrays *arrays, const char *prefix)
 {
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     return v2v_text_format(name, sizeof name, "%s.down0.0.weight", prefix) == V2V_OK
                ? v2v_arrays_extent(arrays, name, 0)
                : 0;
@@ -84,7 +84,7 @@ int64_t v2v_unet_network_width(const struct v2v_arrays *arrays, const char *pref
 
 int64_t v2v_unet_network_levels(const struct v2v_arrays *arrays, const char *prefix)
 {
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     int64_t levels = 0;
     while (v2v_text_format(name, sizeof name, "%s.down%d.0.weight", prefix, (int)levels) ==
                V2V_OK &&

@@ -128,7 +128,7 @@ static void print_shape(char *text, size_t bytes, int rank, const int64_t *shape
     }
 }
 
-static int same_shape(const struct v2v_array *array, const struct v2v_field *field)
+static int same_shape(const struct v2v_array *array, const struct v2v_fields_item *field)
 {
     return array->rank == field->rank &&
            memcmp(array->shape, field->shape, (size_t)field->rank * sizeof *field->shape) == 0;
@@ -141,7 +141,7 @@ static enum v2v_status check_arrays(const struct v2v_fields *fields,
 {
     char needed[96], there[192];
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         const struct v2v_array *array = v2v_arrays_find(arrays, field->name);
         print_shape(needed, sizeof needed, field->rank, field->shape);
         if (array == NULL) {
@@ -174,7 +174,7 @@ static enum v2v_status read_arrays(struct v2v_weights *weights, const struct v2v
     const struct v2v_fields *fields = &weights->schema.fields;
     V2V_TRY(V2V_ALLOC(weights->arena, "weights.arrays", fields->total));
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         V2V_TRY(v2v_arrays_read(arrays, weights->arena + field->offset,
                                 v2v_arrays_find(arrays, field->name)));
     }

@@ -18,7 +18,7 @@ enum v2v_status v2v_layer_declare(struct v2v_layer *layer, struct v2v_fields *fi
                                   const char *prefix, const char *name)
 {
     enum v2v_status rc = V2V_OK;
-    char text[V2V_FIELD_NAME_BYTES];
+    char text[V2V_FIELDS_NAME_BYTES];
     int64_t shape[4] = {layer->out, layer->in, layer->kernel, layer->kernel};
     V2V_TRY(v2v_text_format(text, sizeof text, "%s.%s.weight", prefix, name));
     V2V_TRY(v2v_fields_add(fields, &layer->weight, text, 4, shape));

@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* Weights of a field, from its fan_in (in*kh*kw): REFERENCE.md 9 and 4. */
-static void fill_hash(float *x, const struct v2v_field *field, double fan_in, int is_bias,
+static void fill_hash(float *x, const struct v2v_fields_item *field, double fan_in, int is_bias,
                       int64_t seed)
 {
     double factor = is_bias ? 0.01 : sqrt(6.0 / ((1.0 + 0.01 * 0.01) * fan_in));
@@ -17,7 +17,7 @@ static void fill_hash(float *x, const struct v2v_field *field, double fan_in, in
     }
 }
 
-static void fill_uniform(float *x, const struct v2v_field *field, double bound, int64_t seed)
+static void fill_uniform(float *x, const struct v2v_fields_item *field, double bound, int64_t seed)
 {
     uint64_t stream = v2v_random_fnv1a64(field->name);
 #pragma omp parallel for schedule(static)
@@ -36,7 +36,7 @@ static double kaiming_bound(double fan_in)
 /* He et al. 2015 for a leaky ReLU of slope 0.01: a signal keeps its size through the layers, where
  * PyTorch's default shrinks it to a third at each, to nothing after eighteen. Biases start at 0,
  * the last layer small: training starts at an almost empty volume. */
-static double he_bound(const struct v2v_field *field, double fan_in, int is_bias)
+static double he_bound(const struct v2v_fields_item *field, double fan_in, int is_bias)
 {
     double gain = field->starts_small ? 0.1 : 1.0;
     return is_bias ? 0.0 : sqrt(6.0 / ((1.0 + 0.01 * 0.01) * fan_in)) * gain;
@@ -47,7 +47,7 @@ enum v2v_status v2v_rule_weights(const struct v2v_fields *fields, float *weights
 {
     double fan_in = 0.0;
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         int is_bias = field->rank == 1;
         if (!is_bias) {
             fan_in = (double)(field->shape[1] * field->shape[2] * field->shape[3]);

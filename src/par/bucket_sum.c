@@ -13,23 +13,24 @@ enum { SLOTS = 16, NO_SLOT = -1 };
 /* What a bucket goes through: it is taken apart and summed level by level, settled by the rank that
  * ends up with a part of it, and put together from the last level back to the first. A stage that
  * has no ranks to talk to is passed at once. */
-enum { REDUCE = 0, SETTLE = REDUCE + V2V_LEVELS, SPREAD, STAGES = SPREAD + V2V_LEVELS };
+enum { REDUCE = 0, SETTLE = REDUCE + V2V_GRID_LEVELS, SPREAD, STAGES = SPREAD + V2V_GRID_LEVELS };
 
 struct bucket {
-    struct v2v_part part[V2V_LEVELS + 1]; /* of the arena, before each level and after the last */
-    unsigned levels;                      /* on which there is somebody to talk to */
-    int64_t missing;                      /* floats that are not ready */
-    int entered, left;                    /* stages: equal when none is under way */
+    struct v2v_part
+        part[V2V_GRID_LEVELS + 1]; /* of the arena, before each level and after the last */
+    unsigned levels;               /* on which there is somebody to talk to */
+    int64_t missing;               /* floats that are not ready */
+    int entered, left;             /* stages: equal when none is under way */
     int slot;
     int *counts; /* MPI's arrays for the message under way: 4 * largest */
 };
 
 struct v2v_bucket_sum {
     const struct v2v_comm *world;
-    int size[V2V_LEVELS], rank[V2V_LEVELS];
+    int size[V2V_GRID_LEVELS], rank[V2V_GRID_LEVELS];
     /* Messages of one kind and level keep the order of the buckets, on a communicator of their own:
      * how far a bucket has come differs from rank to rank. */
-    MPI_Comm reduce[V2V_LEVELS], spread[V2V_LEVELS];
+    MPI_Comm reduce[V2V_GRID_LEVELS], spread[V2V_GRID_LEVELS];
     struct bucket *bucket;
     MPI_Request *request; /* of each bucket */
     int64_t buckets;
@@ -48,7 +49,7 @@ struct v2v_bucket_sum {
 static int largest_level(const struct v2v_bucket_sum *sum)
 {
     int most = 1;
-    for (int level = 0; level < V2V_LEVELS; level++) {
+    for (int level = 0; level < V2V_GRID_LEVELS; level++) {
         most = most > sum->size[level] ? most : sum->size[level];
     }
     return most;
@@ -58,7 +59,7 @@ static int largest_level(const struct v2v_bucket_sum *sum)
 static void cut_bucket(const struct v2v_bucket_sum *sum, struct bucket *bucket,
                        const struct v2v_bucket_run *run)
 {
-    for (int level = 0; level < V2V_LEVELS; level++) {
+    for (int level = 0; level < V2V_GRID_LEVELS; level++) {
         struct v2v_part whole = bucket->part[level], own = whole;
         if ((run->levels >> level & 1) != 0 && sum->size[level] > 1) {
             bucket->levels |= 1u << level;
@@ -73,7 +74,7 @@ static void cut_bucket(const struct v2v_bucket_sum *sum, struct bucket *bucket,
 static void cut_run(struct v2v_bucket_sum *sum, const struct v2v_bucket_setup *setup,
                     const struct v2v_bucket_run *run)
 {
-    V2V_ASSERT((run->levels >> V2V_LEVEL_DATA & 1) != 0);
+    V2V_ASSERT((run->levels >> V2V_GRID_LEVEL_DATA & 1) != 0);
     for (int64_t left = run->count; left > 0;) {
         int64_t count = v2v_smaller(left, setup->bucket);
         struct bucket *bucket = &sum->bucket[sum->buckets++];
@@ -125,7 +126,7 @@ enum v2v_status v2v_bucket_sum_create(struct v2v_bucket_sum **sum,
     rc = V2V_ALLOC(fresh, "par.buckets", 1);
     if (rc == V2V_OK) {
         fresh->world = setup->world;
-        for (int level = 0; level < V2V_LEVELS; level++) {
+        for (int level = 0; level < V2V_GRID_LEVELS; level++) {
             fresh->size[level] = v2v_comm_size(setup->level[level]);
             fresh->rank[level] = v2v_comm_rank(setup->level[level]);
             fresh->reduce[level] = fresh->spread[level] = MPI_COMM_NULL;
@@ -133,7 +134,7 @@ enum v2v_status v2v_bucket_sum_create(struct v2v_bucket_sum **sum,
         rc = take_memory(fresh, setup);
     }
     V2V_TRY(v2v_par_agree(setup->world, rc));
-    for (int level = 0; level < V2V_LEVELS; level++) {
+    for (int level = 0; level < V2V_GRID_LEVELS; level++) {
         if (fresh->size[level] > 1) {
             MPI_Comm_dup(v2v_comm_mpi(setup->level[level]), &fresh->reduce[level]);
             MPI_Comm_dup(v2v_comm_mpi(setup->level[level]), &fresh->spread[level]);
@@ -153,7 +154,7 @@ void v2v_bucket_sum_destroy(struct v2v_bucket_sum **sum)
     if (self == NULL) {
         return;
     }
-    for (int level = 0; level < V2V_LEVELS; level++) {
+    for (int level = 0; level < V2V_GRID_LEVELS; level++) {
         if (self->reduce[level] != MPI_COMM_NULL) {
             MPI_Comm_free(&self->reduce[level]);
         }
@@ -251,7 +252,7 @@ static void post_reduce(struct v2v_bucket_sum *sum, int64_t k, int level)
 static void add_received(struct v2v_bucket_sum *sum, const struct bucket *bucket, int level)
 {
     struct v2v_part own = bucket->part[level + 1];
-    int is_last = level == V2V_LEVEL_DATA;
+    int is_last = level == V2V_GRID_LEVEL_DATA;
     float *place = (is_last ? sum->round.total : sum->round.x) + own.first;
     for (int r = 0; r < sum->size[level]; r++) {
         sum->source[r] = r == sum->rank[level] ? sum->round.x + own.first
@@ -264,9 +265,9 @@ static void add_received(struct v2v_bucket_sum *sum, const struct bucket *bucket
 static void settle(struct v2v_bucket_sum *sum, struct bucket *bucket)
 {
     const struct v2v_bucket_round *round = &sum->round;
-    struct v2v_part own = bucket->part[V2V_LEVELS];
+    struct v2v_part own = bucket->part[V2V_GRID_LEVELS];
     float *place = round->total + own.first;
-    if ((bucket->levels >> V2V_LEVEL_DATA & 1) == 0 && round->total != round->x) {
+    if ((bucket->levels >> V2V_GRID_LEVEL_DATA & 1) == 0 && round->total != round->x) {
         const float *x = round->x + own.first;
         add_in_order(place, round->first ? NULL : place, &x, 1, own.count);
     }

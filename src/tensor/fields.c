@@ -10,7 +10,7 @@ enum { ALIGN_FLOATS = 16, FIRST_CAPACITY = 64 };
 /** Twice the room in the table. */
 static enum v2v_status grow(struct v2v_fields *fields)
 {
-    struct v2v_field *larger = NULL;
+    struct v2v_fields_item *larger = NULL;
     int64_t capacity = fields->capacity > 0 ? 2 * fields->capacity : FIRST_CAPACITY;
     if (V2V_ALLOC(larger, "tensor.fields", capacity) != V2V_OK) {
         return V2V_E_MEMORY;
@@ -42,14 +42,14 @@ enum v2v_status v2v_fields_add(struct v2v_fields *fields, int64_t *index, const 
 {
     enum v2v_status rc = V2V_OK;
     size_t length = strlen(name);
-    if (length == 0 || length >= V2V_FIELD_NAME_BYTES) {
+    if (length == 0 || length >= V2V_FIELDS_NAME_BYTES) {
         return V2V_FAIL(V2V_E_INTERNAL, "field '%s': the name has no 1 to %d bytes", name,
-                        V2V_FIELD_NAME_BYTES - 1);
+                        V2V_FIELDS_NAME_BYTES - 1);
     }
     if (v2v_fields_find(fields, name) != NULL) {
         return V2V_FAIL(V2V_E_INTERNAL, "field '%s' is in the table already", name);
     }
-    int64_t count = rank >= 1 && rank <= V2V_FIELD_MAX_RANK ? shape_count(rank, shape) : -1;
+    int64_t count = rank >= 1 && rank <= V2V_FIELDS_MAX_RANK ? shape_count(rank, shape) : -1;
     if (count < 0 || count > INT64_MAX - fields->total - (ALIGN_FLOATS - 1)) {
         return V2V_FAIL(V2V_E_INTERNAL, "field '%s': its shape of %d axes has no valid size", name,
                         rank);
@@ -57,8 +57,8 @@ enum v2v_status v2v_fields_add(struct v2v_fields *fields, int64_t *index, const 
     if (fields->count == fields->capacity) {
         V2V_TRY(grow(fields));
     }
-    struct v2v_field *field = &fields->item[fields->count];
-    *field = (struct v2v_field){.rank = rank, .count = count, .offset = fields->total};
+    struct v2v_fields_item *field = &fields->item[fields->count];
+    *field = (struct v2v_fields_item){.rank = rank, .count = count, .offset = fields->total};
     memcpy(field->name, name, length + 1);
     memcpy(field->shape, shape, (size_t)rank * sizeof *shape);
     if (index != NULL) {
@@ -70,7 +70,7 @@ done:
     return rc;
 }
 
-const struct v2v_field *v2v_fields_find(const struct v2v_fields *fields, const char *name)
+const struct v2v_fields_item *v2v_fields_find(const struct v2v_fields *fields, const char *name)
 {
     for (int64_t i = 0; i < fields->count; i++) {
         if (strcmp(fields->item[i].name, name) == 0) {

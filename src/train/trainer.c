@@ -82,9 +82,9 @@ static enum v2v_status create_buckets(struct v2v_trainer *trainer)
         run[g] = (struct v2v_bucket_run){group->first, group->count, group->levels};
     }
     struct v2v_bucket_setup setup = {.world = grid->world,
-                                     .level = {[V2V_LEVEL_SHARD] = grid->shard,
-                                               [V2V_LEVEL_BRANCH] = grid->pair,
-                                               [V2V_LEVEL_DATA] = grid->column},
+                                     .level = {[V2V_GRID_LEVEL_SHARD] = grid->shard,
+                                               [V2V_GRID_LEVEL_BRANCH] = grid->pair,
+                                               [V2V_GRID_LEVEL_DATA] = grid->column},
                                      .run = run,
                                      .runs = schema->groups,
                                      .bucket = V2V_BUCKET_FLOATS};
@@ -365,7 +365,7 @@ static double squared_norm(struct v2v_trainer *trainer)
     double part[V2V_NETWORK_MOST_GROUPS] = {0.0}, squares = 0.0;
     for (int64_t g = 0; g < schema->groups; g++) {
         const struct v2v_group *group = &schema->group[g];
-        int is_shared = (group->levels >> V2V_LEVEL_BRANCH & 1) != 0;
+        int is_shared = (group->levels >> V2V_GRID_LEVEL_BRANCH & 1) != 0;
         if (!is_shared || grid->branch_rank <= 0) { /* shared: the same on both ranks of a pair */
             part[g] = v2v_sum_of_squares(batch_gradients(trainer) + group->first, group->count);
         }

@@ -57,8 +57,8 @@ static enum v2v_status declare(struct v2v_schema *schema, const struct v2v_netwo
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_model_spec model = spec_of(spec);
-    const unsigned samples = 1u << V2V_LEVEL_DATA, branches = 1u << V2V_LEVEL_BRANCH;
-    const unsigned slabs = 1u << V2V_LEVEL_SHARD;
+    const unsigned samples = 1u << V2V_GRID_LEVEL_DATA, branches = 1u << V2V_GRID_LEVEL_BRANCH;
+    const unsigned slabs = 1u << V2V_GRID_LEVEL_SHARD;
     V2V_TRY(v2v_model_schema(&schema->fields, &model));
     const struct v2v_fields *fields = &schema->fields;
     int64_t end = fields->total;

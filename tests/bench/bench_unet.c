@@ -20,7 +20,7 @@ static double macs_of(const struct v2v_network *network)
 {
     double macs = 0.0;
     for (int64_t i = 0; i < network->schema.fields.count; i++) {
-        const struct v2v_field *field = &network->schema.fields.item[i];
+        const struct v2v_fields_item *field = &network->schema.fields.item[i];
         const char *digit = strpbrk(field->name, "0123456789");
         const int level = digit != NULL ? *digit - '0' : 0; /* the last layer's is the first */
         const int is_stack = (network->ops->traits & V2V_TRAIT_VIEWS) != 0;

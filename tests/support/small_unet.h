@@ -29,7 +29,7 @@ static inline void small_unet_set_weights(struct small_unet *u)
 {
     assert_ok(v2v_rule_weights(&u->fields, u->parameters.weights, V2V_RULE_HE, 7));
     for (int64_t i = 0; i < u->fields.count; i++) {
-        const struct v2v_field *field = &u->fields.item[i];
+        const struct v2v_fields_item *field = &u->fields.item[i];
         for (int64_t k = 0; k < field->count; k++) {
             float *x = &u->parameters.weights[field->offset + k];
             if (field->rank == 1) {

@@ -25,20 +25,20 @@
 extern "C" {
 #endif
 
-#define V2V_FIELD_NAME_BYTES 64
-#define V2V_FIELD_MAX_RANK 4
+#define V2V_FIELDS_NAME_BYTES 64
+#define V2V_FIELDS_MAX_RANK 4
 
-struct v2v_field {
-    char name[V2V_FIELD_NAME_BYTES];
+struct v2v_fields_item {
+    char name[V2V_FIELDS_NAME_BYTES];
     int rank;
-    int64_t shape[V2V_FIELD_MAX_RANK];
+    int64_t shape[V2V_FIELDS_MAX_RANK];
     int64_t count;    /**< elements */
     int64_t offset;   /**< floats from the start of the arena */
     int starts_small; /**< bool: of a network's last layer; initialisers may make it small */
 };
 
 struct v2v_fields {
-    struct v2v_field *item;
+    struct v2v_fields_item *item;
     int64_t count;
     int64_t capacity;
     int64_t total; /**< floats of an arena that holds all fields, padding included */
@@ -51,7 +51,7 @@ enum v2v_status v2v_fields_add(struct v2v_fields *fields, int64_t *index, const 
                                int rank, const int64_t *shape) V2V_MUST_CHECK;
 
 /** The field of that name, NULL when there is none. @kind Local. */
-const struct v2v_field *v2v_fields_find(const struct v2v_fields *fields, const char *name);
+const struct v2v_fields_item *v2v_fields_find(const struct v2v_fields *fields, const char *name);
 
 /** @kind Local. Accepts a zeroed table. */
 void v2v_fields_fini(struct v2v_fields *fields);

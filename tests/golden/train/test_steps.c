@@ -134,7 +134,7 @@ static void check_fields(const struct golden_run *run, const float *gradients)
     int64_t compared = 0, tiny = 0;
     double worst_norm = 0.0, worst_step = 0.0;
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         const float *g = gradients + field->offset, *before = run->before + field->offset;
         char gradient[128], weights[128];
         int64_t count = 0;

@@ -12,8 +12,8 @@ enum { BUCKET = 701, SHARED = 5 * BUCKET + 3, OWN = 21 * BUCKET + 11, TOTAL = SH
 
 struct grid {
     int data, branches, shards;
-    int place[V2V_LEVELS]; /* of this rank */
-    struct v2v_comm *level[V2V_LEVELS];
+    int place[V2V_GRID_LEVELS]; /* of this rank */
+    struct v2v_comm *level[V2V_GRID_LEVELS];
 };
 
 /* Sizes from 1 to 1e6 and both signs: almost every other order gives other bits. */
@@ -29,7 +29,7 @@ static float contribution(int sample, int branch, int shard, int64_t i)
  * shards in order. */
 static float expected(const struct grid *grid, int samples, int64_t i, float factor)
 {
-    int only = i < SHARED ? -1 : grid->place[V2V_LEVEL_BRANCH];
+    int only = i < SHARED ? -1 : grid->place[V2V_GRID_LEVEL_BRANCH];
     float total = 0.0f;
     for (int s = 0; s < samples; s++) {
         float of_sample = 0.0f;
@@ -53,19 +53,19 @@ static void make_grid(struct grid *grid, int branches, int shards)
                       .branches = branches,
                       .shards = shards,
                       .place = {rank % shards, rank / shards % branches, rank / shards / branches}};
-    int data = grid->place[V2V_LEVEL_DATA], branch = grid->place[V2V_LEVEL_BRANCH];
-    int shard = grid->place[V2V_LEVEL_SHARD];
-    assert_ok(v2v_comm_split(&grid->level[V2V_LEVEL_SHARD], test_world(), data * branches + branch,
-                             rank));
-    assert_ok(
-        v2v_comm_split(&grid->level[V2V_LEVEL_BRANCH], test_world(), data * shards + shard, rank));
-    assert_ok(
-        v2v_comm_split(&grid->level[V2V_LEVEL_DATA], test_world(), branch * shards + shard, rank));
+    int data = grid->place[V2V_GRID_LEVEL_DATA], branch = grid->place[V2V_GRID_LEVEL_BRANCH];
+    int shard = grid->place[V2V_GRID_LEVEL_SHARD];
+    assert_ok(v2v_comm_split(&grid->level[V2V_GRID_LEVEL_SHARD], test_world(),
+                             data * branches + branch, rank));
+    assert_ok(v2v_comm_split(&grid->level[V2V_GRID_LEVEL_BRANCH], test_world(),
+                             data * shards + shard, rank));
+    assert_ok(v2v_comm_split(&grid->level[V2V_GRID_LEVEL_DATA], test_world(),
+                             branch * shards + shard, rank));
 }
 
 static void drop_grid(struct grid *grid)
 {
-    for (int level = 0; level < V2V_LEVELS; level++) {
+    for (int level = 0; level < V2V_GRID_LEVELS; level++) {
         v2v_comm_destroy(&grid->level[level]);
     }
 }
@@ -73,10 +73,13 @@ static void drop_grid(struct grid *grid)
 static void make_sum(struct v2v_bucket_sum **sum, const struct grid *grid)
 {
     const struct v2v_bucket_run run[] = {
-        {.first = SHARED, .count = OWN, .levels = 1u << V2V_LEVEL_SHARD | 1u << V2V_LEVEL_DATA},
+        {.first = SHARED,
+         .count = OWN,
+         .levels = 1u << V2V_GRID_LEVEL_SHARD | 1u << V2V_GRID_LEVEL_DATA},
         {.first = 0,
          .count = SHARED,
-         .levels = 1u << V2V_LEVEL_SHARD | 1u << V2V_LEVEL_BRANCH | 1u << V2V_LEVEL_DATA}};
+         .levels =
+             1u << V2V_GRID_LEVEL_SHARD | 1u << V2V_GRID_LEVEL_BRANCH | 1u << V2V_GRID_LEVEL_DATA}};
     struct v2v_bucket_setup setup = {
         .world = test_world(), .run = run, .runs = 2, .bucket = BUCKET};
     memcpy(setup.level, grid->level, sizeof setup.level);
@@ -103,13 +106,13 @@ static void run_round(struct v2v_bucket_sum *sum, const struct grid *grid, float
                       int round, int samples, float factor)
 {
     int rounds = (samples + grid->data - 1) / grid->data;
-    int sample = round * grid->data + grid->place[V2V_LEVEL_DATA];
+    int sample = round * grid->data + grid->place[V2V_GRID_LEVEL_DATA];
     struct v2v_bucket_round setup = {
         .x = x, .total = total, .first = round == 0, .last = round == rounds - 1, .factor = factor};
     double tail[2] = {v2v_comm_rank(test_world()), 1.0};
     for (int64_t i = 0; i < TOTAL; i++) {
-        x[i] = sample < samples ? contribution(sample, grid->place[V2V_LEVEL_BRANCH],
-                                               grid->place[V2V_LEVEL_SHARD], i)
+        x[i] = sample < samples ? contribution(sample, grid->place[V2V_GRID_LEVEL_BRANCH],
+                                               grid->place[V2V_GRID_LEVEL_SHARD], i)
                                 : 0.0f;
     }
     v2v_bucket_sum_begin(sum, &setup);
@@ -194,9 +197,9 @@ static void nothing_to_sum_is_no_failure(void **state)
 {
     (void)state;
     struct v2v_bucket_sum *sum = NULL;
-    struct v2v_bucket_run run = {.levels = 1u << V2V_LEVEL_DATA};
+    struct v2v_bucket_run run = {.levels = 1u << V2V_GRID_LEVEL_DATA};
     struct v2v_bucket_setup setup = {.world = test_world(),
-                                     .level = {[V2V_LEVEL_DATA] = test_world()},
+                                     .level = {[V2V_GRID_LEVEL_DATA] = test_world()},
                                      .run = &run,
                                      .runs = 1,
                                      .bucket = BUCKET};

@@ -34,7 +34,7 @@ static void setup(struct trial *t, int is_smooth, int64_t slices, int64_t height
     t->volume = small_draw(t->voxels, 2, 1.0);
     t->dvolume = small_draw(t->voxels, 3, 1.0);
     small_depth_net_init(&t->net, slices, height, width);
-    const struct v2v_field *last = &t->net.network.schema.fields.item[LAYERS - 1];
+    const struct v2v_fields_item *last = &t->net.network.schema.fields.item[LAYERS - 1];
     for (int64_t i = 0; i < last->count; i++) { /* it counts */
         t->net.network.weights[last->offset + i] *= 10.0f;
     }
@@ -80,7 +80,7 @@ static void backward(void *self, const double *dout)
     }
     network->ops->backward(network, dvolume);
     if (t->spoilt >= 0) {
-        const struct v2v_field *field = &network->schema.fields.item[t->spoilt];
+        const struct v2v_fields_item *field = &network->schema.fields.item[t->spoilt];
         for (int64_t i = 0; i < field->count; i++) {
             network->gradients[field->offset + i] *= t->factor;
         }
@@ -93,7 +93,7 @@ static const char *fault_of(struct trial *t)
     struct test_argument argument[LAYERS];
     double terms = 0.0;
     for (int i = 0; i < LAYERS; i++) {
-        const struct v2v_field *field = &network->schema.fields.item[i];
+        const struct v2v_fields_item *field = &network->schema.fields.item[i];
         argument[i] = (struct test_argument){.name = field->name,
                                              .x = network->weights + field->offset,
                                              .gradient = network->gradients + field->offset,

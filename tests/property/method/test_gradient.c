@@ -77,7 +77,7 @@ static void set_weights(struct v2v_network *network, double lift)
     const struct v2v_fields *fields = &network->schema.fields;
     assert_ok(v2v_rule_weights(fields, network->weights, V2V_RULE_HE, 7));
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         for (int64_t k = 0; k < field->count && field->rank == 1; k++) {
             network->weights[field->offset + k] =
                 (float)(lift + 0.1 * v2v_random_normal(4, (uint64_t)i, (uint64_t)k));
@@ -199,7 +199,7 @@ static int64_t list(struct test_argument *argument, const struct trial *t, int b
     int64_t count = 0;
     assert_true(schema->fields.count <= MOST_FIELDS);
     for (int64_t i = 0; i < schema->fields.count && !by_groups; i++) {
-        const struct v2v_field *field = &schema->fields.item[i];
+        const struct v2v_fields_item *field = &schema->fields.item[i];
         argument[count++] = argument_of(t, field->name, field->offset, field->count);
     }
     for (int64_t g = 0; g < schema->groups && by_groups; g++) {

@@ -26,7 +26,7 @@ struct size {
 static const char *const names[ARGUMENTS] = {"W1", "b1", "W2", "b2", "w3", "b3", "table"};
 
 /* Of the arrays in the weights, and the end. */
-static void list_offsets(int64_t offset[ARRAYS + 1], const struct v2v_field_layout *at)
+static void list_offsets(int64_t offset[ARRAYS + 1], const struct v2v_implicit_layout *at)
 {
     const int64_t all[ARRAYS + 1] = {at->w1, at->b1, at->w2, at->b2, at->w3, at->b3, at->count};
     for (int i = 0; i <= ARRAYS; i++) {
@@ -44,7 +44,7 @@ static void fill(float *x, int64_t count, uint64_t stream, double deviation, int
 
 static int64_t numbers_of(const struct v2v_implicit_field *field)
 {
-    return field->rows.count * V2V_FIELD_COORDINATES * field->run;
+    return field->rows.count * V2V_IMPLICIT_COORDINATES * field->run;
 }
 
 static void setup(struct trial *t, int is_smooth, const struct size *size)

@@ -38,7 +38,7 @@ static void backward(void *self, const double *dout)
     }
     v2v_plain_unet_backward(t->net.unet, &t->net.parameters, t->net.dout);
     if (t->spoilt > 0) {
-        const struct v2v_field *field = &t->net.fields.item[t->spoilt];
+        const struct v2v_fields_item *field = &t->net.fields.item[t->spoilt];
         for (int64_t k = 0; k < field->count; k++) {
             t->net.parameters.gradients[field->offset + k] *= t->factor;
         }
@@ -55,7 +55,7 @@ static const char *fault_of(struct trial *t)
     double terms = 0.0;
     assert_true(fields->count <= MOST_FIELDS);
     for (int64_t i = 1; i < fields->count; i++) { /* the first is not the network's */
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         terms += (double)field->count / (double)field->shape[0];
         if (t->spoilt == 0 || t->spoilt == i) {
             argument[arguments++] =

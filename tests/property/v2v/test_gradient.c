@@ -33,7 +33,7 @@ static void backward(void *self, const double *dout)
     v2v_model_weights_changed(t->model);
     v2v_model_forward(t->model, t->volume[0], t->volume[1], views);
     v2v_model_backward(t->model, t->dvolume[0], t->dvolume[1]);
-    const struct v2v_field *field = &v2v_model_fields(t->model)->item[t->wrong];
+    const struct v2v_fields_item *field = &v2v_model_fields(t->model)->item[t->wrong];
     for (int64_t i = 0; i < field->count && t->wrong > 0; i++) {
         v2v_model_gradients(t->model)[field->offset + i] *= 1.02f;
     }
@@ -69,7 +69,7 @@ static const char *fault_of(struct trial *t, int64_t first, int64_t last)
         terms += (double)fields->item[i].count / (double)fields->item[i].shape[0];
     }
     for (int64_t i = first; i < last; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         argument[i - first] =
             (struct test_argument){.name = field->name,
                                    .x = v2v_model_weights(t->model) + field->offset,

@@ -89,7 +89,7 @@ static void run_twin(double result[BRANCHES][VOXELS], const struct network *n, c
 }
 
 /* By how much the sums of a layer are off, as a fraction of its weights. */
-static double roundings_of(const struct v2v_field *field, int winograd)
+static double roundings_of(const struct v2v_fields_item *field, int winograd)
 {
     double products = field->rank == 4 ? (double)(field->count / field->shape[0]) : 0.0;
     double plain = sqrt((products + 1.0) / 2.0) + few_roundings;
@@ -105,7 +105,7 @@ static double roundings_of(const struct v2v_field *field, int winograd)
 static void add_noise(struct network *n, int winograd, uint64_t draw)
 {
     for (int64_t f = 0; f < n->fields.count; f++) {
-        const struct v2v_field *field = &n->fields.item[f];
+        const struct v2v_fields_item *field = &n->fields.item[f];
         double size = MAGNIFIED * roundings_of(field, winograd);
         for (int64_t i = field->offset; i < field->offset + field->count; i++) {
             n->noisy[i] =

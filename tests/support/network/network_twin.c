@@ -36,9 +36,9 @@ static enum v2v_status parameter(const float **values, const struct twin *twin, 
                                  const char *kind, int64_t count)
 {
     enum v2v_status rc = V2V_OK;
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     V2V_TRY(v2v_text_format(name, sizeof name, "%s.%s.%s", twin->prefix, layer, kind));
-    const struct v2v_field *field = v2v_fields_find(twin->fields, name);
+    const struct v2v_fields_item *field = v2v_fields_find(twin->fields, name);
     if (field == NULL || field->count != count) {
         V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "%s: %s", name,
                          field == NULL ? "no such parameter" : "another shape than the twin's"));
@@ -170,7 +170,7 @@ static enum v2v_status residual_block(struct v2v_image *x, struct twin *twin, co
                                       int is_wider)
 {
     enum v2v_status rc = V2V_OK;
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     struct v2v_image y = {0};
     V2V_TRY(v2v_text_format(name, sizeof name, "%s.conv.0", block));
     V2V_TRY(convolve(&y, twin, x, name));
@@ -288,7 +288,7 @@ done:
 static enum v2v_status go_down(struct v2v_image *skip, struct twin *twin)
 {
     enum v2v_status rc = V2V_OK;
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     struct v2v_image x = {0};
     for (int k = 0; k < LEVELS; k++) {
         V2V_TRY(v2v_image_join(&x, &skip[k], NULL));
@@ -307,7 +307,7 @@ done:
 static enum v2v_status go_up(struct v2v_image *f, struct twin *twin, const struct v2v_image *skip)
 {
     enum v2v_status rc = V2V_OK;
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     struct v2v_image joined = {0};
     V2V_TRY(v2v_image_join(f, &skip[LEVELS], NULL));
     v2v_image_leaky(f, 0.05);

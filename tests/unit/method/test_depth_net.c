@@ -188,7 +188,7 @@ static void without_a_last_layer_nothing_is_corrected(void **state)
     struct small_depth_net net;
     float *features = small_draw(FEATURES * VOXELS, 2, 1.0);
     small_depth_net_init(&net, SLICES, SIDE, SIDE);
-    const struct v2v_field *last = &net.network.schema.fields.item[5];
+    const struct v2v_fields_item *last = &net.network.schema.fields.item[5];
     memset(net.network.weights + last->offset, 0, (size_t)last->count * sizeof(float));
     run(&net, volume, features);
     for (int i = 0; i < VOXELS; i++) {

@@ -20,7 +20,7 @@ static void init(struct v2v_implicit_field *field, int64_t width)
 /* Coordinates of any size. */
 static void spread(struct v2v_implicit_field *field)
 {
-    for (int64_t i = 0; i < HEIGHT * V2V_FIELD_COORDINATES * field->run; i++) {
+    for (int64_t i = 0; i < HEIGHT * V2V_IMPLICIT_COORDINATES * field->run; i++) {
         field->table[i] *= 1e4f;
     }
 }
@@ -32,7 +32,7 @@ static double above_zero(double x)
 
 static double plain_voxel(const struct v2v_implicit_field *field, const double t[2])
 {
-    const struct v2v_field_layout *at = &field->at;
+    const struct v2v_implicit_layout *at = &field->at;
     const float *w = field->weights;
     double first[MOST_WIDTH], out = (double)w[at->b3];
     for (int64_t k = 0; k < field->width; k++) {

@@ -111,7 +111,7 @@ static double strength_of(const struct small_depth_net *net, const struct v2v_ps
 static void turn_about(struct small_depth_net *net)
 {
     const struct v2v_fields *fields = &net->network.schema.fields;
-    const struct v2v_field *last = &fields->item[fields->count - 1];
+    const struct v2v_fields_item *last = &fields->item[fields->count - 1];
     for (int64_t i = 0; i < last->count; i++) {
         net->network.weights[last->offset + i] *= -1.0f;
     }

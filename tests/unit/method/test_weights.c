@@ -116,7 +116,7 @@ static void write_plain(const struct v2v_weights *made, const char *prefix, int6
     int64_t first = 0;
     unsigned char length[8] = {0};
     for (int64_t i = fields->count - 1; i >= 0; i--) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         const int64_t bytes = field->count * (int64_t)sizeof(float);
         if (i == left_out) {
             continue;
@@ -143,7 +143,7 @@ static void write_plain(const struct v2v_weights *made, const char *prefix, int6
     fwrite(length, 1, sizeof length, file);
     fwrite(header, 1, used, file);
     for (int64_t i = fields->count - 1; i >= 0; i--) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         if (i != left_out) {
             fwrite(made->arena + field->offset, sizeof *made->arena, (size_t)field->count, file);
         }
@@ -195,7 +195,7 @@ static void arrays_that_do_not_fit_are_named_with_both_shapes(void **state)
 {
     (void)state;
     struct v2v_weights made = make("v2v");
-    struct v2v_field *last = &made.schema.fields.item[made.schema.fields.count - 1];
+    struct v2v_fields_item *last = &made.schema.fields.item[made.schema.fields.count - 1];
     use("plain.safetensors");
     write_plain(&made, "", made.schema.fields.count - 1, "");
     assert_refused(V2V_E_INPUT,

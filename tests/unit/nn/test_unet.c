@@ -41,7 +41,7 @@ static const float *named(const struct small_unet *u, const char *layer, const c
 {
     char name[64];
     snprintf(name, sizeof name, "net.%s.%s", layer, what);
-    const struct v2v_field *field = v2v_fields_find(&u->fields, name);
+    const struct v2v_fields_item *field = v2v_fields_find(&u->fields, name);
     assert_non_null(field);
     return u->parameters.weights + field->offset;
 }

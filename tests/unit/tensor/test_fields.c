@@ -37,7 +37,7 @@ static void fields_lie_in_order_apart_and_aligned(void **state)
     struct v2v_fields fields = {0};
     int64_t end = 0;
     for (int64_t i = 0; i < FIELDS; i++) {
-        char name[V2V_FIELD_NAME_BYTES];
+        char name[V2V_FIELDS_NAME_BYTES];
         int64_t index = -1;
         snprintf(name, sizeof name, "layer%lld.weight", (long long)i);
         assert_ok(v2v_fields_add(&fields, &index, name, 2, (int64_t[]){i + 1, 3}));
@@ -45,7 +45,7 @@ static void fields_lie_in_order_apart_and_aligned(void **state)
     }
     assert_int_equal(fields.count, FIELDS);
     for (int64_t i = 0; i < FIELDS; i++) {
-        const struct v2v_field *field = &fields.item[i];
+        const struct v2v_fields_item *field = &fields.item[i];
         assert_int_equal(field->offset % 16, 0);
         assert_true(field->offset >= end && field->offset < end + 16);
         assert_int_equal(field->count, 3 * (i + 1));
@@ -78,7 +78,7 @@ static void impossible_fields_are_refused_and_change_nothing(void **state)
 {
     (void)state;
     static const char longest[] = "123456789.123456789.123456789.123456789.123456789.123456789.123";
-    _Static_assert(sizeof longest == V2V_FIELD_NAME_BYTES, "the longest name that fits");
+    _Static_assert(sizeof longest == V2V_FIELDS_NAME_BYTES, "the longest name that fits");
     static const int64_t huge = (int64_t)1 << 32;
     struct v2v_fields fields = {0};
     assert_ok(v2v_fields_add(&fields, NULL, longest, 1, (int64_t[]){16}));

@@ -85,19 +85,19 @@ enum { UNET_LAYERS = sizeof unet_layers / sizeof *unet_layers };
 static int64_t check_layers(const struct v2v_fields *fields, const char *prefix,
                             const struct layer *layers, int count, int64_t first_in)
 {
-    char name[V2V_FIELD_NAME_BYTES];
+    char name[V2V_FIELDS_NAME_BYTES];
     int64_t parameters = 0;
     for (int i = 0; i < count; i++) {
         const struct layer *layer = &layers[i];
         const int64_t in = layer->in > 0 ? layer->in : first_in;
         const int64_t shape[4] = {layer->out, in, layer->kernel, layer->kernel};
         snprintf(name, sizeof name, "%s.%s.weight", prefix, layer->name);
-        const struct v2v_field *weight = v2v_fields_find(fields, name);
+        const struct v2v_fields_item *weight = v2v_fields_find(fields, name);
         assert_non_null(weight);
         assert_int_equal(weight->rank, 4);
         assert_memory_equal(weight->shape, shape, sizeof shape);
         snprintf(name, sizeof name, "%s.%s.bias", prefix, layer->name);
-        const struct v2v_field *bias = v2v_fields_find(fields, name);
+        const struct v2v_fields_item *bias = v2v_fields_find(fields, name);
         assert_non_null(bias);
         assert_int_equal(bias->rank, 1);
         assert_int_equal(bias->shape[0], layer->out);

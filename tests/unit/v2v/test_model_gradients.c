@@ -46,7 +46,7 @@ static void gradients_are_set_whatever_lay_there(void **state)
             run_training(model, gradients[i], 7.0f * (float)i);
         }
         for (int64_t i = 0; i < fields->count; i++) {
-            const struct v2v_field *field = &fields->item[i];
+            const struct v2v_fields_item *field = &fields->item[i];
             assert_memory_equal(gradients[0] + field->offset, gradients[1] + field->offset,
                                 (size_t)field->count * sizeof **gradients);
         }
@@ -92,7 +92,7 @@ static void check_gradients(const struct v2v_fields *fields, const float *one, c
 {
     int64_t unets = 0;
     for (int64_t i = 0; i < fields->count; i++) {
-        const struct v2v_field *field = &fields->item[i];
+        const struct v2v_fields_item *field = &fields->item[i];
         const float *a = one + field->offset, *b = two + field->offset;
         if (strncmp(field->name, "feat_extract.", 13) == 0) {
             assert_true(test_relative_l2(a, b, field->count) <= 1000 * 0x1p-24);

@@ -40,7 +40,7 @@ static void release(struct filled *filled)
 
 static const float *values(const struct filled *filled, const char *name)
 {
-    const struct v2v_field *field = v2v_fields_find(&filled->fields, name);
+    const struct v2v_fields_item *field = v2v_fields_find(&filled->fields, name);
     assert_non_null(field);
     return filled->weights + field->offset;
 }
@@ -86,7 +86,8 @@ static void hash_rule_gives_the_golden_views(void **state)
 
 /* Every value within the bound; in large fields the mean square is bound^2 / 3 within four standard
  * deviations, bound^2 * sqrt(4 / 45 / count). */
-static void check_uniform(const struct filled *filled, const struct v2v_field *field, double bound)
+static void check_uniform(const struct filled *filled, const struct v2v_fields_item *field,
+                          double bound)
 {
     const float *x = filled->weights + field->offset;
     double square = 0.0;
@@ -100,7 +101,7 @@ static void check_uniform(const struct filled *filled, const struct v2v_field *f
     }
 }
 
-static double fan_in(const struct v2v_field *weight)
+static double fan_in(const struct v2v_fields_item *weight)
 {
     return (double)(weight->shape[1] * weight->shape[2] * weight->shape[3]);
 }
@@ -122,7 +123,7 @@ static void he_rule_keeps_the_signals_size_and_starts_almost_empty(void **state)
     (void)state;
     struct filled filled = fill(V2V_RULE_HE, 3);
     for (int64_t i = 0; i < filled.fields.count; i += 2) {
-        const struct v2v_field *weight = &filled.fields.item[i];
+        const struct v2v_fields_item *weight = &filled.fields.item[i];
         double bound = sqrt(6.0 / (1.0001 * fan_in(weight)));
         bound *= strstr(weight->name, "conv_final.4") != NULL ? 0.1 : 1.0;
         check_uniform(&filled, weight, bound);
