@@ -50,7 +50,7 @@ static int64_t support_of(const float *slice, int64_t count, double energy)
 static struct slice_figures measure(const float *slice, int64_t height, int64_t width)
 {
     struct slice_figures f = {0};
-    int64_t cy = (height + 1) / 2 - 1, cx = (width + 1) / 2 - 1; /* REFERENCE.md 2 */
+    const int64_t cy = v2v_psf_centre(height), cx = v2v_psf_centre(width);
     for (int64_t y = 0; y < height; y++) {
         for (int64_t x = 0; x < width; x++) {
             double value = slice[y * width + x];

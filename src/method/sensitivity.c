@@ -2,18 +2,19 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
 
 #include <string.h>
 
 /** Kernel taps [first, end) that meet the frame of n pixels from voxel i: projection pixel
- *  i + k - c lies in [0, n), c = ceil(K/2)-1 (REFERENCE.md 2). */
+ *  i + k - c lies in [0, n), c = v2v_psf_centre(K). */
 struct taps {
     int64_t first, end;
 };
 
 static struct taps taps_inside(int64_t i, int64_t n, int64_t kernel)
 {
-    int64_t centre = (kernel + 1) / 2 - 1;
+    const int64_t centre = v2v_psf_centre(kernel);
     int64_t first = centre - i, end = n - i + centre;
     return (struct taps){first > 0 ? first : 0, end < kernel ? end : kernel};
 }
@@ -21,7 +22,7 @@ static struct taps taps_inside(int64_t i, int64_t n, int64_t kernel)
 /** The same from pixel i: voxel i - k + c lies in [0, n). */
 static struct taps taps_of_pixel(int64_t i, int64_t n, int64_t kernel)
 {
-    int64_t centre = (kernel + 1) / 2 - 1;
+    const int64_t centre = v2v_psf_centre(kernel);
     int64_t first = i + centre - n + 1, end = i + centre + 1;
     return (struct taps){first > 0 ? first : 0, end < kernel ? end : kernel};
 }
@@ -103,7 +104,7 @@ void v2v_sensitivity_row(const struct v2v_sensitivity *sensitivity, double *row,
     const struct taps ky = taps_inside(y, sensitivity->height, sensitivity->kernel_height);
     const double *low = table + ky.first * stride, *high = table + ky.end * stride;
     /* Between them voxels have all columns of the kernel. */
-    const int64_t centre = (kernel + 1) / 2 - 1, first = v2v_smaller(centre, width);
+    const int64_t centre = v2v_psf_centre(kernel), first = v2v_smaller(centre, width);
     const int64_t end = v2v_within(width + centre + 1 - kernel, first, width);
     const double whole = (high[kernel] - low[kernel]) - (high[0] - low[0]);
     look_up(row, low, high, 0, first, width, kernel);

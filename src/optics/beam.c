@@ -1,9 +1,9 @@
 #include "optics/beam.h"
-#include "optics/sizes.h"
 #include "optics/zernike.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/fft/fft2.h"
+#include "v2v3d/optics/psf.h"
 #include <math.h>
 #include <omp.h>
 #include <string.h>

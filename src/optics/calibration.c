@@ -1,10 +1,10 @@
 #include "v2v3d/optics/calibration.h"
 
 #include "optics/moments.h"
-#include "optics/sizes.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/fft/fft2.h"
+#include "v2v3d/optics/psf.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <math.h>

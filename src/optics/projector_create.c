@@ -1,7 +1,7 @@
 #include "optics/projector_plan.h"
-#include "optics/sizes.h"
 #include "optics/spectrum_block.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
 #include <omp.h>
 #include <string.h>
 

@@ -1,8 +1,8 @@
 #include "optics/projector_plan.h"
-#include "optics/sizes.h"
 #include "optics/spectrum_block.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
 #include <omp.h>
 
 /* Partial sums that a rank sends in one round, at most, bytes, unless one column has more: it holds

@@ -1,13 +1,13 @@
 #include "v2v3d/optics/psf_fit.h"
 #include "optics/beam.h"
 #include "optics/moments.h"
-#include "optics/sizes.h"
 #include "optics/tilts.h"
 #include "optics/zernike.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/calibration.h"
+#include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>

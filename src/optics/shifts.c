@@ -1,7 +1,7 @@
 #include "v2v3d/optics/shifts.h"
 #include "optics/moments.h"
-#include "optics/sizes.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
-#include "optics/sizes.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/optics/data_step.h"
+#include "v2v3d/optics/psf.h"
 
 #include <math.h>
 

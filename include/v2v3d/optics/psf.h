@@ -27,6 +27,12 @@
 extern "C" {
 #endif
 
+/** The centre pixel of a side of `side` pixels: ceil(side/2)-1 (REFERENCE.md 2). @kind Local. */
+static inline int64_t v2v_psf_centre(int64_t side)
+{
+    return (side + 1) / 2 - 1;
+}
+
 /** Read a set (see v2v_psf_file_read) and apply `normalize` (enum v2v_normalize).
  *  @kind Collective(comm). @return as v2v_psf_file_read */
 enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
