@@ -5,12 +5,10 @@
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/stop.h"
 #include "v2v3d/nn/adam.h"
 #include "v2v3d/optics/cost.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -34,9 +32,6 @@ enum { SEED = 1 };
 
 /* A voxel that gives every view less than this of its PSF's sum is seen by none, and 0. */
 static const double least_seen = 1e-4;
-
-/* A dark frame is a dark volume; below FLT_MIN 1/mean would overflow. */
-static const double least_mean = 1e-37;
 
 /* What Adam keeps. */
 struct moments {
@@ -233,25 +228,12 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
-/** Local: NaN, Inf, a fault point or a request to stop, each found by one rank, end all ranks. */
 static enum v2v_status look(const struct v2v_estimator *estimator, const float *volume,
                             int64_t step)
 {
-    enum v2v_status rc = V2V_FAULT_POINT("diner.step");
     const struct diner *self = estimator->self;
-    const int64_t rows = self->share.rows.count, width = self->width;
-    const int64_t bad = v2v_first_not_finite(volume, voxels_of(self));
-    if (bad >= 0) {
-        rc = V2V_FAIL(
-            V2V_E_NUMERIC,
-            "frame %lld, diner step %lld: NaN or Inf at slice %lld, row %lld, column "
-            "%lld",
-            (long long)estimator->frame, (long long)step, (long long)(bad / (rows * width)),
-            (long long)(self->share.rows.first + bad / width % rows), (long long)(bad % width));
-    } else if (rc == V2V_OK && v2v_stop_requested()) {
-        rc = V2V_FAIL(V2V_STOPPED, "stopped on request in diner step %lld", (long long)step);
-    }
-    return rc;
+    return v2v_estimator_look(estimator, V2V_FAULT_POINT("diner.step"), volume, &self->share,
+                              "step", step);
 }
 
 /** The volume, times `scale`. Local. */
@@ -345,23 +327,6 @@ done:
     return rc;
 }
 
-/** Local: the mean of the views where they are positive, 0 elsewhere. */
-static enum v2v_status measure(double *mean, const struct v2v_estimator *estimator,
-                               const float *views)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct diner *self = estimator->self;
-    const int64_t count = self->views * self->height * self->width;
-    double sum = 0.0;
-    V2V_TRY(v2v_estimator_check_views(estimator, views, self->views));
-    for (int64_t i = 0; i < count; i++) {
-        sum += views[i] > 0.0f ? (double)views[i] : 0.0;
-    }
-    *mean = sum / (double)count;
-done:
-    return rc;
-}
-
 static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume,
                            const float *views, const struct v2v_monitor *monitor)
 {
@@ -370,9 +335,9 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     float *own = self->volume != NULL ? self->volume : volume[0];
     const int64_t voxels = voxels_of(self);
     double mean = 0.0;
-    V2V_TRY(v2v_par_agree(self->comm, measure(&mean, estimator, views)));
+    V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_mean(&mean, estimator, views, self->views)));
     estimator->iterations = 0;
-    if (mean > least_mean) {
+    if (mean > V2V_ESTIMATOR_DARK) {
         V2V_TRY(fit(estimator, own, views, mean, monitor));
     } else {
         memset(own, 0, (size_t)voxels * sizeof *own);

@@ -7,6 +7,7 @@
 #include "method/unrolled.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>
@@ -121,6 +122,42 @@ enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator,
     return V2V_FAIL(V2V_E_NUMERIC, "view %lld, row %lld, column %lld: NaN or Inf",
                     (long long)(bad / pixels), (long long)(bad / width % height),
                     (long long)(bad % width));
+}
+
+enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *estimator,
+                                   const float *views, int64_t count)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t samples = count * estimator->height * estimator->width;
+    double sum = 0.0;
+    V2V_TRY(v2v_estimator_check_views(estimator, views, count));
+    for (int64_t i = 0; i < samples; i++) {
+        sum += views[i] > 0.0f ? (double)views[i] : 0.0;
+    }
+    *mean = sum / (double)samples;
+done:
+    return rc;
+}
+
+enum v2v_status v2v_estimator_look(const struct v2v_estimator *estimator, enum v2v_status fault,
+                                   const float *volume, const struct v2v_projector_share *share,
+                                   const char *word, int64_t step)
+{
+    const int64_t rows = share->rows.count, width = estimator->width;
+    const int64_t bad = v2v_first_not_finite(volume, share->slices.count * rows * width);
+    const char *name = estimator->ops->name;
+    if (bad >= 0) {
+        return V2V_FAIL(V2V_E_NUMERIC,
+                        "frame %lld, %s %s %lld: NaN or Inf at slice %lld, row %lld, column %lld",
+                        (long long)estimator->frame, name, word, (long long)step,
+                        (long long)(share->slices.first + bad / (rows * width)),
+                        (long long)(share->rows.first + bad / width % rows),
+                        (long long)(bad % width));
+    }
+    return fault == V2V_OK && v2v_stop_requested()
+               ? V2V_FAIL(V2V_STOPPED, "stopped on request in %s %s %lld", name, word,
+                          (long long)step)
+               : fault;
 }
 
 void v2v_iterate_slices(const struct v2v_iterate *iterate, float *slices)

@@ -3,7 +3,6 @@
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/stop.h"
 #include "v2v3d/optics/cost.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
@@ -19,9 +18,6 @@
  * off, up to 1 / V2V_PROJECTION_FLOOR; the adjoint takes it nowhere, but the transforms' round-off
  * of a number so large spreads over the whole volume (1e-3 of it, measured). */
 static const double sensitivity_floor = 1e-4;
-
-/* A dark frame is a dark volume; and below FLT_MIN 1/mean would overflow. */
-static const double least_mean = 1e-37;
 
 /* What only the creation needs. */
 struct scratch {
@@ -178,15 +174,9 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
 static enum v2v_status measure(double *mean, struct v2v_richardson_lucy *self, const float *views)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t count = self->views * self->height * self->width;
-    double sum = 0;
-    V2V_TRY(v2v_estimator_check_views(self->estimator, views, self->views));
-    for (int64_t i = 0; i < count; i++) {
-        sum += views[i] > 0 ? views[i] : 0;
-    }
-    *mean = sum / (double)count;
+    V2V_TRY(v2v_estimator_mean(mean, self->estimator, views, self->views));
     self->background = 0;
-    if (self->noise != NULL && *mean > least_mean) {
+    if (self->noise != NULL && *mean > V2V_ESTIMATOR_DARK) {
         const double sigma =
             v2v_noise_of_images(self->noise, views, self->views, self->height, self->width);
         self->background = (float)(self->variant->background * sigma / *mean);
@@ -292,26 +282,11 @@ static void multiply(const struct v2v_richardson_lucy *self, float *volume, int6
     }
 }
 
-/** Local: NaN, Inf, a fault point or a request to stop, each found by one rank, end all ranks. */
 static enum v2v_status look(const struct v2v_richardson_lucy *self, const float *volume,
                             int64_t iteration)
 {
-    enum v2v_status rc = V2V_FAULT_POINT("rld.iteration");
-    int64_t rows = self->share.rows.count, width = self->width;
-    int64_t bad = v2v_first_not_finite(volume, self->share.slices.count * rows * width);
-    if (bad >= 0) {
-        rc = V2V_FAIL(
-            V2V_E_NUMERIC,
-            "frame %lld, %s iteration %lld: NaN or Inf at slice %lld, row %lld, column "
-            "%lld",
-            (long long)self->estimator->frame, self->estimator->ops->name, (long long)iteration,
-            (long long)(self->share.slices.first + bad / (rows * width)),
-            (long long)(self->share.rows.first + bad / width % rows), (long long)(bad % width));
-    } else if (rc == V2V_OK && v2v_stop_requested()) {
-        rc = V2V_FAIL(V2V_STOPPED, "stopped on request in %s iteration %lld",
-                      self->estimator->ops->name, (long long)iteration);
-    }
-    return rc;
+    return v2v_estimator_look(self->estimator, V2V_FAULT_POINT("rld.iteration"), volume,
+                              &self->share, "iteration", iteration);
 }
 
 static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, const float *views,
@@ -371,7 +346,7 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
     double mean = 0;
     V2V_TRY(v2v_par_agree(self->comm, measure(&mean, self, views)));
     v2v_par_max_f64(self->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
-    int64_t needed = mean > least_mean ? self->iterations : 0;
+    int64_t needed = mean > V2V_ESTIMATOR_DARK ? self->iterations : 0;
     if (stop->rule == V2V_STOP_HELDOUT && needed > 0) {
         struct v2v_judge judge = {.method = self, .views = views, .mean = mean};
         const struct v2v_monitor rule = {v2v_judge_enough, &judge};

@@ -22,6 +22,7 @@
 #include "v2v3d/conf/config.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/nn/network.h"
+#include "v2v3d/optics/projector.h"
 #include "v2v3d/par/grid.h"
 #include <stdint.h>
 
@@ -176,6 +177,23 @@ void v2v_estimator_destroy(struct v2v_estimator **estimator);
  *  @return V2V_OK | V2V_E_NUMERIC (view, row, column) */
 enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator, const float *views,
                                           int64_t count) V2V_MUST_CHECK;
+
+/** Views whose mean is not above this make a dark volume: below FLT_MIN 1/mean would overflow. */
+#define V2V_ESTIMATOR_DARK 1e-37
+
+/** As check_views, and their mean, of those below zero as zeros. @kind Local. @return likewise */
+enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *estimator,
+                                   const float *views, int64_t count) V2V_MUST_CHECK;
+
+/** For run, after a step: NaN, Inf, a fault point or a request to stop, each found by one rank, end
+ *  all ranks.
+ *  @kind   Local
+ *  @param  fault what the method's fault point gave @param volume of the share [slices,rows,x]
+ *  @param  step its number, and `word` what the method calls it
+ *  @return V2V_OK | V2V_E_NUMERIC (frame, voxel) | fault | V2V_STOPPED */
+enum v2v_status v2v_estimator_look(const struct v2v_estimator *estimator, enum v2v_status fault,
+                                   const float *volume, const struct v2v_projector_share *share,
+                                   const char *word, int64_t step) V2V_MUST_CHECK;
 
 /** Does this rank hold output `o`? @kind Local. */
 static inline int v2v_estimator_holds(const struct v2v_estimator *estimator, int o)
