@@ -1,0 +1,173 @@
+/* Noise and pedestal of images, estimated from differences of neighbours. */
+#include "v2v3d/tensor/statistics.h"
+
+#include "v2v3d/base/bounds.h"
+
+#include <math.h>
+
+/* Of a line of noise: its points are means of levels; the weighted fit is repeated; variances below
+ * this part of their mean weigh as that. */
+enum { NOISE_LEVELS = 128, NOISE_FITS = 8 };
+static const double noise_least = 0.05;
+
+struct noise_level {
+    double count, level, squares; /* sums */
+};
+
+/* a - 2 b + c of three rows or numbers; and their 1 : 2 : 1 mean. */
+static double bent(double a, double b, double c)
+{
+    return (a - b) - (b - c);
+}
+
+static double mean_of(double a, double b, double c)
+{
+    return 0.25 * (a + c) + 0.5 * b;
+}
+
+/* One image into its levels. @param coarse += squares of the 2 x 2 differences, over 4 */
+static void sort_noise(struct noise_level levels[NOISE_LEVELS], double *coarse, const float *image,
+                       int64_t height, int64_t width, double most)
+{
+    const double of_bent = 1.0 / 36.0, of_step = 0.25; /* over the sums of their taps' squares */
+    /* counts of photons and 0 lie on no border: round-off would move many at once */
+    const double end = 1.0123 * most, per_level = NOISE_LEVELS / (2.0317 * most);
+    for (int64_t y = 0; y + 2 < height; y++) {
+        const float *a = image + y * width, *b = a + width, *c = b + width;
+        for (int64_t x = 0; x + 2 < width; x++) {
+            double d[3], m[3];
+            for (int i = 0; i < 3; i++) {
+                const double p = (double)a[x + i], q = (double)b[x + i], r = (double)c[x + i];
+                d[i] = bent(p, q, r);
+                m[i] = mean_of(p, q, r);
+            }
+            const double twice = bent(d[0], d[1], d[2]), level = mean_of(m[0], m[1], m[2]);
+            const double step =
+                ((double)a[x] - (double)a[x + 1]) - ((double)b[x] - (double)b[x + 1]);
+            if (fabs(level) < end) {
+                struct noise_level *to = &levels[(int)((level + end) * per_level)];
+                to->count += 1.0;
+                to->level += level;
+                to->squares += of_bent * twice * twice;
+                *coarse += of_step * step * step;
+            }
+        }
+    }
+}
+
+/* Of a square of normal noise the variance is twice its own square; neighbours' differences share
+ * samples: (1, -4, 6, -4, 1) / 6 of them, squared and summed, in both directions. */
+static const double noise_neighbours = 2.0 * (70.0 / 36.0) * (70.0 / 36.0);
+
+/* The line through the levels' means, each weighted by its count over the line's own square. */
+static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEVELS], double mean)
+{
+    struct v2v_noise_line line = {.variance = mean};
+    for (int fit = 0; fit < NOISE_FITS; fit++) {
+        double sum[5] = {0}; /* of 1, level, variance, level^2, level * variance */
+        for (int i = 0; i < NOISE_LEVELS; i++) {
+            const double count = levels[i].count;
+            if (count > 0.0) {
+                const double level = levels[i].level / count, found = levels[i].squares / count;
+                const double size =
+                    fmax(line.gain * level + line.variance, noise_least * mean) / mean;
+                const double weight = count / (size * size);
+                sum[0] += weight;
+                sum[1] += weight * level;
+                sum[2] += weight * found;
+                sum[3] += weight * level * level;
+                sum[4] += weight * level * found;
+            }
+        }
+        const double spread = sum[3] - sum[1] * sum[1] / sum[0];
+        line.gain = spread > 0.0 ? (sum[4] - sum[1] * sum[2] / sum[0]) / spread : 0.0;
+        line.variance = (sum[2] - line.gain * sum[1]) / sum[0];
+        line.gain_error = spread > 0.0 ? mean * sqrt(noise_neighbours / spread) : 0.0;
+    }
+    return line;
+}
+
+struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
+                                               int64_t width, double most)
+{
+    struct noise_level levels[NOISE_LEVELS] = {0};
+    double coarse = 0.0, squares = 0.0, blocks = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        sort_noise(levels, &coarse, images + i * height * width, height, width, most);
+    }
+    for (int i = 0; i < NOISE_LEVELS; i++) {
+        blocks += levels[i].count;
+        squares += levels[i].squares;
+    }
+    if (!(squares > 0.0)) {
+        return (struct v2v_noise_line){0};
+    }
+    struct v2v_noise_line line = fit_noise(levels, squares / blocks);
+    line.colour = coarse / squares;
+    return line;
+}
+
+double v2v_noise_of_differences(float *differences, int64_t count)
+{
+    const double of_normal = 0.67448975019608171; /* median of |x|, x standard normal */
+    return (double)v2v_select(differences, count, count / 2) / (2.0 * of_normal);
+}
+
+double v2v_noise_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                           int64_t width)
+{
+    enum { PIXELS = 4 };
+    const int64_t inside = (height - 1) * (width - 1);
+    if (height < 2 || width < 2) {
+        return 0.0;
+    }
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t i = 0; i < count; i++) {
+        for (int64_t y = 0; y < height - 1; y++) {
+            const float *here = images + (i * height + y) * width, *below = here + width;
+            float *to = scratch + i * inside + y * (width - 1);
+            for (int64_t x = 0; x < width - 1; x++) {
+                to[x] = fabsf((here[x] - here[x + 1]) - (below[x] - below[x + 1]));
+            }
+        }
+    }
+    const double noise = v2v_noise_of_differences(scratch, count * inside);
+    return noise > 0.0 ? noise
+                       : sqrt(v2v_sum_of_squares(scratch, count * inside) /
+                              (double)(PIXELS * count * inside));
+}
+
+/* Means of squares of an image, from its first row and column on. @return how many */
+static int64_t means_of_squares(float *means, const float *image, int64_t height, int64_t width,
+                                int64_t side)
+{
+    const int64_t across = width / side, down = height / side;
+    for (int64_t i = 0; i < down * across; i++) {
+        const float *square = image + i / across * side * width + i % across * side;
+        double sum = 0.0;
+        for (int64_t k = 0; k < side * side; k++) {
+            sum += (double)square[k / side * width + k % side];
+        }
+        means[i] = (float)(sum / (double)(side * side));
+    }
+    return down * across;
+}
+
+double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                              int64_t width)
+{
+    enum { SIDE = 16, OF_LEAST = 100, DARK = 100, CERTAIN = 5, BELOW = 2 };
+    const int64_t side = v2v_smaller(SIDE, v2v_smaller(height, width));
+    int64_t squares = 0;
+    for (int64_t i = 0; i < count; i++) {
+        squares +=
+            means_of_squares(scratch + squares, images + i * height * width, height, width, side);
+    }
+    const double bright = (double)v2v_select(scratch, squares, squares - 1);
+    const double least = (double)v2v_select(scratch, squares, squares / OF_LEAST);
+    if (!(least > 0.0 && DARK * least > bright)) {
+        return 0.0;
+    }
+    const double error = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
+    return least > CERTAIN * error ? least + BELOW * error : 0.0;
+}
