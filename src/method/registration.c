@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/smooth.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -110,33 +111,6 @@ struct v2v_missed v2v_registration_missed(const float *recorded, const float *pr
     return missed;
 }
 
-/* Sums over 2 * radius + 1 pixels of a line, beyond it as at its ends, by their mean. */
-static void smooth_line(float *to, const float *from, int64_t size, int64_t stride, int radius)
-{
-    double sum = 0.0;
-    for (int64_t i = -radius; i <= radius; i++) {
-        sum += (double)from[v2v_within(i, 0, size - 1) * stride];
-    }
-    for (int64_t i = 0; i < size; i++) {
-        to[i * stride] = (float)(sum / (2.0 * radius + 1.0));
-        sum += (double)from[v2v_within(i + radius + 1, 0, size - 1) * stride] -
-               (double)from[v2v_within(i - radius, 0, size - 1) * stride];
-    }
-}
-
-/* image: mean over the square of this radius; in place. */
-static void smooth(float *image, float *scratch, int64_t height, int64_t width, int radius)
-{
-#pragma omp parallel for schedule(static)
-    for (int64_t y = 0; y < height; y++) {
-        smooth_line(scratch + y * width, image + y * width, width, 1, radius);
-    }
-#pragma omp parallel for schedule(static)
-    for (int64_t x = 0; x < width; x++) {
-        smooth_line(image + x, scratch + x, height, width, radius);
-    }
-}
-
 static void look_at(double image[IMAGES], const struct v2v_registration_images *images, int64_t y,
                     int64_t x, int64_t reach)
 {
@@ -210,9 +184,10 @@ void v2v_registration_compare(struct v2v_registration *registration,
     memcpy(images->prediction, prediction, (size_t)pixels * sizeof *prediction);
     memcpy(images->deep, deep, (size_t)pixels * sizeof *deep);
     if (smoothing > 1) {
-        smooth(images->missed, images->scratch, height, width, smoothing);
-        smooth(images->prediction, images->scratch, height, width, smoothing);
-        smooth(images->deep, images->scratch, height, width, smoothing);
+        v2v_smooth_image(images->missed, images->scratch, images->missed, height, width, smoothing);
+        v2v_smooth_image(images->prediction, images->scratch, images->prediction, height, width,
+                         smoothing);
+        v2v_smooth_image(images->deep, images->scratch, images->deep, height, width, smoothing);
     }
 #pragma omp parallel for schedule(static)
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {

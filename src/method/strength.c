@@ -7,6 +7,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/smooth.h"
 
 #include <math.h>
 
@@ -21,7 +22,7 @@ struct chooser {
     float *views;                 /* [v,height,width] */
     float *after;                 /* [z,height,width] */
     float *predicted, *corrected; /* [left out,height,width] */
-    float *along, *smooth;        /* [height,width] */
+    float *scratch, *smooth;      /* [height,width] */
     struct v2v_strength_sums all,
         fine; /* of a choice; of the latter, what is finer than 8 pixels */
 };
@@ -29,30 +30,10 @@ struct chooser {
 /* Choices of views left out. */
 enum { CHOICES = V2V_LEFT_OUT_CHOICES };
 
-/* Running means of `count` lines, of `length` pixels that are `step` apart; ends repeat. */
-static void smooth_lines(float *to, const float *from, int64_t count, int64_t line, int64_t length,
-                         int64_t step)
-{
-    for (int64_t i = 0; i < count; i++) {
-        const float *in = from + i * line;
-        double sum = 0.0;
-        for (int64_t k = -REACH; k <= REACH; k++) {
-            sum += (double)in[v2v_within(k, 0, length - 1) * step];
-        }
-        for (int64_t k = 0; k < length; k++) {
-            to[i * line + k * step] = (float)(sum / (2 * REACH + 1));
-            sum += (double)in[v2v_within(k + REACH + 1, 0, length - 1) * step] -
-                   (double)in[v2v_within(k - REACH, 0, length - 1) * step];
-        }
-    }
-}
-
 static void keep_fine(const struct chooser *self, float *image)
 {
-    const int64_t height = self->height, width = self->width;
-    smooth_lines(self->along, image, height, width, width, 1);
-    smooth_lines(self->smooth, self->along, width, 1, height, width);
-    for (int64_t i = 0; i < height * width; i++) {
+    v2v_smooth_image(self->smooth, self->scratch, image, self->height, self->width, REACH);
+    for (int64_t i = 0; i < self->height * self->width; i++) {
         image[i] -= self->smooth[i];
     }
 }
@@ -123,7 +104,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
                   {&self->after, psf->slices},
                   {&self->predicted, V2V_LEFT_OUT_MOST},
                   {&self->corrected, V2V_LEFT_OUT_MOST},
-                  {&self->along, 1},
+                  {&self->scratch, 1},
                   {&self->smooth, 1}};
     for (size_t i = 0; i < sizeof memory / sizeof *memory; i++) {
         V2V_TRY(
@@ -218,7 +199,7 @@ done:
     v2v_mem_free(self.after);
     v2v_mem_free(self.predicted);
     v2v_mem_free(self.corrected);
-    v2v_mem_free(self.along);
+    v2v_mem_free(self.scratch);
     v2v_mem_free(self.smooth);
     return rc;
 }
