@@ -1,8 +1,8 @@
 #include "method/strength.h"
 
+#include "method/registration.h"
 #include "method/square.h"
 #include "method/unrolled.h"
-#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
@@ -11,8 +11,8 @@
 
 #include <math.h>
 
-/* Pixels of the square's side; its edges, where what lies beyond gives light, are not judged. */
-enum { SIDE = 256, MARGIN = 24 };
+/* Pixels of the square's side. */
+enum { SIDE = 256 };
 
 /* Means over 2 * REACH + 1 pixels along y and x vary as those by a Gaussian of 8 pixels do. */
 enum { REACH = 13 };
@@ -38,15 +38,15 @@ static void keep_fine(const struct chooser *self, float *image)
     }
 }
 
-/* But for the margins. */
+/* Of the pixels that are judged. */
 static void add(const struct chooser *self, struct v2v_strength_sums *sums, const float *missed,
                 const float *correction)
 {
-    const int64_t height = self->height, width = self->width;
-    const int64_t margin_y = v2v_smaller(MARGIN, (height - 1) / 4);
-    const int64_t margin_x = v2v_smaller(MARGIN, (width - 1) / 4);
-    for (int64_t y = margin_y; y < height - margin_y; y++) {
-        for (int64_t i = y * width + margin_x; i < (y + 1) * width - margin_x; i++) {
+    const struct v2v_part rows = v2v_registration_judged(self->height);
+    const struct v2v_part columns = v2v_registration_judged(self->width);
+    for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
+        const int64_t first = y * self->width + columns.first;
+        for (int64_t i = first; i < first + columns.count; i++) {
             sums->product += (double)missed[i] * (double)correction[i];
             sums->square += (double)correction[i] * (double)correction[i];
         }
