@@ -2,80 +2,17 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/optics/psf_figures.h"
 #include <inttypes.h>
 #include <math.h>
 
-/* One PSF slice in figures. */
-struct slice_figures {
-    double energy;
-    double y, x;     /* centroid, pixels from the PSF's centre */
-    double border;   /* energy in the outermost ring */
-    int64_t support; /* pixels of the brightest that hold 99.9 % of the energy */
-};
-
-static double largest_of(const float *x, int64_t count)
-{
-    double largest = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        largest = fmax(largest, x[i]);
-    }
-    return largest;
-}
-
-/* Pixels that hold 99.9 % of the energy: those above the highest of 4096 logarithmic levels (24
- * octaves, float32's resolution) that leaves at most 0.1 % below it. */
-static int64_t support_of(const float *slice, int64_t count, double energy)
-{
-    enum { LEVELS = 4096, OCTAVES = 24 };
-    double held[LEVELS] = {0};
-    int64_t pixels[LEVELS] = {0};
-    double top = largest_of(slice, count);
-    for (int64_t i = 0; i < count; i++) {
-        if (slice[i] > 0.0f) {
-            double down = log2(top / slice[i]) * (LEVELS / OCTAVES);
-            int level = down < LEVELS - 1 ? (int)down : LEVELS - 1;
-            held[level] += slice[i];
-            pixels[level]++;
-        }
-    }
-    double sum = 0.0;
-    int64_t support = 0;
-    for (int level = 0; level < LEVELS && sum < 0.999 * energy; level++) {
-        sum += held[level];
-        support += pixels[level];
-    }
-    return support;
-}
-
-static struct slice_figures measure(const float *slice, int64_t height, int64_t width)
-{
-    struct slice_figures f = {0};
-    const int64_t cy = v2v_psf_centre(height), cx = v2v_psf_centre(width);
-    for (int64_t y = 0; y < height; y++) {
-        for (int64_t x = 0; x < width; x++) {
-            double value = slice[y * width + x];
-            int on_border = y == 0 || x == 0 || y == height - 1 || x == width - 1;
-            f.energy += value;
-            f.y += value * (double)(y - cy);
-            f.x += value * (double)(x - cx);
-            f.border += on_border ? value : 0.0;
-        }
-    }
-    if (f.energy > 0.0) {
-        f.y /= f.energy;
-        f.x /= f.energy;
-        f.support = support_of(slice, height * width, f.energy);
-    }
-    return f;
-}
-
-static void print_views(FILE *stream, const struct slice_figures *figures, int64_t views,
+static void print_views(FILE *stream, const struct v2v_slice_figures *figures, int64_t views,
                         int64_t slices, const struct v2v_shifts *shifts)
 {
     fprintf(stream, "\nview     sum  support, pixels   centroid y, first to last slice   centroid x"
                     "            shifts dy, dx\n");
     for (int64_t v = 0; v < views; v++) {
-        const struct slice_figures *row = figures + v * slices;
+        const struct v2v_slice_figures *row = figures + v * slices;
         const int32_t *dy = shifts->dy + v * slices, *dx = shifts->dx + v * slices;
         double sum = 0.0;
         int64_t least = INT64_MAX, most = 0;
@@ -92,7 +29,7 @@ static void print_views(FILE *stream, const struct slice_figures *figures, int64
     }
 }
 
-static void print_slices(FILE *stream, const struct slice_figures *figures, int64_t views,
+static void print_slices(FILE *stream, const struct v2v_slice_figures *figures, int64_t views,
                          int64_t slices)
 {
     fprintf(stream, "\nslice  mean energy  largest support\n");
@@ -100,7 +37,7 @@ static void print_slices(FILE *stream, const struct slice_figures *figures, int6
         double energy = 0.0;
         int64_t most = 0;
         for (int64_t v = 0; v < views; v++) {
-            const struct slice_figures *f = &figures[v * slices + z];
+            const struct v2v_slice_figures *f = &figures[v * slices + z];
             energy += f->energy / (double)views;
             most = f->support > most ? f->support : most;
         }
@@ -109,7 +46,7 @@ static void print_slices(FILE *stream, const struct slice_figures *figures, int6
 }
 
 /* Do the centroids of two views lie together in all slices? */
-static int lie_together(const struct slice_figures *one, const struct slice_figures *other,
+static int lie_together(const struct v2v_slice_figures *one, const struct v2v_slice_figures *other,
                         int64_t slices)
 {
     const double most = 0.5; /* pixels */
@@ -121,20 +58,8 @@ static int lie_together(const struct slice_figures *one, const struct slice_figu
     return 1;
 }
 
-static double correlation(const float *one, const float *other, int64_t count)
-{
-    double product = 0.0, squares = 0.0, others = 0.0;
-#pragma omp parallel for simd reduction(+ : product, squares, others) schedule(static)
-    for (int64_t i = 0; i < count; i++) {
-        product += (double)one[i] * other[i];
-        squares += (double)one[i] * one[i];
-        others += (double)other[i] * other[i];
-    }
-    return product / sqrt(squares * others);
-}
-
 /* Views of which one may be there twice. Few pairs lie together, and only those are correlated. */
-static void print_views_alike(FILE *stream, const struct slice_figures *figures,
+static void print_views_alike(FILE *stream, const struct v2v_slice_figures *figures,
                               const struct v2v_psf_file *psf)
 {
     const double alike = 0.999;
@@ -144,7 +69,8 @@ static void print_views_alike(FILE *stream, const struct slice_figures *figures,
             if (!lie_together(figures + v * slices, figures + w * slices, slices)) {
                 continue;
             }
-            const double c = correlation(psf->data + v * count, psf->data + w * count, count);
+            const double c =
+                v2v_psf_correlation(psf->data + v * count, psf->data + w * count, count);
             if (c > alike) {
                 fprintf(stream,
                         "warning: views %" PRId64 " and %" PRId64
@@ -156,7 +82,7 @@ static void print_views_alike(FILE *stream, const struct slice_figures *figures,
 }
 
 /* Light that is centred elsewhere than the PSFs displaces the volume. */
-static void print_centre(FILE *stream, const struct slice_figures *figures, int64_t count)
+static void print_centre(FILE *stream, const struct v2v_slice_figures *figures, int64_t count)
 {
     const double least = 0.5; /* pixels */
     double energy = 0.0, y = 0.0, x = 0.0;
@@ -173,7 +99,7 @@ static void print_centre(FILE *stream, const struct slice_figures *figures, int6
     }
 }
 
-static void print_warnings(FILE *stream, const struct slice_figures *figures,
+static void print_warnings(FILE *stream, const struct v2v_slice_figures *figures,
                            const struct v2v_psf_file *psf)
 {
     double border = 0.0, energy = 0.0;
@@ -205,11 +131,11 @@ enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_
                                const struct v2v_shifts *shifts)
 {
     enum v2v_status rc = V2V_OK;
-    struct slice_figures *figures = NULL;
+    struct v2v_slice_figures *figures = NULL;
     int64_t pixels = psf->height * psf->width;
     V2V_TRY(V2V_ALLOC(figures, "psf.figures", psf->views * psf->slices));
     for (int64_t i = 0; i < psf->views * psf->slices; i++) {
-        figures[i] = measure(psf->data + i * pixels, psf->height, psf->width);
+        figures[i] = v2v_slice_figures_of(psf->data + i * pixels, psf->height, psf->width);
     }
     fprintf(stream,
             "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels\n", name,

@@ -1,18 +1,8 @@
 #include "optics/moments.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/psf_figures.h"
 #include "v2v3d/optics/psf_fit.h"
 #include <math.h>
-
-static double correlation_of(const float *a, const float *b, int64_t count)
-{
-    double ab = 0, aa = 0, bb = 0;
-    for (int64_t i = 0; i < count; i++) {
-        ab += (double)a[i] * b[i];
-        aa += (double)a[i] * a[i];
-        bb += (double)b[i] * b[i];
-    }
-    return aa > 0 && bb > 0 ? ab / sqrt(aa * bb) : 0;
-}
 
 enum v2v_status v2v_psf_compare(struct v2v_psf_likeness *likeness, const struct v2v_psf_file *a,
                                 const struct v2v_psf_file *b)
@@ -26,7 +16,7 @@ enum v2v_status v2v_psf_compare(struct v2v_psf_likeness *likeness, const struct 
     V2V_TRY(V2V_ALLOC(likeness->centroid, "psf.likeness", a->views));
     for (int64_t v = 0; v < a->views; v++) {
         likeness->correlation[v] =
-            correlation_of(a->data + v * samples, b->data + v * samples, samples);
+            v2v_psf_correlation(a->data + v * samples, b->data + v * samples, samples);
         for (int64_t i = v * a->slices; i < (v + 1) * a->slices; i++) {
             double p[3], q[3];
             v2v_slice_moments(p, a->data + i * pixels, a->height, a->width);
