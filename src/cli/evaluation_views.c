@@ -5,7 +5,6 @@
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/eval/metrics.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/method/networks.h"
@@ -32,7 +31,7 @@ struct work {
     struct v2v_scaling scaling;
     struct v2v_projection projection;
     float *views, *scratch;    /* [v,y,x], [y,x] */
-    struct v2v_match *of_view; /* [v]: over all frames */
+    struct v2v_match *of_view; /* [2,v]: over all frames, of the last one */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
@@ -69,7 +68,7 @@ static enum v2v_status take_memory(struct work *work)
     }
     V2V_TRY(V2V_ALLOC(work->known, "evaluate.figures", V2V_VIEW_HELDOUT * work->psf.views));
     V2V_TRY(V2V_ALLOC(evaluation->disagreement_slices, "evaluate.figures", work->psf.slices));
-    V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", work->psf.views));
+    V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", 2 * work->psf.views));
     V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
 done:
@@ -95,20 +94,20 @@ static void match(struct work *work, int64_t t)
     struct v2v_evaluation *evaluation = work->evaluation;
     const int64_t views = work->psf.views, pixels = work->height * work->width;
     const float *projected = work->projection.views;
-    struct v2v_match all = {0};
-    double scale = 1.0;
-    evaluation->value[V2V_FIGURE_RESIDUAL][t] =
-        v2v_residual(work->views, projected, views * pixels, &scale);
+    struct v2v_match all = {0}, *here = work->of_view + views;
     for (int64_t v = 0; v < views; v++) {
-        const struct v2v_match one =
-            v2v_match_of(work->scratch, work->views + v * pixels, projected + v * pixels,
-                         work->height, work->width);
-        add_known(work, V2V_VIEW_RESIDUAL, v, v2v_match_residual(&one, scale));
-        add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(&one, scale));
-        add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(&one));
-        v2v_match_add(&all, &one);
-        v2v_match_add(&work->of_view[v], &one);
+        here[v] = v2v_match_of(work->scratch, work->views + v * pixels, projected + v * pixels,
+                               work->height, work->width);
+        v2v_match_add(&all, &here[v]);
+        v2v_match_add(&work->of_view[v], &here[v]);
     }
+    const double scale = v2v_match_scale(&all);
+    for (int64_t v = 0; v < views; v++) {
+        add_known(work, V2V_VIEW_RESIDUAL, v, v2v_match_residual(&here[v], scale));
+        add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(&here[v], scale));
+        add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(&here[v]));
+    }
+    evaluation->value[V2V_FIGURE_RESIDUAL][t] = v2v_match_residual(&all, scale);
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
 }
 

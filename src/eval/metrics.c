@@ -196,23 +196,3 @@ done:
     v2v_mem_free(cropped);
     return rc;
 }
-
-double v2v_residual(const float *views, const float *projection, int64_t count, double *scale)
-{
-    double vv = 0, vp = 0, pp = 0, squares = 0;
-    for (int64_t i = 0; i < count; i++) {
-        double v = views[i], p = projection[i];
-        vv += v * v;
-        vp += v * p;
-        pp += p * p;
-    }
-    double s = pp > 0 ? vp / pp : 1;
-    for (int64_t i = 0; i < count; i++) {
-        double difference = (double)views[i] - s * (double)projection[i];
-        squares += difference * difference;
-    }
-    if (scale != NULL) {
-        *scale = s;
-    }
-    return vv > 0 ? sqrt(squares / vv) : NAN;
-}

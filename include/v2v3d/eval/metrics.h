@@ -1,6 +1,6 @@
 /** How good is a volume?
  *
- *  Purpose: the metrics of REFERENCE.md 6 and the residual of the views.
+ *  Purpose: the metrics of REFERENCE.md 6.
  *  Invariants: double precision throughout; nothing is rescaled unless asked for.
  *
  *  Example (compiled by tests/unit/eval):
@@ -38,10 +38,6 @@ struct v2v_scores {
 enum v2v_status v2v_scores_of(struct v2v_scores *scores, const float *truth, const float *volume,
                               int64_t slices, int64_t height, int64_t width,
                               int fit_scale) V2V_MUST_CHECK;
-
-/** |views - scale*projection| / |views|, with the least-squares scale (written to *scale when not
- *  NULL); NaN for dark views. @kind Local. @param views, projection [count] */
-double v2v_residual(const float *views, const float *projection, int64_t count, double *scale);
 
 #ifdef __cplusplus
 }

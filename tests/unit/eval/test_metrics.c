@@ -146,19 +146,6 @@ static void bad_volumes_are_refused(void **state)
     assert_non_null(strstr(v2v_status_message(), "volume: NaN or Inf at slice 1, row 2, column 5"));
 }
 
-static void residual_is_free_of_scale(void **state)
-{
-    (void)state;
-    const float views[4] = {1, 2, 3, 4}, same[4] = {2, 4, 6, 8}, other[4] = {2, -1, 4, -3};
-    const float dark[4] = {0};
-    double scale = 0;
-    assert_true(v2v_residual(views, same, 4, &scale) == 0);
-    assert_true(scale == 0.5);
-    assert_true(fabs(v2v_residual(views, other, 4, NULL) - 1) < 1e-15); /* orthogonal */
-    assert_true(v2v_residual(views, dark, 4, NULL) == 1);
-    assert_true(isnan(v2v_residual(dark, dark, 4, &scale)));
-}
-
 /** The example of the header. */
 static enum v2v_status example(const float *truth, const float *volume)
 {
@@ -188,7 +175,6 @@ int main(void)
         cmocka_unit_test(constant_volumes_are_all_background),
         cmocka_unit_test(a_fitted_scale_undoes_a_scaling),
         cmocka_unit_test(bad_volumes_are_refused),
-        cmocka_unit_test(residual_is_free_of_scale),
         cmocka_unit_test(the_headers_example_runs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

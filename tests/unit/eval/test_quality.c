@@ -67,6 +67,15 @@ static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+static void residual_is_free_of_scale(void **state)
+{
+    (void)state;
+    const struct v2v_match twice = {.yy = 30.0, .yp = 60.0, .pp = 120.0};
+    const struct v2v_match orthogonal = {.yy = 30.0, .pp = 30.0};
+    assert_true(v2v_match_scale(&twice) == 0.5 && v2v_match_residual(&twice, 0.5) == 0.0);
+    assert_true(v2v_match_scale(&orthogonal) == 0.0 && v2v_match_residual(&orthogonal, 0.0) == 1.0);
+}
+
 static void noise_alone_is_one_sigma(void **state)
 {
     (void)state;
@@ -290,6 +299,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_exact_volume_has_no_residual_and_all_the_light),
+        cmocka_unit_test(residual_is_free_of_scale),
         cmocka_unit_test(noise_alone_is_one_sigma),
         cmocka_unit_test(views_that_memory_has_no_room_for_together_match_alike),
         cmocka_unit_test(dark_views_have_no_flux),
