@@ -94,6 +94,12 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
                          given->uncertainty));
     }
+    if (given->uncertainty != NULL) {
+        const char *const inputs[] = {given->volume,      given->truth, given->psf,
+                                      given->calibration, given->input, given->weights};
+        V2V_TRY(v2v_step_output(session, given->uncertainty, inputs,
+                                (int64_t)(sizeof inputs / sizeof inputs[0])));
+    }
     if (given->weights != NULL) {
         V2V_TRY(v2v_step_network(session, &network, given->weights, 0));
         if (!(network->traits & V2V_TRAIT_CORRECTS) && given->frames > 0) {

@@ -144,10 +144,8 @@ static enum v2v_status open_output(struct work *work, struct v2v_volume_writer *
     struct v2v_provenance provenance = {0};
     const struct v2v_volume_info info =
         v2v_step_volume_of(work->session, v2v_recording_info(work->recording), &work->psf);
-    V2V_TRY(v2v_step_output(work->session, job->uncertainty,
-                            (const char *const[]){job->volume, job->truth, job->psf, job->input},
-                            4));
-    V2V_TRY(v2v_provenance_init(&provenance, work->session, &work->psf, NULL, &work->scaling));
+    V2V_TRY(
+        v2v_provenance_init(&provenance, work->session, &work->psf, job->weights, &work->scaling));
     V2V_TRY(v2v_provenance_origin(&provenance, work->session, job->input,
                                   v2v_recording_info(work->recording)->before));
     V2V_TRY(v2v_volume_create(writer, job->uncertainty, &info,
@@ -347,6 +345,12 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     struct work work = {.evaluation = evaluation, .job = job, .session = session};
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     V2V_TRY(v2v_step_psf(session, &work.psf, job->psf));
+    if (job->uncertainty != NULL && work.psf.views < 2) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: one view alone: there is no other to leave out, and no "
+                         "uncertainty to write",
+                         job->psf));
+    }
     V2V_TRY(v2v_step_recording(session, &work.recording, job->input, &work.psf));
     V2V_TRY(settle(&work, info));
     V2V_TRY(check_shapes(&work, info));
