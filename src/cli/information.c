@@ -77,7 +77,7 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
         v2v_report_number(report, "frame", (double)frame, "");
         v2v_report_figures(report, "values", &figures);
     }
-    if (v2v_step_is_hdf5_name(path)) {
+    if (v2v_file_is_hdf5(path)) {
         V2V_TRY(v2v_attributes_read(path, &reader));
     }
 done:

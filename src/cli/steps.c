@@ -165,12 +165,12 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
     if (settings.views == 0) {
         settings.views = psf->views;
     }
-    if (settings.views == 0 && !v2v_step_is_hdf5_name(path)) {
+    V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
+    const struct v2v_recording_info *info = v2v_recording_info(*recording);
+    if (info->is_one_row) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
                          "%s: --views V is missing: nothing tells the views of a frame", path));
     }
-    V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
-    const struct v2v_recording_info *info = v2v_recording_info(*recording);
     const int64_t views = info->views;
     if (psf->views > 0 && views != psf->views) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,

@@ -26,12 +26,13 @@ struct v2v_recording {
 /* Views of a frame: what the file states, which must be what is asked for; else that. A TIFF with
  * channels has the views as channels or, of the channel that is chosen, as slices; one axis alone
  * is a row of pages. */
-static enum v2v_status count_views(int64_t *views, const struct v2v_stack *stack, int64_t asked)
+static enum v2v_status count_views(struct v2v_recording_info *info, const struct v2v_stack *stack,
+                                   int64_t asked)
 {
     const struct v2v_stack_axes *axes = &stack->axes;
     const int in_channels = axes->channels > 1;
     const int in_slices = axes->slices > 1 && axes->frames > 1;
-    *views = asked > 0 ? asked : stack->pages;
+    info->views = asked > 0 ? asked : stack->pages;
     if (in_channels && axes->slices > 1) {
         return V2V_FAIL(V2V_E_INPUT,
                         "%s: has %lld channels and %lld slices: --channel K (from 1) takes one "
@@ -39,6 +40,7 @@ static enum v2v_status count_views(int64_t *views, const struct v2v_stack *stack
                         stack->path, (long long)axes->channels, (long long)axes->slices);
     }
     if (stack->is_tiff && !in_channels && !in_slices) {
+        info->is_one_row = asked == 0 && stack->folder == NULL; /* a folder's layout tells them */
         return V2V_OK;
     }
     const int64_t stated = in_channels ? axes->channels : axes->slices;
@@ -49,7 +51,7 @@ static enum v2v_status count_views(int64_t *views, const struct v2v_stack *stack
                         (long long)asked,
                         in_channels ? " as views; --channel K (from 1) takes one channel" : "");
     }
-    *views = stated;
+    info->views = stated;
     return V2V_OK;
 }
 
@@ -59,9 +61,9 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &recording->stack;
-    int64_t views = 0;
     V2V_ASSERT(settings->first_view >= 0);
-    V2V_TRY(count_views(&views, stack, settings->views));
+    V2V_TRY(count_views(&recording->info, stack, settings->views));
+    const int64_t views = recording->info.views;
     const int64_t stride = settings->stride > 0 ? settings->stride : views;
     const int64_t pages = stack->pages - settings->first_view;
     if (pages < views) {
@@ -80,7 +82,6 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
     recording->first_page = settings->first_view;
     recording->stride = stride;
     recording->info.frames = (pages - views) / stride + 1;
-    recording->info.views = views;
     recording->info.height = stack->height;
     recording->info.width = stack->width;
 done:

@@ -16,7 +16,8 @@ struct v2v_recording_info {
     int64_t before, after;                  /**< frames that a cut left out on either side */
     double pixel_size_um, frame_interval_s; /**< 0: not stated */
     double offset;                          /**< counts at no light; 0: none, or not stated */
-    int is_uint16; /**< of one to write: whole numbers 0 .. 65535; of one that is read: 0 */
+    int is_uint16;  /**< of one to write: whole numbers 0 .. 65535; of one that is read: 0 */
+    int is_one_row; /**< of one that is read: nothing tells a frame's views, all pages are one's */
 };
 
 struct v2v_recording;

@@ -387,12 +387,28 @@ static void a_time_series_states_its_views_and_its_interval(void **state)
     assert_int_equal(v2v_recording_info(recording)->views, 3);
     assert_int_equal(v2v_recording_info(recording)->frames, 4);
     assert_true(v2v_recording_info(recording)->frame_interval_s == 0.25);
+    assert_false(v2v_recording_info(recording)->is_one_row);
     v2v_recording_close(&recording);
     assert_ok(v2v_recording_open(&recording, path,
                                  &(struct v2v_input_settings){.views = 3, .stride = 1}, NULL));
     /* 0.25 s / 3 to a rounding of the division and one of the product */
     assert_true(fabs(v2v_recording_info(recording)->frame_interval_s - 0.25 / 3) <= 2 * 0.25e-16);
     v2v_recording_close(&recording);
+}
+
+static void a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told(void **state)
+{
+    (void)state;
+    const struct v2v_tiff_info stack = stack_info(12, 1);
+    make_stack(&stack);
+    for (int64_t views = 0; views <= 3; views += 3) {
+        struct v2v_recording *recording = NULL;
+        assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){.views = views},
+                                     NULL));
+        assert_int_equal(v2v_recording_info(recording)->is_one_row, views == 0);
+        assert_int_equal(v2v_recording_info(recording)->views, views == 0 ? 12 : views);
+        v2v_recording_close(&recording);
+    }
 }
 
 static void a_sliding_window_crosses_the_frames_of_an_hdf5_file(void **state)
@@ -629,6 +645,7 @@ int main(void)
         cmocka_unit_test(pages_become_views_by_first_view_and_stride),
         cmocka_unit_test(pages_that_make_no_whole_frames_are_refused_with_the_counts),
         cmocka_unit_test(a_time_series_states_its_views_and_its_interval),
+        cmocka_unit_test(a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told),
         cmocka_unit_test(a_sliding_window_crosses_the_frames_of_an_hdf5_file),
         cmocka_unit_test(a_written_recording_is_read_back_to_the_bit),
         cmocka_unit_test(nothing_is_invented_in_the_attributes),
