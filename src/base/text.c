@@ -162,3 +162,18 @@ enum v2v_status v2v_text_format(char *text, size_t bytes, const char *format, ..
     }
     return V2V_OK;
 }
+
+enum v2v_status v2v_text_open(FILE **stream, char **text, size_t *bytes, const char *what)
+{
+    *text = NULL;
+    *stream = open_memstream(text, bytes);
+    return *stream != NULL ? V2V_OK : V2V_FAIL(V2V_E_MEMORY, "no memory for %s", what);
+}
+
+enum v2v_status v2v_text_close(enum v2v_status rc, FILE *stream, char *const *text,
+                               const char *what)
+{
+    const int is_short = ferror(stream) != 0;
+    const int is_whole = fclose(stream) == 0 && !is_short && *text != NULL;
+    return rc == V2V_OK && !is_whole ? V2V_FAIL(V2V_E_MEMORY, "no memory for %s", what) : rc;
+}

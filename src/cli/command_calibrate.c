@@ -4,6 +4,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
 #include <inttypes.h>
@@ -119,15 +120,13 @@ done:
 static enum v2v_status write_file(const struct v2v_calibration *calibration, const char *path)
 {
     enum v2v_status rc = V2V_OK;
+    static const char what[] = "the calibration's text";
+    FILE *stream = NULL;
     char *text = NULL;
     size_t bytes = 0;
-    FILE *stream = open_memstream(&text, &bytes);
-    if (stream != NULL) {
-        v2v_calibration_print(calibration, stream);
-    }
-    if (stream == NULL || fclose(stream) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the calibration's text"));
-    }
+    V2V_TRY(v2v_text_open(&stream, &text, &bytes, what));
+    v2v_calibration_print(calibration, stream);
+    V2V_TRY(v2v_text_close(V2V_OK, stream, &text, what));
     V2V_TRY(v2v_file_write_text(path, text));
 done:
     free(text);

@@ -4,6 +4,7 @@
 #include "cli/steps.h"
 #include "cli/volumes.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
 #include "v2v3d/eval/metrics.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/tensor/statistics.h"
@@ -287,6 +288,8 @@ static enum v2v_status write_json(const struct v2v_demo *demo)
     enum v2v_status rc = V2V_OK;
     char names[V2V_DEMO_ROWS * FIGURES][NAME], path[V2V_PATH_BYTES];
     struct v2v_json_item items[V2V_DEMO_ROWS * FIGURES + 4];
+    static const char what[] = "the results' text";
+    FILE *stream = NULL;
     char *text = NULL;
     size_t bytes = 0;
     int64_t count = 0;
@@ -302,13 +305,8 @@ static enum v2v_status write_json(const struct v2v_demo *demo)
         .name = "rld_psnr_by_iteration", .values = demo->curve, .count = demo->iterations + 1};
     items[count++] =
         (struct v2v_json_item){.name = "seconds", .number = demo->seconds, .count = -1};
-    FILE *stream = open_memstream(&text, &bytes);
-    if (stream == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the results' text"));
-    }
-    rc = v2v_json_print(stream, items, count);
-    fclose(stream);
-    V2V_TRY(rc);
+    V2V_TRY(v2v_text_open(&stream, &text, &bytes, what));
+    V2V_TRY(v2v_text_close(v2v_json_print(stream, items, count), stream, &text, what));
     V2V_TRY(v2v_demo_path(path, demo, "results.json"));
     V2V_TRY(v2v_file_write_text(path, text));
 done:
@@ -320,14 +318,13 @@ enum v2v_status v2v_demo_table(const struct v2v_demo *demo)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
+    static const char what[] = "the table's text";
+    FILE *stream = NULL;
     char *text = NULL;
     size_t bytes = 0;
-    FILE *stream = open_memstream(&text, &bytes);
-    if (stream == NULL) {
-        return V2V_FAIL(V2V_E_MEMORY, "no memory for the table's text");
-    }
+    V2V_TRY(v2v_text_open(&stream, &text, &bytes, what));
     print_rows(stream, demo);
-    fclose(stream);
+    V2V_TRY(v2v_text_close(V2V_OK, stream, &text, what));
     V2V_TRY(v2v_demo_path(path, demo, "results.txt"));
     V2V_TRY(v2v_file_write_text(path, text));
     V2V_TRY(write_json(demo));

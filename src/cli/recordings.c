@@ -16,6 +16,7 @@ struct names {
     char *text;
     int64_t count;
 };
+static const char what_names[] = "the recordings' names";
 
 static const char *next_name(const char *name)
 {
@@ -91,16 +92,13 @@ static enum v2v_status list_names(char **text, size_t *bytes, int64_t *count,
                                   const struct v2v_words *words)
 {
     enum v2v_status rc = V2V_OK;
-    FILE *to = open_memstream(text, bytes);
-    if (to == NULL) {
-        return V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
-    }
+    FILE *to = NULL;
+    V2V_TRY(v2v_text_open(&to, text, bytes, what_names));
     for (int64_t i = 0; i < words->count && rc == V2V_OK; i++) {
         rc = add_word(to, count, words->item[i]);
     }
-    if (fclose(to) != 0 && rc == V2V_OK) {
-        rc = V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
-    }
+    rc = v2v_text_close(rc, to, text, what_names);
+done:
     return rc;
 }
 
@@ -178,20 +176,17 @@ static enum v2v_status pair_up(struct names *pairs, size_t *bytes, const struct 
     enum v2v_status rc = V2V_OK;
     const char *recording = recordings->text;
     char output[V2V_PATH_BYTES];
-    FILE *to = open_memstream(&pairs->text, bytes);
-    if (to == NULL) {
-        return V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
-    }
+    FILE *to = NULL;
+    V2V_TRY(v2v_text_open(&to, &pairs->text, bytes, what_names));
     for (int64_t i = 0; i < recordings->count && rc == V2V_OK; i++) {
         rc = name_output(output, pattern, recording);
         (void)fwrite(recording, 1, strlen(recording) + 1, to);
         (void)fwrite(output, 1, strlen(output) + 1, to);
         recording = next_name(recording);
     }
-    if (fclose(to) != 0 && rc == V2V_OK) {
-        rc = V2V_FAIL(V2V_E_MEMORY, "no memory for the recordings' names");
-    }
     pairs->count = recordings->count;
+    rc = v2v_text_close(rc, to, &pairs->text, what_names);
+done:
     return rc;
 }
 

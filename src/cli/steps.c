@@ -379,14 +379,15 @@ enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *s
 enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
                                      int comments)
 {
+    static const char what[] = "the configuration's text";
+    enum v2v_status rc = V2V_OK;
+    FILE *stream = NULL;
     size_t bytes = 0;
-    FILE *stream = open_memstream(text, &bytes);
-    if (stream == NULL) {
-        return V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
-    }
+    V2V_TRY(v2v_text_open(&stream, text, &bytes, what));
     v2v_config_print(config, stream, only, comments);
-    return fclose(stream) == 0 ? V2V_OK
-                               : V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text");
+    V2V_TRY(v2v_text_close(V2V_OK, stream, text, what));
+done:
+    return rc;
 }
 
 static void add_text(struct v2v_provenance *provenance, const char *name, const char *text)
@@ -455,13 +456,12 @@ done:
 static enum v2v_status task_text(char **text, const struct v2v_provenance *provenance,
                                  const struct v2v_session *session)
 {
+    static const char what[] = "the task's text";
     enum v2v_status rc = V2V_OK;
     struct v2v_config config, defaults;
+    FILE *stream = NULL;
     size_t bytes = 0;
-    FILE *stream = open_memstream(text, &bytes);
-    if (stream == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the task's text"));
-    }
+    V2V_TRY(v2v_text_open(&stream, text, &bytes, what));
     v2v_config_defaults(&defaults);
     config = session->config;
     config.parallel = defaults.parallel;
@@ -482,9 +482,7 @@ static enum v2v_status task_text(char **text, const struct v2v_provenance *prove
     if (session->calibration.views > 0) {
         v2v_calibration_print(&session->calibration, stream);
     }
-    if (fclose(stream) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the task's text"));
-    }
+    V2V_TRY(v2v_text_close(V2V_OK, stream, text, what));
 done:
     return rc;
 }

@@ -45,7 +45,9 @@ static enum v2v_status path_of(char path[V2V_PATH_BYTES], const struct v2v_datas
 static enum v2v_status print_settings(char **line, const struct v2v_dataset *dataset,
                                       const struct v2v_psf_file *psf)
 {
+    static const char what[] = "the data set's settings";
     enum v2v_status rc = V2V_OK;
+    FILE *stream = NULL;
     size_t bytes = 0, length = 0;
     char scenes[512] = "";
     const struct v2v_scene *scene = &dataset->scene;
@@ -65,14 +67,10 @@ static enum v2v_status print_settings(char **line, const struct v2v_dataset *dat
         {.name = "slice_spacing_um", .number = scene->slice_um},
         {.name = "psf_crc32c", .number = v2v_psf_file_sum(psf)},
     };
-    FILE *stream = open_memstream(line, &bytes);
-    if (stream == NULL) {
-        return V2V_FAIL(V2V_E_MEMORY, "no memory for the data set's settings");
-    }
+    V2V_TRY(v2v_text_open(&stream, line, &bytes, what));
     rc = v2v_json_print(stream, items, (int64_t)(sizeof items / sizeof items[0]));
-    if (fclose(stream) != 0 && rc == V2V_OK) {
-        rc = V2V_FAIL(V2V_E_MEMORY, "no memory for the data set's settings");
-    }
+    rc = v2v_text_close(rc, stream, line, what);
+done:
     return rc;
 }
 

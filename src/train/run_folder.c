@@ -34,15 +34,12 @@ done:
 static enum v2v_status print_config(struct v2v_run_folder *folder, const struct v2v_config *config)
 {
     enum v2v_status rc = V2V_OK;
+    static const char what[] = "the configuration's text";
+    FILE *stream = NULL;
     size_t bytes = 0;
-    FILE *stream = open_memstream(&folder->config_text, &bytes);
-    if (stream == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
-    }
+    V2V_TRY(v2v_text_open(&stream, &folder->config_text, &bytes, what));
     v2v_config_print(config, stream, NULL, 0);
-    if (fclose(stream) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no memory for the configuration's text"));
-    }
+    V2V_TRY(v2v_text_close(V2V_OK, stream, &folder->config_text, what));
 done:
     return rc;
 }
@@ -132,6 +129,6 @@ void v2v_run_folder_leave(struct v2v_run_folder *folder)
     if (folder->lock >= 0) {
         (void)close(folder->lock);
     }
-    free(folder->config_text); /* from open_memstream */
+    free(folder->config_text); /* of v2v_text_open */
     *folder = (struct v2v_run_folder){.lock = -1};
 }

@@ -11,7 +11,7 @@ struct v2v_run_folder {
     const char *path;
     int lock;          /* descriptor of the locked file, -1: none */
     FILE *log;         /* metrics.jsonl, rank 0 only */
-    char *config_text; /* resolved configuration, rank 0 only; from open_memstream */
+    char *config_text; /* resolved configuration, rank 0 only; of v2v_text_open */
 };
 
 /* Make the folder and lock it against other runs. Collective(comm), agreed.

@@ -3,6 +3,7 @@
 #include "v2v3d/base/status.h"
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -35,6 +36,15 @@ int v2v_text_ends_in(const char *text, const char *ending);
  *  @return V2V_OK | V2V_E_INPUT when it does not fit (a path that is too long) */
 enum v2v_status v2v_text_format(char *text, size_t bytes, const char *format, ...)
     __attribute__((format(printf, 3, 4))) V2V_MUST_CHECK;
+
+/** A stream that makes a text of what is printed to it; `what` names the text in the message ("the
+ *  calibration's text"). Once it is closed, *text ends in '\0' after *bytes bytes: to be freed with
+ *  free(). Closing hands `rc`, of the printing, back, unless memory was short meanwhile.
+ *  @kind Local. @return V2V_OK | V2V_E_MEMORY; rc | V2V_E_MEMORY */
+enum v2v_status v2v_text_open(FILE **stream, char **text, size_t *bytes,
+                              const char *what) V2V_MUST_CHECK;
+enum v2v_status v2v_text_close(enum v2v_status rc, FILE *stream, char *const *text,
+                               const char *what) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

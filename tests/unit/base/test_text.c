@@ -4,6 +4,7 @@
 #include "v2v3d/base/text.h"
 
 #include <float.h>
+#include <stdlib.h>
 #include <string.h>
 
 static void whole_numbers_are_strict(void **state)
@@ -116,6 +117,28 @@ static void format_refuses_what_does_not_fit(void **state)
     assert_int_equal(v2v_text_format(text, sizeof text, "%s/%d", "abc", 1234), V2V_E_INPUT);
 }
 
+static void a_text_is_what_was_printed_and_an_earlier_failure_stays(void **state)
+{
+    (void)state;
+    FILE *stream = NULL;
+    char *text = NULL;
+    size_t bytes = 1;
+    assert_ok(v2v_text_open(&stream, &text, &bytes, "nothing"));
+    assert_ok(v2v_text_close(V2V_OK, stream, &text, "nothing"));
+    assert_string_equal(text, "");
+    assert_int_equal(bytes, 0);
+    free(text);
+    assert_ok(v2v_text_open(&stream, &text, &bytes, "a line"));
+    for (int i = 0; i < 10000; i++) {
+        assert_true(fprintf(stream, "%04d ", i) == 5);
+    }
+    assert_int_equal(v2v_text_close(V2V_E_IO, stream, &text, "a line"), V2V_E_IO);
+    assert_int_equal(bytes, 50000);
+    assert_int_equal(strlen(text), bytes);
+    assert_string_equal(text + bytes - 5, "9999 ");
+    free(text);
+}
+
 static void durations_are_strict(void **state)
 {
     (void)state;
@@ -161,6 +184,7 @@ int main(void)
         cmocka_unit_test(nearest_word_is_the_one_with_the_fewest_edits),
         cmocka_unit_test(swapped_letters_count_as_one_edit),
         cmocka_unit_test(format_refuses_what_does_not_fit),
+        cmocka_unit_test(a_text_is_what_was_printed_and_an_earlier_failure_stays),
         cmocka_unit_test(durations_are_strict),
         cmocka_unit_test(clock_does_not_go_back_and_time_is_iso8601),
     };
