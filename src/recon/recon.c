@@ -36,6 +36,7 @@ struct v2v_recon {
     int64_t own_rows;                /* .. and what of them is not padding */
     struct v2v_fusion *fusion;       /* with neighbouring frames */
     struct v2v_fusion *of_key;       /* of key frames, with some at least; NULL: as all frames */
+    int64_t fused;                   /* floats of both, on every rank */
     float *recorded;                 /* [v,y,x] as recorded, or fused */
     float *padded;                   /* [v,y,x] what the method takes */
     float *output[MOST];             /* [z,rows,x] padded; NULL for one not held */
@@ -132,11 +133,18 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     int64_t ranks = recon->grid.shard_size;
     int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
     problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
-    problem->floats = recon->views * (pixels + padded) + slices * pixels +
-                      v2v_fusion_floats(problem->config->recon.neighbours, recon->views,
-                                        recon->height, recon->width) +
+    problem->floats = recon->views * (pixels + padded) + slices * pixels + recon->fused +
                       (is_learned ? v2v_combination_floats(problem, (int)ranks) : 0);
     problem->floats_a_row = images * recon->slices * padded_width;
+}
+
+/** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
+static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
+{
+    const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
+    const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY ? NEIGHBOURS_OF_KEY : 0;
+    return v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+           v2v_fusion_floats(of_key, views, problem->height, problem->width);
 }
 
 /** Collective(world): ranks take frames; where there are too few, outputs and parts of a frame. */
@@ -148,12 +156,13 @@ static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *wo
     const struct v2v_grid_shape wanted = {
         (int)v2v_smaller(problem->config->parallel.branches, work->most_branches),
         (int)problem->config->parallel.shards};
+    const int64_t limit = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);
     if (wanted.shards > work->most_shards) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
                          wanted.shards, work->most_shards));
     }
     work->items = frames;
-    work->most_bytes = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);
+    work->most_bytes = limit > 0 ? v2v_larger(limit - v2v_mem_bytes(recon->fused, 0), 1) : 0;
     work->most_shards = problem->config->parallel.reproducible
                             ? 1
                             : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));
@@ -222,6 +231,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .slices = problem->psf->slices,
                            .height = problem->height,
                            .width = problem->width,
+                           .fused = fusion_floats(problem, is_still),
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
                            .refresh = problem->config->recon.refresh,
                            .level = 1.0};

@@ -1,3 +1,4 @@
+#include "capture.h"
 #include "small_optics.h"
 #include "small_recording.h"
 
@@ -516,6 +517,35 @@ static void a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volu
     assert_volumes(path, with_an_idle_rank().shards);
 }
 
+/* Ranks take a frame each where the limit lets them: by half a byte, with the averaged views. */
+static void averaged_views_count_in_what_a_rank_may_hold(void **state)
+{
+    (void)state;
+    char text[4096];
+    struct v2v_grid_work work;
+    struct v2v_recon *recon = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
+    const int64_t floats = v2v_fusion_floats(config.recon.neighbours, VIEWS, HEIGHT, WIDTH);
+    const int64_t ranks = v2v_comm_size(test_world());
+    if (ranks < 2) {
+        skip();
+    }
+    assert_ok(method->describe_work(&work, &problem));
+    const int64_t both = work.bytes + floats * (int64_t)sizeof(float);
+    config.parallel.branches = config.parallel.shards = 0;
+    for (int is_less = 0; is_less < 2; is_less++) {
+        config.parallel.max_mem_gb = 1e-9 * ((double)both + (is_less ? -0.5 : 0.5));
+        test_capture_begin();
+        assert_ok(v2v_recon_create(&recon, method, &problem, ranks, test_world()));
+        test_capture_end(text, sizeof text);
+        v2v_recon_destroy(&recon);
+        if (v2v_comm_rank(test_world()) == 0) {
+            assert_int_equal(strstr(text, " x 1 branch x 1 shard ranks") != NULL, !is_less);
+        }
+    }
+}
+
 int main(int argc, char **argv)
 {
 #define WITH(test, method) cmocka_unit_test_setup_teardown(test, setup_##method, teardown)
@@ -532,6 +562,7 @@ int main(int argc, char **argv)
         WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, learned),
         WITH(a_tiff_that_cannot_be_written_ends_all_in_its_round, tv),
         WITH_ALL(an_interrupted_run_goes_on_with_the_frames_that_are_missing),
+        WITH(averaged_views_count_in_what_a_rank_may_hold, fused),
         WITH(a_request_to_one_rank_stops_all_and_attempts_end_with_the_whole_volume, learned),
     };
     return test_mpi_main(tests, argc, argv);
