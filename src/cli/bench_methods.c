@@ -241,6 +241,9 @@ done:
 static void clean_up(const struct bench *bench)
 {
     char temporary[V2V_PATH_BYTES];
+    if (bench->volume[0] == '\0') { /* nor was a folder made */
+        return;
+    }
     if (v2v_file_temporary(temporary, bench->volume) == V2V_OK) {
         unlink(temporary);
     }

@@ -80,7 +80,9 @@ says '^tv-neighbours( +[0-9.]+){6} *$'
 says '^weights( +[0-9.]+){6} +own/run/weights.h5$'
 [ "$(wc -l <stdout)" -eq 4 ] || fail "other rows than asked for: $(cat stdout)"
 refuses 2 '--methods needs --psf FILE and --input FILE' bench --methods --psf own/psf.h5
+: >.v2v3d-part
 refuses 2 "--only: there is no row 'tv'" "${methods[@]}" --input one.h5 --only tv
+[ -e .v2v3d-part ] || fail "a file that is not the bench's was removed"
 refuses 2 'go with --methods' bench --input one.h5
 
 refuses 78 "there is no network 'another'" bench --set model.method=another
