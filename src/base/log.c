@@ -208,5 +208,7 @@ void v2v_progress_step(struct v2v_progress *progress, int64_t done, const char *
 
 void v2v_progress_end(struct v2v_progress *progress)
 {
-    draw(progress, 1);
+    if (progress->title != NULL) {
+        draw(progress, 1);
+    }
 }

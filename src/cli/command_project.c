@@ -43,7 +43,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     struct v2v_volume *volume = NULL;
     struct v2v_projection p = {0};
     struct v2v_recording_writer *writer = NULL;
-    struct v2v_progress progress;
+    struct v2v_progress progress = {0};
     float *scratch = NULL;
     const struct v2v_calibration *calibration = &session->calibration;
     V2V_TRY(v2v_step_volume(session, &volume, given->volume, psf));
@@ -72,9 +72,9 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         V2V_TRY(v2v_recording_write(writer, own, t, out.first, out.count));
         v2v_progress_step(&progress, t + 1, NULL);
     }
-    v2v_progress_end(&progress);
     V2V_TRY(v2v_recording_finish(&writer));
 done:
+    v2v_progress_end(&progress);
     v2v_mem_free(scratch);
     v2v_recording_abandon(&writer);
     v2v_projection_fini(&p);
@@ -90,7 +90,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_projection p = {0};
     struct v2v_volume_writer *writer = NULL;
     struct v2v_provenance provenance = {0};
-    struct v2v_progress progress;
+    struct v2v_progress progress = {0};
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
     struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
@@ -110,9 +110,9 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
         v2v_progress_step(&progress, t + 1, NULL);
     }
-    v2v_progress_end(&progress);
     V2V_TRY(v2v_volume_finish(&writer));
 done:
+    v2v_progress_end(&progress);
     v2v_volume_abandon(&writer);
     v2v_provenance_fini(&provenance);
     v2v_projection_fini(&p);

@@ -260,8 +260,8 @@ static enum v2v_status judge_all(struct judge *self)
         v2v_progress_step(&progress, step + 1, NULL);
     }
     V2V_TRY(v2v_agreement_end(self->agreement));
-    v2v_progress_end(&progress);
 done:
+    v2v_progress_end(&progress);
     end(self);
     return rc;
 }

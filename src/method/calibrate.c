@@ -333,8 +333,8 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
     report->square_columns = self.at.busiest.columns;
     v2v_progress_begin(&self.at.progress, "calibrating, steps at most", 0, cost_at_most(&self));
     V2V_TRY(find(&self, report));
-    v2v_progress_end(&self.at.progress);
 done:
+    v2v_progress_end(&self.at.progress);
     end(&self);
     if (rc != V2V_OK) {
         v2v_calibration_fini(calibration);

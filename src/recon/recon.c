@@ -529,8 +529,8 @@ static enum v2v_status run_rounds(struct v2v_recon *recon)
         v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, recon->frames), NULL);
     }
     V2V_TRY(v2v_agreement_end(recon->agreement));
-    v2v_progress_end(&progress);
 done:
+    v2v_progress_end(&progress);
     return rc;
 }
 

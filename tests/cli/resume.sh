@@ -97,6 +97,7 @@ done
 timed "$limit" "${common[@]}" --input broken.h5 -o long.h5 --resume
 [ $? -eq 65 ] || fail "resumed, a NaN is no exit code 65: $(cat stderr)"
 grep -q 'resuming: 2 of 3 frames are done' stderr || fail "nothing was gone on with: $(cat stderr)"
+grep -q '^deconvolve [01]/1 ' stderr || fail "the progress did not end with the failure: $(cat stderr)"
 refuses 2 '2 of 3 frames; --resume' project --psf psf.h5 --input rec.h5 --adjoint -o long.h5
 works "${common[@]}" --input rec.h5 -o long.h5 --force
 same long.h5 whole.h5 /volume

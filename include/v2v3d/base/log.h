@@ -40,7 +40,7 @@ void v2v_progress_begin(struct v2v_progress *progress, const char *title, int64_
 /** `done` of `total` is done; `note` (may be NULL) is appended. @kind Local. */
 void v2v_progress_step(struct v2v_progress *progress, int64_t done, const char *note);
 
-/** @kind Local. */
+/** The bar stays behind as a line; nothing where it never began (zeroed). @kind Local. */
 void v2v_progress_end(struct v2v_progress *progress);
 
 #ifdef __cplusplus
