@@ -1,4 +1,5 @@
 #include "cli/content.h"
+#include "cli/origin.h"
 #include "cli/steps.h"
 #include "cli/storage.h"
 #include "cli/weights_conversion.h"

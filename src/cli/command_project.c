@@ -1,4 +1,5 @@
 #include "cli/projection.h"
+#include "cli/provenance.h"
 #include "cli/steps.h"
 
 #include "v2v3d/base/log.h"

@@ -2,6 +2,7 @@
 
 #include "cli/levels.h"
 #include "cli/projection.h"
+#include "cli/provenance.h"
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"

@@ -1,6 +1,7 @@
 #include "cli/volumes.h"
 
 #include "cli/levels.h"
+#include "cli/provenance.h"
 #include "cli/settle.h"
 #include "cli/steps.h"
 #include "v2v3d/base/bounds.h"
