@@ -4,19 +4,15 @@
 #include "cli/provenance.h"
 #include "cli/settle.h"
 #include "cli/steps.h"
-#include "v2v3d/base/bounds.h"
+#include "cli/volumes_quality.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
-#include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
-#include "v2v3d/base/text.h"
-#include "v2v3d/eval/quality.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/op/tile_conv.h"
 #include "v2v3d/recon/recon.h"
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -284,113 +280,19 @@ static void report_skipped(const struct work *work)
     }
 }
 
-/* How the finished volumes' first frame meets its views. Collective. */
-static enum v2v_status match_first(struct v2v_match *match, struct v2v_match *of_view,
-                                   const struct work *work, const struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_psf_file *psf = work->psf;
-    const int64_t height = work->problem.height, width = work->problem.width;
-    const int64_t samples = v2v_mem_product(psf->views, height, width);
-    const int by_mean = work->ops->has_gain && session->config.psf.reduce == V2V_REDUCE_MEAN;
-    const struct v2v_part mine =
-        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
-    struct v2v_scaling offset = work->scaling; /* with the shading of a calibration */
-    struct v2v_volume *volume = NULL;
-    float *views = NULL, *slices = NULL;
-    V2V_TRY(v2v_volume_open(&volume, work->given->output,
-                            &(struct v2v_input_settings){.slices = psf->slices}, session->world));
-    rc = V2V_ALLOC(views, "cli.quality", samples);
-    if (rc == V2V_OK) {
-        rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
-    }
-    if (rc == V2V_OK) {
-        rc = v2v_recording_read(work->recording, views, 0);
-    }
-    if (rc == V2V_OK) {
-        rc = v2v_volume_read(volume, slices, 0, mine.first, mine.count);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    offset.gain = 1.0;
-    v2v_scaling_apply(&offset, views, samples);
-    V2V_TRY(v2v_match_frame(match, of_view, psf, slices, views, height, width,
-                            by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
-done:
-    v2v_mem_free(slices);
-    v2v_mem_free(views);
-    v2v_volume_close(&volume);
-    return rc;
-}
-
-/* Views that a volume misses by more than this part of them, and by so many times their noise where
- * they have any, are not what the PSFs make of any volume. vessels9, total variation and
- * Richardson-Lucy: out of register 0.34 to 0.40, calibrated 0.25 to 0.29; in another order or
- * mirrored 0.44 to 0.55, 36 times the noise and more, where noise alone leaves 1. */
-static const double much_missed = 0.3, noises_missed = 5.0;
-
-/* What is known of it: views may be dark, without noise, or of a sum below zero. */
-static void log_match(const struct v2v_match *match, int64_t frame)
-{
-    char noise[64] = "", flux[64] = "";
-    const double scale = v2v_match_scale(match), residual = v2v_match_residual(match, scale);
-    if (match->yy == 0.0) {
-        v2v_log(V2V_LOG_INFO, "frame %lld: the views are dark", (long long)frame);
-        return;
-    }
-    if (!isfinite(residual)) {
-        v2v_log(V2V_LOG_INFO, "frame %lld: the volume's views are too bright for float32",
-                (long long)frame);
-        return;
-    }
-    if (match->noise > 0.0) {
-        snprintf(noise, sizeof noise, ", %.3g of their noise", v2v_match_sigmas(match, scale));
-    }
-    if (match->y > 0.0) {
-        snprintf(flux, sizeof flux, "; flux %.4g of theirs", v2v_match_flux(match));
-    }
-    v2v_log(V2V_LOG_INFO, "frame %lld: residual of the views %.3g%s%s", (long long)frame, residual,
-            noise, flux);
-    if (residual > much_missed && !(v2v_match_sigmas(match, scale) < noises_missed)) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld: the volume leaves much of the views unexplained; do they belong to "
-                "these PSFs, in their order, and in register (v2v3d calibrate)?",
-                (long long)frame);
-    }
-}
-
-static void warn_of_odd_view(const struct v2v_match *of_view, int64_t views, int64_t frame)
-{
-    double light = 0.0;
-    const int64_t odd = v2v_match_odd_view(&light, of_view, views);
-    if (odd >= 0) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld: view %lld holds %.2g times the light that the volume gives it, beside "
-                "the other views: was it blocked, or is its gain another (v2v3d calibrate)?",
-                (long long)frame, (long long)odd, light);
-    }
-}
-
-/* One line, once everything else is done and its memory given back; a volume is none the worse
- * without it. Collective. */
+/* Once everything else is done and its memory given back. Collective. */
 static void report_quality(struct work *work, const struct v2v_session *session)
 {
-    enum v2v_status rc = V2V_OK;
-    struct v2v_match match, *of_view = NULL;
-    if (work->given->common.quiet) {
-        return;
+    const struct v2v_volumes_made made = {.output = work->given->output,
+                                          .ops = work->ops,
+                                          .psf = work->psf,
+                                          .recording = work->recording,
+                                          .scaling = &work->scaling,
+                                          .first = work->frames.first};
+    if (!work->given->common.quiet) {
+        v2v_recon_destroy(&work->recon);
+        v2v_volumes_report_quality(&made, session);
     }
-    v2v_recon_destroy(&work->recon);
-    rc = v2v_par_agree(session->world, V2V_ALLOC(of_view, "cli.quality", work->psf->views));
-    if (rc == V2V_OK) {
-        rc = match_first(&match, of_view, work, session);
-    }
-    if (rc == V2V_OK) {
-        log_match(&match, work->frames.first);
-        warn_of_odd_view(of_view, work->psf->views, work->frames.first);
-    } else {
-        v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
-    }
-    v2v_mem_free(of_view);
 }
 
 /* A failed run keeps the frames that it finished, and says so. Collective. */
