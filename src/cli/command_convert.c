@@ -187,7 +187,7 @@ static enum v2v_status convert_recording(const struct arguments *given,
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     rc = V2V_ALLOC(views, "convert.views", v2v_mem_product(info->views, info->height, info->width));
     V2V_TRY(v2v_par_agree(session->world, rc));
-    if (v2v_step_is_hdf5_name(given->output)) {
+    if (v2v_file_kind_of_name(given->output) == V2V_FILE_HDF5) {
         V2V_TRY(recording_to_hdf5(given->output, recording, views, session));
     } else {
         struct recording_tiff tiff = {given->output, recording, views};
@@ -208,7 +208,7 @@ static enum v2v_status convert_psf(const struct arguments *given, const struct v
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
     const struct v2v_input_settings *settings = &session->config.input;
-    if (!v2v_step_is_hdf5_name(given->output)) {
+    if (v2v_file_kind_of_name(given->output) != V2V_FILE_HDF5) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: PSFs are written as HDF5 (.h5) only", given->output));
     }
     V2V_TRY(v2v_psf_file_read(&psf, given->input, session->world));
@@ -231,8 +231,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
     enum v2v_content content = (enum v2v_content)given->kind;
-    if (!v2v_step_is_hdf5_name(given->output) && !v2v_step_is_tiff_name(given->output) &&
-        !v2v_step_is_safetensors_name(given->output) && !v2v_bdv_is_name(given->output)) {
+    const enum v2v_file_kind output = v2v_file_kind_of_name(given->output);
+    if (output != V2V_FILE_HDF5 && output != V2V_FILE_TIFF && output != V2V_FILE_SAFETENSORS &&
+        !v2v_bdv_is_name(given->output)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
                          "%s: the output's name must end in .h5, .tif, .xml or .safetensors",
                          given->output));
@@ -244,7 +245,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (content == V2V_CONTENT_AUTO) {
         V2V_TRY(v2v_content_of(&content, given->input, session));
     }
-    if (content != V2V_CONTENT_WEIGHTS && v2v_step_is_safetensors_name(given->output)) {
+    if (content != V2V_CONTENT_WEIGHTS && output == V2V_FILE_SAFETENSORS) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: safetensors hold weights, which %s are not",
                          given->output, given->input));
     }

@@ -90,7 +90,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(
             V2V_FAIL(V2V_E_USAGE, "--uncertainty needs --psf and --input, and --frames above 0"));
     }
-    if (given->uncertainty != NULL && !v2v_step_is_hdf5_name(given->uncertainty)) {
+    if (given->uncertainty != NULL && v2v_file_kind_of_name(given->uncertainty) != V2V_FILE_HDF5) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
                          given->uncertainty));
     }

@@ -84,8 +84,9 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));
-    if (v2v_file_is_safetensors(path) || v2v_step_is_yaml_name(path)) {
-        *content = v2v_step_is_yaml_name(path) ? V2V_CONTENT_YAML : V2V_CONTENT_WEIGHTS;
+    const int is_yaml = v2v_file_kind_of_name(path) == V2V_FILE_YAML;
+    if (is_yaml || v2v_file_is_safetensors(path)) {
+        *content = is_yaml ? V2V_CONTENT_YAML : V2V_CONTENT_WEIGHTS;
         return V2V_OK;
     }
     if (!v2v_file_is_hdf5(path)) {

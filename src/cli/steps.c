@@ -92,26 +92,6 @@ done:
     return rc;
 }
 
-int v2v_step_is_hdf5_name(const char *path)
-{
-    return v2v_text_ends_in(path, ".h5") || v2v_text_ends_in(path, ".hdf5");
-}
-
-int v2v_step_is_safetensors_name(const char *path)
-{
-    return v2v_text_ends_in(path, ".safetensors");
-}
-
-int v2v_step_is_yaml_name(const char *path)
-{
-    return v2v_text_ends_in(path, ".yaml") || v2v_text_ends_in(path, ".yml");
-}
-
-int v2v_step_is_tiff_name(const char *path)
-{
-    return v2v_text_ends_in(path, ".tif") || v2v_text_ends_in(path, ".tiff");
-}
-
 enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path)
 {
     enum v2v_status rc = V2V_OK;

@@ -32,13 +32,6 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
                                           const char *const *inputs, int64_t count,
                                           int resume) V2V_MUST_CHECK;
 
-/** Does the name end in one of .h5 .hdf5, or .tif .tiff, or in .safetensors, or in
- *  .yaml .yml? @kind Local */
-int v2v_step_is_hdf5_name(const char *path);
-int v2v_step_is_safetensors_name(const char *path);
-int v2v_step_is_yaml_name(const char *path);
-int v2v_step_is_tiff_name(const char *path);
-
 /** How the views differ from what the PSFs say, for v2v_step_psf and v2v_step_recording; NULL:
  *  they don't. Rank 0 reads. @kind Collective(world), agreed; the session owns it */
 enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path) V2V_MUST_CHECK;

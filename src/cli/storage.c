@@ -48,7 +48,7 @@ enum v2v_status v2v_storage_settle(struct v2v_volume_storage *storage,
     if (storage->peak > 0.0 && storage->sample != V2V_SAMPLE_UINT16) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--output-peak needs --output-type uint16"));
     }
-    if (storage->deflate > 0 && !is_bdv && !v2v_step_is_hdf5_name(output)) {
+    if (storage->deflate > 0 && !is_bdv && v2v_file_kind_of_name(output) != V2V_FILE_HDF5) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--compression needs an HDF5 output (.h5), not %s", output));
     }
 done:

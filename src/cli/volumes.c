@@ -53,7 +53,7 @@ enum v2v_status v2v_volumes_check(struct v2v_part *frames, const struct v2v_volu
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_storage storage;
-    if (given->branches && !v2v_step_is_hdf5_name(given->output)) {
+    if (given->branches && v2v_file_kind_of_name(given->output) != V2V_FILE_HDF5) {
         return V2V_FAIL(V2V_E_USAGE, "--branches needs an HDF5 output (.h5), not %s",
                         given->output);
     }

@@ -33,7 +33,8 @@ static enum v2v_status convert(const struct v2v_session *session, const char *in
                                             .slices = session->config.input.slices};
     V2V_TRY(v2v_weights_read(&weights, input, &hints));
     tell(input, &weights);
-    V2V_TRY(v2v_weights_write(&weights, output, v2v_step_is_safetensors_name(output)));
+    V2V_TRY(
+        v2v_weights_write(&weights, output, v2v_file_kind_of_name(output) == V2V_FILE_SAFETENSORS));
 done:
     v2v_weights_fini(&weights);
     return rc;
@@ -43,7 +44,8 @@ enum v2v_status v2v_convert_weights(const struct v2v_session *session, const cha
                                     const char *output)
 {
     enum v2v_status rc = V2V_OK;
-    if (!v2v_step_is_hdf5_name(output) && !v2v_step_is_safetensors_name(output)) {
+    const enum v2v_file_kind kind = v2v_file_kind_of_name(output);
+    if (kind != V2V_FILE_HDF5 && kind != V2V_FILE_SAFETENSORS) {
         rc = V2V_FAIL(V2V_E_USAGE, "%s: weights are written as .h5 or .safetensors", output);
     } else if (v2v_step_on_root(session)) {
         rc = convert(session, input, output);

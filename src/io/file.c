@@ -24,6 +24,23 @@ int v2v_file_is_folder(const char *path)
     return stat(path, &status) == 0 && S_ISDIR(status.st_mode);
 }
 
+enum v2v_file_kind v2v_file_kind_of_name(const char *path)
+{
+    static const struct {
+        const char *ending;
+        enum v2v_file_kind kind;
+    } kinds[] = {{".tif", V2V_FILE_TIFF},  {".tiff", V2V_FILE_TIFF},
+                 {".h5", V2V_FILE_HDF5},   {".hdf5", V2V_FILE_HDF5},
+                 {".hdf", V2V_FILE_HDF5},  {".safetensors", V2V_FILE_SAFETENSORS},
+                 {".yaml", V2V_FILE_YAML}, {".yml", V2V_FILE_YAML}};
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        if (v2v_text_ends_in(path, kinds[i].ending)) {
+            return kinds[i].kind;
+        }
+    }
+    return V2V_FILE_OTHER;
+}
+
 enum v2v_status v2v_file_check_input(const char *path)
 {
     struct stat status;
@@ -82,23 +99,6 @@ done:
     return rc;
 }
 
-enum v2v_file_kind v2v_file_kind_by_name(const char *path)
-{
-    static const struct {
-        const char *ending;
-        enum v2v_file_kind kind;
-    } endings[] = {{".h5", V2V_FILE_HDF5},
-                   {".hdf5", V2V_FILE_HDF5},
-                   {".tif", V2V_FILE_TIFF},
-                   {".tiff", V2V_FILE_TIFF}};
-    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
-        if (v2v_text_ends_in(path, endings[i].ending)) {
-            return endings[i].kind;
-        }
-    }
-    return V2V_FILE_OTHER;
-}
-
 /* A TIFF among those of an input would be one of them. */
 static enum v2v_status check_folder(const char *path, const char *input)
 {
@@ -106,7 +106,7 @@ static enum v2v_status check_folder(const char *path, const char *input)
     char folder[V2V_PATH_BYTES];
     V2V_TRY(parent_folder(folder, path));
     if (v2v_file_is_folder(input) && same_file(folder, input) &&
-        v2v_file_kind_by_name(path) == V2V_FILE_TIFF) {
+        v2v_file_kind_of_name(path) == V2V_FILE_TIFF) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: the output would lie among the files of the input %s",
                          path, input));
     }

@@ -44,7 +44,7 @@ static int compare_names(const void *a, const void *b)
 
 static int is_tiff(const char *name)
 {
-    return name[0] != '.' && v2v_file_kind_by_name(name) == V2V_FILE_TIFF;
+    return name[0] != '.' && v2v_file_kind_of_name(name) == V2V_FILE_TIFF;
 }
 
 static enum v2v_status add_name(struct v2v_folder *folder, int64_t *room, const char *name)

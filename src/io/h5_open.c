@@ -1,6 +1,5 @@
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
-#include "v2v3d/base/text.h"
 #include <stdio.h>
 #include <string.h>
 
@@ -19,7 +18,7 @@ int v2v_file_is_hdf5(const char *path)
             return 0;
         }
     }
-    return v2v_file_kind_by_name(path) == V2V_FILE_HDF5 || v2v_text_ends_in(path, ".hdf");
+    return v2v_file_kind_of_name(path) == V2V_FILE_HDF5;
 }
 
 /* Why HDF5 does not open a file, in the words of who has it. */

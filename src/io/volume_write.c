@@ -81,10 +81,11 @@ done:
 static enum v2v_status check_request(const char *path, const struct v2v_volume_info *info,
                                      unsigned datasets)
 {
-    const enum v2v_file_kind kind = v2v_file_kind_by_name(path);
+    const enum v2v_file_kind kind = v2v_file_kind_of_name(path);
     V2V_ASSERT((datasets & (1u << V2V_VOLUME_MEAN)) && datasets < (1u << V2V_H5_WRITER_SETS));
-    if (kind == V2V_FILE_OTHER) {
-        return V2V_FAIL(V2V_E_USAGE, "%s: a volume's name ends in .h5, .hdf5, .tif or .tiff", path);
+    if (kind != V2V_FILE_HDF5 && kind != V2V_FILE_TIFF) {
+        return V2V_FAIL(V2V_E_USAGE, "%s: a volume's name ends in .h5, .hdf5, .hdf, .tif or .tiff",
+                        path);
     }
     if (kind == V2V_FILE_TIFF && info->storage.deflate > 0) {
         return V2V_FAIL(V2V_E_USAGE, "%s: compression needs an HDF5 file (.h5)", path);
@@ -102,7 +103,7 @@ static enum v2v_status check_request(const char *path, const struct v2v_volume_i
 /* Is it written as plain HDF5, at least at first? */
 static int is_written_as_hdf5(const char *path, const struct v2v_volume_info *info)
 {
-    return v2v_file_kind_by_name(path) == V2V_FILE_HDF5 ||
+    return v2v_file_kind_of_name(path) == V2V_FILE_HDF5 ||
            v2v_volume_pack_is_needed(&info->storage);
 }
 
@@ -138,7 +139,7 @@ static enum v2v_status make_pack(struct v2v_volume_pack *pack, const char *path,
     enum v2v_status rc = V2V_OK;
     *pack = (struct v2v_volume_pack){.info = *description->info,
                                      .datasets = description->datasets,
-                                     .is_tiff = v2v_file_kind_by_name(path) == V2V_FILE_TIFF,
+                                     .is_tiff = v2v_file_kind_of_name(path) == V2V_FILE_TIFF,
                                      .is_ome = v2v_tiff_is_ome_name(path)};
     V2V_TRY(v2v_text_format(pack->path, sizeof pack->path, "%s", path));
     V2V_TRY(v2v_text_format(pack->task, sizeof pack->task, "%s", task != NULL ? task : ""));
@@ -245,7 +246,7 @@ enum v2v_status v2v_volume_check(const char *path, const struct v2v_volume_info 
     make_plan(&plan, &description);
     plan.storage = &info->storage;
     V2V_TRY(v2v_par_agree(comm, rc));
-    if (v2v_file_kind_by_name(path) == V2V_FILE_HDF5) {
+    if (v2v_file_kind_of_name(path) == V2V_FILE_HDF5) {
         return check_h5(path, &plan, comm);
     }
     V2V_TRY(v2v_agreement_alone(

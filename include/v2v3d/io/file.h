@@ -37,9 +37,16 @@ int v2v_file_is_folder(const char *path);
  *  @kind Local. @return V2V_OK | V2V_E_INPUT */
 enum v2v_status v2v_file_check_input(const char *path) V2V_MUST_CHECK;
 
-/** What a file is by the ending of its name: .h5, .hdf5; .tif, .tiff; another. @kind Local. */
-enum v2v_file_kind { V2V_FILE_OTHER, V2V_FILE_HDF5, V2V_FILE_TIFF };
-enum v2v_file_kind v2v_file_kind_by_name(const char *path);
+/** What a name says, by its ending in upper or lower case: .tif .tiff, .h5 .hdf5 .hdf,
+ *  .safetensors, .yaml .yml, or none of these. @kind Local. */
+enum v2v_file_kind {
+    V2V_FILE_OTHER,
+    V2V_FILE_TIFF,
+    V2V_FILE_HDF5,
+    V2V_FILE_SAFETENSORS,
+    V2V_FILE_YAML
+};
+enum v2v_file_kind v2v_file_kind_of_name(const char *path);
 
 /** Has it to be opened as HDF5? By its first bytes, else by its name. @kind Local. */
 int v2v_file_is_hdf5(const char *path);

@@ -194,9 +194,27 @@ static void crc32c_continues_at_any_cut(void **state)
     }
 }
 
+static void a_kind_is_told_by_the_ending_in_upper_or_lower_case(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        enum v2v_file_kind kind;
+    } cases[] = {{"a.tif", V2V_FILE_TIFF},    {"a/b.ome.TIFF", V2V_FILE_TIFF},
+                 {"a.h5", V2V_FILE_HDF5},     {"a.HDF5", V2V_FILE_HDF5},
+                 {"a.hdf", V2V_FILE_HDF5},    {"a.safetensors", V2V_FILE_SAFETENSORS},
+                 {"a.yaml", V2V_FILE_YAML},   {"a.yml", V2V_FILE_YAML},
+                 {"a.h5.gz", V2V_FILE_OTHER}, {"h5", V2V_FILE_OTHER},
+                 {"", V2V_FILE_OTHER}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        assert_int_equal(v2v_file_kind_of_name(cases[i].name), cases[i].kind);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_kind_is_told_by_the_ending_in_upper_or_lower_case),
         cmocka_unit_test(only_a_readable_regular_file_is_an_input),
         cmocka_unit_test(an_existing_output_needs_force),
         cmocka_unit_test(an_output_never_replaces_an_input),
