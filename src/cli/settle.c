@@ -5,6 +5,34 @@
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
 
+static int has_light(const float *views, int64_t samples)
+{
+    int64_t i = 0;
+    while (i < samples && !(views[i] > 0.0f)) {
+        i++;
+    }
+    return i < samples;
+}
+
+/* The views of the first frame that has light; of frame 0 where none has. Local. */
+static enum v2v_status read_lit(float *views, int64_t *frame, struct v2v_fusion *fusion,
+                                struct v2v_recording *recording, const struct v2v_scaling *scaling,
+                                int64_t samples)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t frames = v2v_recording_info(recording)->frames;
+    for (*frame = 0; *frame < frames; ++*frame) {
+        V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, *frame));
+        if (has_light(views, samples)) {
+            goto done;
+        }
+    }
+    *frame = 0;
+    V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, 0));
+done:
+    return rc;
+}
+
 enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
                                     const struct v2v_estimator_ops *ops,
                                     const struct v2v_problem *problem,
@@ -14,26 +42,29 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     enum v2v_status rc = V2V_OK;
     struct v2v_config *config = &session->config;
     const int64_t count = problem->psf->views;
+    const int64_t samples = v2v_mem_product(count, problem->height, problem->width);
+    int64_t frame = 0;
     const int noise = config->deconv.noise;
     struct v2v_fusion *fusion = NULL;
     float *views = NULL;
     if (!v2v_estimator_is_open(ops, config)) {
         return V2V_OK;
     }
-    rc = V2V_ALLOC(views, "cli.settle", v2v_mem_product(count, problem->height, problem->width));
+    rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
         rc = v2v_fusion_create(&fusion, config->recon.neighbours, count, problem->height,
                                problem->width);
     }
     if (rc == V2V_OK) {
-        rc = v2v_fusion_read(fusion, views, recording, scaling, 0);
+        rc = read_lit(views, &frame, fusion, recording, scaling, samples);
     }
     v2v_fusion_destroy(&fusion);
     V2V_TRY(v2v_par_agree(session->world, rc));
     V2V_TRY(v2v_estimator_settle(config, ops, problem, views, session->world));
     if (config->deconv.noise != noise) {
-        v2v_log(V2V_LOG_INFO, "noise %s, by the first frame",
-                config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian");
+        v2v_log(V2V_LOG_INFO, "noise %s, by the first frame%s",
+                config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian",
+                frame > 0 ? " with light" : "");
     }
 done:
     v2v_mem_free(views);

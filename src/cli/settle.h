@@ -7,8 +7,9 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/method/estimator.h"
 
-/** Decide them by the recording's first frame, whatever frames are asked for: a range has the bits
- *  of the whole. Nothing is read where nothing is left open.
+/** Decide them by the recording's first frame with light (a sample above the offset; a shutter may
+ *  open late), whatever frames are asked for: a range has the bits of the whole. Nothing is read
+ *  where nothing is left open.
  *  @kind   Collective(session->world)
  *  @param  session of which deconv and recon are settled
  *  @param  problem of the recording's frames, with session's configuration

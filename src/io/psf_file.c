@@ -2,6 +2,7 @@
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "io/stack.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
@@ -16,10 +17,11 @@ static int64_t elements(const struct v2v_psf_file *file)
                            file->width);
 }
 
-/* The largest N of the folder's psf_N.tif. */
+/* The largest N of the folder's psf_N.tif, of which 0 is none: it would be left out silently. */
 static enum v2v_status count_views(int64_t *views, const char *folder)
 {
     DIR *directory = opendir(folder);
+    int has_zero = 0;
     *views = 0;
     if (directory == NULL) {
         return V2V_FAIL(V2V_E_INPUT, "%s: can't be listed", folder);
@@ -27,11 +29,15 @@ static enum v2v_status count_views(int64_t *views, const char *folder)
     for (struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
         int number = 0, length = 0;
         if (sscanf(entry->d_name, "psf_%6d.tif%n", &number, &length) == 1 && length > 0 &&
-            entry->d_name[length] == '\0' && number > *views) {
-            *views = number;
+            entry->d_name[length] == '\0') {
+            has_zero |= number == 0;
+            *views = v2v_larger(number, *views);
         }
     }
     closedir(directory);
+    if (has_zero) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: holds psf_0.tif; the first view is psf_1.tif", folder);
+    }
     return *views > 0 ? V2V_OK : V2V_FAIL(V2V_E_INPUT, "%s: holds no psf_1.tif", folder);
 }
 

@@ -155,6 +155,7 @@ static const struct set sets[] = {
     {"recording_inf.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, INFINITY, 0, 0},
     {"recording_nan.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, NAN, 0},
     {"recording_dark.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 2},
+    {"recording_late.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 1}, /* frame 0 is dark */
     {"recording_vast.h5", "/views", 4, {1, VIEWS, SIDE, SIDE}, 3e38, 3e38, 0},
     {"recording_dark_view.h5", "/views", 4, {1, 2, SIDE, SIDE}, 0, 0, 1},
     {"recording_small.h5", "/views", 4, {2, VIEWS, 24, 40}, 0, 0, 0},

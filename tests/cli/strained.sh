@@ -27,6 +27,8 @@ for method in tv rl rld frl; do
 done
 sane deconvolve --lambda auto --psf psf.h5 --input recording_dark.h5
 grep -q 'the frame has no light to choose lambda by' stderr || fail "no word on it: $(cat stderr)"
+sane deconvolve --lambda auto --psf psf.h5 --input recording_late.h5
+grep -q 'no light to choose lambda by' stderr && fail "the dark frame decides: $(cat stderr)"
 works deconvolve --psf psf.h5 --input recording_dark.h5 -o dark.h5
 works evaluate --volume dark.h5 --psf psf.h5 --input recording_dark.h5 --json
 says '"residual": null, "flux": null'

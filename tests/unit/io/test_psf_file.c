@@ -98,6 +98,9 @@ static void gaps_and_unequal_shapes_are_refused(void **state)
     assert_refused("psf_3.tif: is missing, psf_4.tif is there");
     put_view("psf_3.tif", 3, 5);
     assert_refused("psf_3.tif: is 5 x 2 x 3, but psf_1.tif 4 x 2 x 3");
+    put_view("psf_3.tif", 3, 4);
+    put_view("psf_0.tif", 0, 4);
+    assert_refused("holds psf_0.tif; the first view is psf_1.tif");
 }
 
 static void a_psf_with_channels_or_frames_is_refused(void **state)
