@@ -43,10 +43,10 @@ struct v2v_evaluation {
     int64_t views, slices;                  /**< 0: without --psf and --input */
     double *of_view[V2V_VIEW_FIGURE_COUNT]; /**< [v]; NULL: not asked for */
     struct v2v_consistency consistency;     /**< no frames: not asked for */
-    int is_corrected;                       /**< bool: its volumes, by a network */
     /** Its means over frames; NaN: not known. */
     double heldout, heldout_sigmas, disagreement, resolution, resolution_um;
     double *disagreement_slices; /**< [z]; NULL: not asked for */
+    int is_corrected;            /**< bool: a network corrected its volumes */
     char warnings[V2V_WARNING_TEXT];
 };
 

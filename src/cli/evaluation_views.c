@@ -32,7 +32,8 @@ struct work {
     struct v2v_scaling scaling;
     struct v2v_projection projection;
     float *views, *scratch;    /* [v,y,x], [y,x] */
-    struct v2v_match *of_view; /* [2,v]: over all frames, of the last one */
+    struct v2v_match *of_view; /* [v]: over all frames .. */
+    struct v2v_match *here;    /* [v]: .. and of the one at hand */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
@@ -69,7 +70,8 @@ static enum v2v_status take_memory(struct work *work)
     }
     V2V_TRY(V2V_ALLOC(work->known, "evaluate.figures", V2V_VIEW_HELDOUT * work->psf.views));
     V2V_TRY(V2V_ALLOC(evaluation->disagreement_slices, "evaluate.figures", work->psf.slices));
-    V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", 2 * work->psf.views));
+    V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", work->psf.views));
+    V2V_TRY(V2V_ALLOC(work->here, "evaluate.figures", work->psf.views));
     V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
 done:
@@ -93,20 +95,16 @@ static void add_known(struct work *work, int figure, int64_t v, double value)
 static void match(struct work *work, int64_t t)
 {
     struct v2v_evaluation *evaluation = work->evaluation;
-    const int64_t views = work->psf.views, pixels = work->height * work->width;
-    const float *projected = work->projection.views;
-    struct v2v_match all = {0}, *here = work->of_view + views;
-    for (int64_t v = 0; v < views; v++) {
-        here[v] = v2v_match_of(work->scratch, work->views + v * pixels, projected + v * pixels,
-                               work->height, work->width);
-        v2v_match_add(&all, &here[v]);
-        v2v_match_add(&work->of_view[v], &here[v]);
-    }
+    const struct v2v_match all =
+        v2v_match_views(work->here, work->scratch, work->views, work->projection.views,
+                        work->psf.views, work->height, work->width);
     const double scale = v2v_match_scale(&all);
-    for (int64_t v = 0; v < views; v++) {
-        add_known(work, V2V_VIEW_RESIDUAL, v, v2v_match_residual(&here[v], scale));
-        add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(&here[v], scale));
-        add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(&here[v]));
+    for (int64_t v = 0; v < work->psf.views; v++) {
+        const struct v2v_match *one = &work->here[v];
+        v2v_match_add(&work->of_view[v], one);
+        add_known(work, V2V_VIEW_RESIDUAL, v, v2v_match_residual(one, scale));
+        add_known(work, V2V_VIEW_RESIDUAL_SIGMAS, v, v2v_match_sigmas(one, scale));
+        add_known(work, V2V_VIEW_FLUX, v, v2v_match_flux(one));
     }
     evaluation->value[V2V_FIGURE_RESIDUAL][t] = v2v_match_residual(&all, scale);
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
@@ -375,6 +373,7 @@ done:
     v2v_mem_free(work.scratch);
     v2v_mem_free(work.views);
     v2v_mem_free(work.of_view);
+    v2v_mem_free(work.here);
     v2v_recording_close(&work.recording);
     v2v_psf_file_fini(&work.psf);
     return rc;

@@ -14,21 +14,19 @@ static int has_light(const float *views, int64_t samples)
     return i < samples;
 }
 
-/* The views of the first frame that has light; of frame 0 where none has. Local. */
+/* The views of the first frame that has light; where none has, the last, as dark as any. Local. */
 static enum v2v_status read_lit(float *views, int64_t *frame, struct v2v_fusion *fusion,
                                 struct v2v_recording *recording, const struct v2v_scaling *scaling,
                                 int64_t samples)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t frames = v2v_recording_info(recording)->frames;
-    for (*frame = 0; *frame < frames; ++*frame) {
-        V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, *frame));
-        if (has_light(views, samples)) {
-            goto done;
-        }
+    int is_lit = 0;
+    for (int64_t t = 0; t < frames && !is_lit; t++) {
+        V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, t));
+        is_lit = has_light(views, samples);
+        *frame = is_lit ? t : 0;
     }
-    *frame = 0;
-    V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, 0));
 done:
     return rc;
 }

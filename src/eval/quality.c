@@ -36,6 +36,19 @@ void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match)
     sum->noise += match->noise;
 }
 
+struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, const float *recorded,
+                                 const float *projected, int64_t count, int64_t height,
+                                 int64_t width)
+{
+    struct v2v_match all = {0};
+    for (int64_t v = 0; v < count; v++) {
+        const int64_t first = v * height * width;
+        of_view[v] = v2v_match_of(scratch, recorded + first, projected + first, height, width);
+        v2v_match_add(&all, &of_view[v]);
+    }
+    return all;
+}
+
 double v2v_match_scale(const struct v2v_match *match)
 {
     return match->pp > 0.0 ? match->yp / match->pp : 1.0;
@@ -141,10 +154,7 @@ enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_vi
     scratch = images + count * pixels;
     V2V_TRY(v2v_grouped_create(&grouped, psf, height, width, V2V_SPLIT_SLICES, most_bytes, comm));
     V2V_TRY(v2v_grouped_forward(grouped, images, slices, scale));
-    for (int64_t v = 0; v < count; v++) {
-        of_view[v] = v2v_match_of(scratch, views + v * pixels, images + v * pixels, height, width);
-        v2v_match_add(match, &of_view[v]);
-    }
+    *match = v2v_match_views(of_view, scratch, views, images, count, height, width);
 done:
     v2v_grouped_destroy(&grouped);
     v2v_mem_free(images);

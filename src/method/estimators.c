@@ -8,6 +8,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/optics/projector.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>

@@ -244,12 +244,6 @@ double v2v_tv_missed(const struct v2v_estimator *estimator)
     return self->missed;
 }
 
-double v2v_tv_noise_part(const struct v2v_estimator *estimator)
-{
-    const struct level *level = &((const struct tv *)estimator->self)->level;
-    return level->sigma > 0.0 ? level->sigma / level->brightness : 0.0;
-}
-
 static void destroy(struct v2v_estimator *estimator)
 {
     struct tv *self = estimator->self;
@@ -385,7 +379,8 @@ void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume)
 struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator)
 {
     const struct level *level = &((const struct tv *)estimator->self)->level;
-    return (struct v2v_tv_noise){level->gain * level->sigma, level->dark};
+    const double part = level->sigma > 0.0 ? level->sigma / level->brightness : 0.0;
+    return (struct v2v_tv_noise){level->gain * level->sigma, level->dark, part};
 }
 
 static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)

@@ -18,10 +18,6 @@ void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
  */
 double v2v_tv_missed(const struct v2v_estimator *estimator);
 
-/** Noise of the views last run or looked at, over their brightness; 0: a dark frame.
- *  @kind Local. */
-double v2v_tv_noise_part(const struct v2v_estimator *estimator);
-
 /** Its step towards the views, free for other use between runs: lent. @kind Local. */
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
 
@@ -34,6 +30,7 @@ void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume);
 struct v2v_tv_noise {
     double gain; /**< of photons; 0: the same for all samples */
     double deviation;
+    double part; /**< of the views' brightness that it is where they are so bright */
 };
 
 /** Of the views last run or looked at; all 0: a dark frame. @kind Local. */

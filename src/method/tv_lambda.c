@@ -1,5 +1,6 @@
 #include "method/tv_lambda.h"
 
+#include "method/registration.h"
 #include "method/square.h"
 #include "method/tv.h"
 #include "v2v3d/base/bounds.h"
@@ -20,9 +21,8 @@ enum { FOLDS = V2V_LEFT_OUT_CHOICES };
 /* Ranks that share a volume of the square at most, two dozen rows each. */
 enum { MOST_TOGETHER = 8 };
 
-/* Pixels of the square's side. Predictions are judged where what lies beyond it gives little light.
- */
-enum { SIDE = 144, MARGIN = 24 };
+/* Pixels of the square's side. */
+enum { SIDE = 144 };
 
 /* Fewer favour large weights, whose volumes come sooner. */
 enum { ITERATIONS = 30 };
@@ -63,20 +63,14 @@ struct chooser {
 static double miss(struct chooser *self, struct v2v_left_out *fold)
 {
     const int64_t pixels = self->height * self->width;
-    const int64_t margin_y = v2v_smaller(MARGIN, (self->height - 1) / 4);
-    const int64_t margin_x = v2v_smaller(MARGIN, (self->width - 1) / 4);
+    const struct v2v_part rows = v2v_registration_judged(self->height);
+    const struct v2v_part columns = v2v_registration_judged(self->width);
     double squares = 0.0;
     v2v_left_out_predict(fold, self->predicted, self->volume);
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
         const float *recorded = self->views + fold->view[i] * pixels;
-        for (int64_t y = margin_y; y < self->height - margin_y; y++) {
-            for (int64_t x = margin_x; x < self->width - margin_x; x++) {
-                const int64_t p = y * self->width + x;
-                const double d = (double)predicted[p] - (double)recorded[p];
-                squares += d * d;
-            }
-        }
+        squares += v2v_registration_missed(recorded, predicted, self->width, rows, columns).squares;
     }
     return squares;
 }
@@ -188,10 +182,10 @@ done:
 /* The weight for noise such as a look found; `fallback` for dark views. */
 static double usual_weight(const struct v2v_estimator *estimator, double fallback)
 {
-    const struct usual *usual = v2v_tv_noise(estimator).gain > 0.0 ? &of_photons : &of_normal_noise;
-    const double part = v2v_tv_noise_part(estimator);
-    return part > 0.0 ? usual->weight * pow(fmax(part, least_noise) / usual_noise, usual->power)
-                      : fallback;
+    const struct v2v_tv_noise noise = v2v_tv_noise(estimator);
+    const struct usual *usual = noise.gain > 0.0 ? &of_photons : &of_normal_noise;
+    const double times = fmax(noise.part, least_noise) / usual_noise;
+    return noise.part > 0.0 ? usual->weight * pow(times, usual->power) : fallback;
 }
 
 static int is_noise_alone(void *context, int64_t iteration, const struct v2v_iterate *iterate)
@@ -210,6 +204,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     v2v_watchdog_beat("what total variation misses");
     V2V_TRY(v2v_estimator_create(&estimator, &v2v_estimator_tv, &self->problem, self->comm));
     estimator->ops->look(estimator, self->views);
+    estimator->ops->tell(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, *weight);
     v2v_tv_set_lambda(estimator, *weight);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->views, &monitor));

@@ -16,11 +16,10 @@ enum { SLOTS = 16, NO_SLOT = -1 };
 enum { REDUCE = 0, SETTLE = REDUCE + V2V_GRID_LEVELS, SPREAD, STAGES = SPREAD + V2V_GRID_LEVELS };
 
 struct bucket {
-    struct v2v_part
-        part[V2V_GRID_LEVELS + 1]; /* of the arena, before each level and after the last */
-    unsigned levels;               /* on which there is somebody to talk to */
-    int64_t missing;               /* floats that are not ready */
-    int entered, left;             /* stages: equal when none is under way */
+    struct v2v_part part[V2V_GRID_LEVELS + 1]; /* of the arena, before each level, after the last */
+    unsigned levels;                           /* on which there is somebody to talk to */
+    int64_t missing;                           /* floats that are not ready */
+    int entered, left;                         /* stages: equal when none is under way */
     int slot;
     int *counts; /* MPI's arrays for the message under way: 4 * largest */
 };

@@ -29,6 +29,15 @@ sane deconvolve --lambda auto --psf psf.h5 --input recording_dark.h5
 grep -q 'the frame has no light to choose lambda by' stderr || fail "no word on it: $(cat stderr)"
 sane deconvolve --lambda auto --psf psf.h5 --input recording_late.h5
 grep -q 'no light to choose lambda by' stderr && fail "the dark frame decides: $(cat stderr)"
+
+# A camera's counts end at 65535: of 1000 photons, 65 counts each, the brightest are cut off.
+works simulate --psf psf.h5 --volume volume.h5 --noise camera:1000:65 -o full.h5
+sane deconvolve --psf psf.h5 --input full.h5
+grep -q "of the views' pixels are saturated" stderr || fail "no warning: $(cat stderr)"
+works simulate --psf psf.h5 --volume volume.h5 --noise camera:1000:20 -o fitting.h5
+sane deconvolve --psf psf.h5 --input fitting.h5
+grep -q 'saturated' stderr && fail "a false warning: $(cat stderr)"
+
 works deconvolve --psf psf.h5 --input recording_dark.h5 -o dark.h5
 works evaluate --volume dark.h5 --psf psf.h5 --input recording_dark.h5 --json
 says '"residual": null, "flux": null'

@@ -23,6 +23,12 @@ struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float
                               int64_t height, int64_t width);
 void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match);
 
+/** All views of a frame, of_view [count] out. @kind Local. @return their sum
+ *  @param  recorded, projected [count,y,x] @param scratch [y,x] */
+struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, const float *recorded,
+                                 const float *projected, int64_t count, int64_t height,
+                                 int64_t width);
+
 /** The factor s with the least |y - s p|; 1 for a dark projection. @kind Local. */
 double v2v_match_scale(const struct v2v_match *match);
 /** |y - scale p| / |y|, to 1e-8, NaN for dark views; and in units of the noise, the root mean

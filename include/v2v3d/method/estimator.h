@@ -22,7 +22,6 @@
 #include "v2v3d/conf/config.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/nn/network.h"
-#include "v2v3d/optics/projector.h"
 #include "v2v3d/par/grid.h"
 #include <stdint.h>
 
@@ -50,6 +49,7 @@ struct v2v_problem {
 };
 
 struct v2v_estimator_ops;
+struct v2v_projector_share;
 
 /** What is known about the part of a frame that views are of: light of the frame, as it is outside
  *  of the part. */

@@ -12,15 +12,13 @@ enum { V2V_GRID_LEVEL_SHARD, V2V_GRID_LEVEL_BRANCH, V2V_GRID_LEVEL_DATA, V2V_GRI
 /** Floats [first, first + count) of an arena and the levels that they are summed over, as bits. */
 struct v2v_bucket_run {
     int64_t first, count;
-    unsigned
-        levels; /**< 1u << V2V_GRID_LEVEL_SHARD | ..; V2V_GRID_LEVEL_DATA always is among them */
+    unsigned levels; /**< 1u << V2V_GRID_LEVEL_SHARD | ..; _DATA always is among them */
 };
 
 struct v2v_bucket_setup {
-    const struct v2v_comm *world; /**< all that create the sum */
-    const struct v2v_comm
-        *level[V2V_GRID_LEVELS];      /**< NULL or a single rank: nothing to sum there */
-    const struct v2v_bucket_run *run; /**< in the order in which they get ready */
+    const struct v2v_comm *world;                  /**< all that create the sum */
+    const struct v2v_comm *level[V2V_GRID_LEVELS]; /**< NULL or one rank: nothing to sum there */
+    const struct v2v_bucket_run *run;              /**< in the order in which they get ready */
     int64_t runs;
     int64_t bucket; /**< floats that go out at once; V2V_BUCKET_FLOATS */
 };
