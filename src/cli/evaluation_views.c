@@ -251,13 +251,13 @@ static void judge_flux(struct work *work)
 
 static void judge_light(struct work *work)
 {
-    double light = 0.0;
-    const int64_t odd = v2v_match_odd_view(&light, work->of_view, work->psf.views);
+    double times = 0.0;
+    const int64_t odd = v2v_match_odd_view(&times, work->of_view, work->psf.views);
     char text[128];
     if (odd >= 0) {
         snprintf(text, sizeof text,
-                 "view %" PRId64 " holds %.2g times the light that the volume gives it", odd,
-                 light);
+                 "view %" PRId64 " is %.2f times as bright as the volume has it, beside the others",
+                 odd, times);
         warn(work, text);
     }
 }
@@ -286,13 +286,19 @@ done:
     return rc;
 }
 
-/* What is decided by the whole recording, as it is where the volume is made; then only the frames
- * that the volume shows are left. Collective. */
+/* What is decided by the whole recording, as it is where the volume is made, the offset as the
+ * volume states it; then only the frames that the volume shows are left. Collective. */
 static enum v2v_status settle(struct work *work, const struct v2v_volume_info *info)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t first = work->evaluation->origin.first_frame;
+    const struct v2v_origin *origin = &work->evaluation->origin;
+    const int64_t first = origin->first_frame;
+    const int is_auto = work->session->config.input.offset.mode == V2V_NUMBER_AUTO;
     V2V_TRY(v2v_step_offset(work->session, &work->scaling, work->recording));
+    if (is_auto && origin->recording[0] != '\0' && isfinite(origin->offset)) {
+        work->scaling.pedestal = origin->offset == 0.0 ? work->scaling.pedestal : 0.0;
+        work->scaling.offset = origin->offset;
+    }
     if (work->job->weights != NULL) {
         V2V_TRY(read_levels(work));
     }

@@ -5,11 +5,13 @@
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/file_sum.h"
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #define FIRST_FRAME "first_frame"
 #define RECORDING "recording_sum"
+#define OFFSET "offset" /* as v2v_provenance_init has it */
 
 /* Frames are counted in doubles, as attributes are. */
 static const double most_frames = 1e15;
@@ -19,7 +21,7 @@ enum v2v_status v2v_origin_of(struct v2v_origin *origin, const char *recording, 
 {
     enum v2v_status rc = V2V_OK;
     uint64_t sum = 0;
-    *origin = (struct v2v_origin){.first_frame = first_frame};
+    *origin = (struct v2v_origin){.first_frame = first_frame, .offset = NAN};
     V2V_TRY(v2v_file_sum(&sum, recording, session->world));
     snprintf(origin->recording, sizeof origin->recording, "%016" PRIx64, sum);
 done:
@@ -39,6 +41,8 @@ static void take_number(void *context, const char *name, double number)
     struct v2v_origin *origin = context;
     if (strcmp(name, FIRST_FRAME) == 0 && number >= 0.0 && number <= most_frames) {
         origin->first_frame = (int64_t)number;
+    } else if (strcmp(name, OFFSET) == 0) {
+        origin->offset = number;
     }
 }
 
@@ -48,7 +52,7 @@ enum v2v_status v2v_origin_read(struct v2v_origin *origin, const char *path,
     enum v2v_status rc = V2V_OK;
     const struct v2v_attribute_reader reader = {
         .context = origin, .text = take_text, .number = take_number};
-    *origin = (struct v2v_origin){.first_frame = -1};
+    *origin = (struct v2v_origin){.first_frame = -1, .offset = NAN};
     if (v2v_step_on_root(session) && v2v_file_is_hdf5(path)) {
         rc = v2v_attributes_read(path, &reader);
     }

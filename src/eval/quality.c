@@ -23,6 +23,7 @@ struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float
         match.p += p;
     }
     match.noise = sigma * sigma * (double)(height * width);
+    match.structure = v2v_structure_of(recorded, projected, height, width);
     return match;
 }
 
@@ -34,6 +35,7 @@ void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match)
     sum->y += match->y;
     sum->p += match->p;
     sum->noise += match->noise;
+    v2v_structure_add(&sum->structure, &match->structure);
 }
 
 struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, const float *recorded,
@@ -75,24 +77,22 @@ double v2v_match_flux(const struct v2v_match *match)
     return match->y > 0.0 ? match->p / match->y : NAN;
 }
 
-int64_t v2v_match_odd_view(double *light, const struct v2v_match *of_view, int64_t views)
+int64_t v2v_match_odd_view(double *times, const struct v2v_match *of_view, int64_t views)
 {
-    const double least = 0.55, certain = 10.0;
-    struct v2v_match all = {0};
-    double oddest = least;
+    double oddest = 1.0;
     int64_t odd = -1;
     for (int64_t v = 0; v < views; v++) {
-        v2v_match_add(&all, &of_view[v]);
-    }
-    for (int64_t v = 0; v < views; v++) {
-        const struct v2v_match *here = &of_view[v];
-        const double expected = here->p * (all.y - here->y) / (all.p - here->p);
-        const double part = fmax(here->y, 0.0) / expected;
-        const double oddness = fmin(part, 1.0 / part);
-        if (expected > 0.0 && isfinite(expected) && oddness < oddest &&
-            fabs(here->y - expected) > certain * sqrt(here->noise)) {
+        struct v2v_structure others = {0};
+        for (int64_t o = 0; o < views; o++) {
+            if (o != v) {
+                v2v_structure_add(&others, &of_view[o].structure);
+            }
+        }
+        const double here = v2v_structure_brightness(&of_view[v].structure, &others);
+        const double oddness = fmax(here, 1.0 / here);
+        if (oddness > oddest) {
             oddest = oddness;
-            *light = part;
+            *times = here;
             odd = v;
         }
     }
@@ -139,10 +139,36 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride)
 /* What the OTFs of views that are projected together may hold, bytes over all ranks. */
 static const int64_t most_bytes = (int64_t)512 << 20;
 
+/* Of the structure, from which on it is looked where the views lie. */
+static const double worth_a_look = 0.03;
+
+/* Local. */
+static enum v2v_status find_displaced(double *displaced, const struct v2v_match *match,
+                                      const float *recorded, const float *projected, int64_t count,
+                                      int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    double *shift = NULL;
+    for (int64_t v = 0; v < count; v++) {
+        displaced[v] = NAN;
+    }
+    if (!(v2v_structure_missed(&match->structure) >= worth_a_look)) {
+        return V2V_OK;
+    }
+    V2V_TRY(V2V_ALLOC(shift, "eval.shifts", 2 * count));
+    V2V_TRY(v2v_structure_shifts(shift, recorded, projected, count, height, width));
+    for (int64_t v = 0; v < count; v++) {
+        displaced[v] = hypot(shift[2 * v], shift[2 * v + 1]);
+    }
+done:
+    v2v_mem_free(shift);
+    return rc;
+}
+
 enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
-                                const struct v2v_psf_file *psf, const float *slices,
-                                const float *views, int64_t height, int64_t width, float scale,
-                                const struct v2v_comm *comm)
+                                double *displaced, const struct v2v_psf_file *psf,
+                                const float *slices, const float *views, int64_t height,
+                                int64_t width, float scale, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t count = psf->views, pixels = height * width;
@@ -155,6 +181,8 @@ enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_vi
     V2V_TRY(v2v_grouped_create(&grouped, psf, height, width, V2V_SPLIT_SLICES, most_bytes, comm));
     V2V_TRY(v2v_grouped_forward(grouped, images, slices, scale));
     *match = v2v_match_views(of_view, scratch, views, images, count, height, width);
+    rc = find_displaced(displaced, match, views, images, count, height, width);
+    V2V_TRY(v2v_par_agree(comm, rc));
 done:
     v2v_grouped_destroy(&grouped);
     v2v_mem_free(images);

@@ -28,10 +28,14 @@ for key in heldout_before heldout_after heldout_frame_before heldout_frame_after
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
 done
-works deconvolve --psf psf.h5 --input rec.h5 -o dim.h5
-grep -q 'frame 0: view 1 holds 0\.0[0-9]* times the light' stderr || fail "$(cat stderr)"
-works evaluate --psf psf.h5 --input rec.h5 --volume dim.h5
-grep -q 'view 1 holds 0\.0[0-9]* times the light' stderr || fail "$(cat stderr)"
+works simulate --psf psf.h5 --scene neurons --size 64 -o seen.h5 --noise gaussian:0.05 \
+    --calibration spoil.yaml
+works deconvolve --psf psf.h5 --input seen.h5 -o dim.h5
+grep -q 'frame 0: view 1 is 0\.0[0-9]* times as bright' stderr || fail "$(cat stderr)"
+grep -q 'frame 0: the views lie [0-9.]* pixels from where the volume has them' stderr ||
+    fail "out of register in silence: $(cat stderr)"
+works evaluate --psf psf.h5 --input seen.h5 --volume dim.h5
+grep -q 'view 1 is 0\.0[0-9]* times as bright' stderr || fail "$(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
 works info cal.yaml
 says 'calibration of 5 views, of frames of 64 x 64 pixels'

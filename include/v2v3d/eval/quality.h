@@ -2,6 +2,7 @@
 #define V2V3D_EVAL_QUALITY_H
 
 #include "v2v3d/base/status.h"
+#include "v2v3d/eval/structure.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
@@ -15,6 +16,7 @@ struct v2v_match {
     double yy, yp, pp; /**< sums over the pixels of y*y, y*p, p*p .. */
     double y, p;       /**< .. and of each */
     double noise;      /**< sum of sigma^2 */
+    struct v2v_structure structure;
 };
 
 /** One view. Add the members for several. @kind Local. @param recorded, projected [y,x]
@@ -41,12 +43,10 @@ double v2v_match_sigmas(const struct v2v_match *match, double scale);
  *  beyond it is recorded and in no volume. NaN where sum y <= 0. @kind Local. */
 double v2v_match_flux(const struct v2v_match *match);
 
-/** Of views and projections of one frame, the view whose light is most unlike what the volume gives
- *  it, by the proportion of the other views: less than 0.55 times it, or it less than 0.55 times
- *  the view's, and by more than 10 sigma of the sum. As of a view that was blocked, or of another
- *  gain; what views see beyond a frame of 48 or 96 pixels makes 0.61.
- *  @kind Local. @param light out: times what it should be @return the view; -1: none is */
-int64_t v2v_match_odd_view(double *light, const struct v2v_match *of_view, int64_t views);
+/** Of views and projections of one frame, the view that is most unlike the volume's in brightness
+ *  (v2v_structure_brightness). @kind Local. @param times out: as bright as it should be
+ *  @return the view; -1: none is */
+int64_t v2v_match_odd_view(double *times, const struct v2v_match *of_view, int64_t views);
 
 /** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
  *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
@@ -60,14 +60,17 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
  *  ranks, or half of what a memory limit leaves a rank, or one: nothing is kept.
  *  @kind   Collective(comm)
  *  @param  of_view [v] out: of each view; match: of all
+ *  @param  displaced [v] out: pixels that each view lies from its projection, where 0.03 of the
+ *          structure or more is missed; NaN where not, or where there is no telling
  *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
  *  @param  scale of the projection: 1, or 1/Z for the mean over z
  *  @return V2V_OK | V2V_E_MEMORY; agreed
  *  @cost   V * Z transforms of PSFs, Z of slices for as many views as go together, and V inverse,
  *          over all ranks */
 enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
-                                const struct v2v_psf_file *psf, const float *slices,
-                                const float *views, int64_t height, int64_t width, float scale,
+                                double *displaced, const struct v2v_psf_file *psf,
+                                const float *slices, const float *views, int64_t height,
+                                int64_t width, float scale,
                                 const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 #ifdef __cplusplus

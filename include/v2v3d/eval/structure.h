@@ -1,0 +1,48 @@
+#ifndef V2V3D_EVAL_STRUCTURE_H
+#define V2V3D_EVAL_STRUCTURE_H
+
+#include "v2v3d/base/status.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** How the coarse structure of a view y is met by the projection p of a volume: means of squares of
+ *  8 x 8 pixels about their view's mean, away from the border, where light that comes from beyond
+ *  it is in no volume; and mixed second differences of neighbours, which tell the noise. */
+struct v2v_structure {
+    double yy, yp, pp;    /**< sums over the squares .. */
+    double dyy, dyp, dpp; /**< .. and over the differences: 4 sigma^2 each, of white noise */
+    double squares, differences;
+};
+
+/** One view, of zeros where it has fewer than four squares. Add the members for several.
+ *  @kind Local. @param recorded, projected [y,x] */
+struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
+                                      int64_t width);
+void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *structure);
+
+/** |y - s p| / |y| of the structure, by the best s, without the noise of y - s p itself: 0 where
+ *  that may be all. NaN where y has no structure, or is no number. As little as 0.006 of views in
+ *  register at any noise, 0.2 of a real recording after its calibration; 0.08 to 0.4 in another
+ *  order or mirrored (tests/bench/README.md). @kind Local. */
+double v2v_structure_missed(const struct v2v_structure *structure);
+
+/** How many times as bright as the volume has it a view's structure is, beside the other views:
+ *  1 unless that is beyond 5 % and the noise, and most of what the volume misses of the view. As of
+ *  one that was blocked, or of another gain. @kind Local. @param others their sum */
+double v2v_structure_brightness(const struct v2v_structure *view,
+                                const struct v2v_structure *others);
+
+/** How far each view lies from its projection, away from the border (v2v_fourier_shift).
+ *  @kind Local. @param shift [count,2] out, pixels in y, x, NaN where there is no telling
+ *  @param recorded, projected [count,y,x] @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_structure_shifts(double *shift, const float *recorded, const float *projected,
+                                     int64_t count, int64_t height, int64_t width) V2V_MUST_CHECK;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,189 @@
+/* What varies over some pixels is far above the noise of their mean: what a volume misses of it is
+ * no noise. */
+#include "v2v3d/eval/structure.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/eval/fourier.h"
+#include "v2v3d/par/comm.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Pixels of a square's side; of the border, at most, and as a part of a shorter side. */
+enum { SIDE = 8, BORDER = 24, OF_SIDE = 4, LEAST_SQUARES = 4 };
+
+/* Standard deviations of what is noise alone. */
+static const double certain = 8.0;
+
+/* Of a view's brightness, beside the others'. */
+static const double least_odd = 1.05, most_of_it = 0.75;
+
+/* Of a sum of squares that rounding made negative; NaN stays. */
+static double positive(double x)
+{
+    return x < 0.0 ? 0.0 : x;
+}
+
+/* Samples of an image that are far enough from its border. */
+static struct v2v_part inside(int64_t side)
+{
+    const int64_t border = v2v_smaller(BORDER, side / OF_SIDE);
+    return (struct v2v_part){border, side - 2 * border};
+}
+
+static double mean_of_square(const float *image, int64_t width)
+{
+    double sum = 0.0;
+    for (int64_t y = 0; y < SIDE; y++) {
+        for (int64_t x = 0; x < SIDE; x++) {
+            sum += (double)image[y * width + x];
+        }
+    }
+    return sum / (SIDE * SIDE);
+}
+
+static double mixed_difference(const float *at, int64_t width)
+{
+    return ((double)at[0] - (double)at[1]) - ((double)at[width] - (double)at[width + 1]);
+}
+
+/* Sums of products of means, and less the products of their sums. */
+static void add_squares(struct v2v_structure *to, const float *recorded, const float *projected,
+                        int64_t width, struct v2v_part rows, struct v2v_part columns)
+{
+    double y = 0.0, p = 0.0;
+    for (int64_t i = 0; i < rows.count / SIDE; i++) {
+        for (int64_t j = 0; j < columns.count / SIDE; j++) {
+            const int64_t at = (rows.first + i * SIDE) * width + columns.first + j * SIDE;
+            const double a = mean_of_square(recorded + at, width);
+            const double b = mean_of_square(projected + at, width);
+            to->yy += a * a;
+            to->yp += a * b;
+            to->pp += b * b;
+            y += a;
+            p += b;
+            to->squares += 1.0;
+        }
+    }
+    to->yy = positive(to->yy - y * y / to->squares);
+    to->yp -= y * p / to->squares;
+    to->pp = positive(to->pp - p * p / to->squares);
+}
+
+static void add_differences(struct v2v_structure *to, const float *recorded, const float *projected,
+                            int64_t width, struct v2v_part rows, struct v2v_part columns)
+{
+    for (int64_t i = rows.first; i < rows.first + rows.count - 1; i++) {
+        for (int64_t j = columns.first; j < columns.first + columns.count - 1; j++) {
+            const double a = mixed_difference(recorded + i * width + j, width);
+            const double b = mixed_difference(projected + i * width + j, width);
+            to->dyy += a * a;
+            to->dyp += a * b;
+            to->dpp += b * b;
+            to->differences += 1.0;
+        }
+    }
+}
+
+struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
+                                      int64_t width)
+{
+    struct v2v_structure structure = {0};
+    const struct v2v_part rows = inside(height), columns = inside(width);
+    if (rows.count / SIDE * (columns.count / SIDE) >= LEAST_SQUARES) {
+        add_squares(&structure, recorded, projected, width, rows, columns);
+        add_differences(&structure, recorded, projected, width, rows, columns);
+    }
+    return structure;
+}
+
+void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *structure)
+{
+    sum->yy += structure->yy;
+    sum->yp += structure->yp;
+    sum->pp += structure->pp;
+    sum->dyy += structure->dyy;
+    sum->dyp += structure->dyp;
+    sum->dpp += structure->dpp;
+    sum->squares += structure->squares;
+    sum->differences += structure->differences;
+}
+
+static double scale_of(const struct v2v_structure *structure)
+{
+    return structure->pp == 0.0 ? 0.0 : structure->yp / structure->pp;
+}
+
+/* Variance of the noise of a square's mean, of what `scale` times the projection leaves. */
+static double variance_of(const struct v2v_structure *structure, double scale)
+{
+    const double left = structure->dyy - scale * (2.0 * structure->dyp - scale * structure->dpp);
+    return positive(left) / (4.0 * structure->differences * SIDE * SIDE);
+}
+
+/* Squares missed, the noise's and what exceeds it. */
+static double squares_missed(const struct v2v_structure *structure, double scale)
+{
+    return structure->yy - scale * (2.0 * structure->yp - scale * structure->pp);
+}
+
+double v2v_structure_missed(const struct v2v_structure *structure)
+{
+    const double scale = scale_of(structure);
+    if (!(structure->squares > 0.0) || !isfinite(scale)) {
+        return NAN;
+    }
+    const double variance = variance_of(structure, scale);
+    const double noise = structure->squares * variance;
+    const double doubt = certain * sqrt(2.0 * structure->squares) * variance;
+    const double missed = squares_missed(structure, scale) - noise, all = structure->yy - noise;
+    if (!(all > doubt)) {
+        return NAN;
+    }
+    return missed > doubt ? sqrt(missed / all) : 0.0;
+}
+
+double v2v_structure_brightness(const struct v2v_structure *view,
+                                const struct v2v_structure *others)
+{
+    const double scale = scale_of(others), own = positive(scale_of(view));
+    const double times = own / scale;
+    const double variance = variance_of(view, scale);
+    const double missed = squares_missed(view, scale) - view->squares * variance;
+    const double by_brightness = (own - scale) * (own - scale) * view->pp;
+    const int is_odd = scale > 0.0 && fmax(times, 1.0 / times) > least_odd &&
+                       by_brightness > certain * certain * variance &&
+                       by_brightness > most_of_it * missed;
+    return is_odd ? times : 1.0;
+}
+
+static void cut(float *to, const float *image, int64_t width, struct v2v_part rows,
+                struct v2v_part columns)
+{
+    for (int64_t i = 0; i < rows.count; i++) {
+        memcpy(to + i * columns.count, image + (rows.first + i) * width + columns.first,
+               (size_t)columns.count * sizeof *to);
+    }
+}
+
+enum v2v_status v2v_structure_shifts(double *shift, const float *recorded, const float *projected,
+                                     int64_t count, int64_t height, int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_fourier *fourier = NULL;
+    const struct v2v_part rows = inside(height), columns = inside(width);
+    const int64_t pixels = rows.count * columns.count;
+    float *images = NULL;
+    V2V_TRY(V2V_ALLOC(images, "eval.shifts", v2v_mem_product(2, pixels, 1)));
+    V2V_TRY(v2v_fourier_create(&fourier, rows.count, columns.count));
+    for (int64_t v = 0; v < count; v++) {
+        cut(images, recorded + v * height * width, width, rows, columns);
+        cut(images + pixels, projected + v * height * width, width, rows, columns);
+        v2v_fourier_shift(fourier, shift + 2 * v, images, images + pixels);
+    }
+done:
+    v2v_fourier_destroy(&fourier);
+    v2v_mem_free(images);
+    return rc;
+}

@@ -1,0 +1,120 @@
+/* The coarse structure of views that are a known projection, plus what a volume does not have. */
+#include "support.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/eval/structure.h"
+
+#include <math.h>
+
+enum { HEIGHT = 96, WIDTH = 112, PIXELS = HEIGHT * WIDTH };
+
+static float recorded[PIXELS], projected[PIXELS];
+
+/* Waves of many pixels, `part` of them of another direction in the view; and white noise. */
+static void make(double part, double gain, double noise)
+{
+    for (int i = 0; i < PIXELS; i++) {
+        const double y = i / WIDTH, x = i % WIDTH;
+        const double volume = sin(x / 7.0) + cos(y / 9.0), other = 2.0 * sin((x + 2.0 * y) / 16.0);
+        projected[i] = (float)(2.0 + volume);
+        recorded[i] = (float)(5.0 + gain * ((1.0 - part) * volume + part * other) +
+                              noise * v2v_random_normal(7, 0, (uint64_t)i));
+    }
+}
+
+static struct v2v_structure structure(double part, double gain, double noise)
+{
+    make(part, gain, noise);
+    return v2v_structure_of(recorded, projected, HEIGHT, WIDTH);
+}
+
+static void noise_alone_is_nothing_missed(void **state)
+{
+    (void)state;
+    static const double noises[] = {0.0, 0.01, 0.1, 1.0, 3.0};
+    for (size_t i = 0; i < sizeof noises / sizeof *noises; i++) {
+        const struct v2v_structure found = structure(0.0, 3.0, noises[i]);
+        assert_true(v2v_structure_missed(&found) < 1e-6);
+    }
+}
+
+/* A tenth of another structure, however much noise lies over it. */
+static void what_the_volume_lacks_is_seen_through_noise(void **state)
+{
+    (void)state;
+    const struct v2v_structure clean = structure(0.1, 3.0, 0.0), noisy = structure(0.1, 3.0, 0.5);
+    const double missed = v2v_structure_missed(&clean);
+    assert_true(missed > 0.05 && missed < 0.2);
+    /* so many squares tell the squares that are missed within a tenth */
+    assert_true(fabs(v2v_structure_missed(&noisy) - missed) < 0.05 * missed);
+}
+
+static void views_without_structure_miss_nothing_that_is_known(void **state)
+{
+    (void)state;
+    struct v2v_structure found = structure(0.0, 0.0, 0.0);
+    assert_true(isnan(v2v_structure_missed(&found)));
+    found = structure(0.0, 0.0, 1.0);
+    assert_true(isnan(v2v_structure_missed(&found)));
+    found = v2v_structure_of(recorded, projected, 15, WIDTH); /* no two squares high inside */
+    assert_true(found.squares > 0.0);
+    found = v2v_structure_of(recorded, projected, 15, 24);
+    assert_true(found.squares == 0.0 && isnan(v2v_structure_missed(&found)));
+    projected[PIXELS / 2 + WIDTH / 2] = NAN;
+    found = v2v_structure_of(recorded, projected, HEIGHT, WIDTH);
+    assert_true(isnan(v2v_structure_missed(&found)));
+    assert_true(v2v_structure_brightness(&found, &found) == 1.0);
+}
+
+static void another_brightness_is_told_beyond_the_noise(void **state)
+{
+    (void)state;
+    static const struct {
+        double part, gain, noise, times; /* times: what is told */
+    } cases[] = {{0.0, 3.0, 0.5, 1.0},
+                 {0.0, 3.6, 0.0, 1.2},
+                 {0.0, 3.6, 0.5, 1.2},
+                 {0.0, 3.1, 0.1, 1.0},
+                 {0.0, 0.0, 0.5, 0.0},
+                 {0.0, 3.6, 20.0, 1.0},
+                 {0.5, 3.0, 0.1, 1.0 /* which no gain explains */}};
+    const struct v2v_structure others = structure(0.0, 3.0, 0.5);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const struct v2v_structure here = structure(cases[i].part, cases[i].gain, cases[i].noise);
+        const double times = v2v_structure_brightness(&here, &others);
+        assert_true(fabs(times - cases[i].times) < (cases[i].times == 1.0 ? 1e-12 : 0.02));
+    }
+    const struct v2v_structure here = structure(0.0, 3.6, 0.0), none = {0};
+    assert_true(v2v_structure_brightness(&here, &none) == 1.0);
+    assert_true(v2v_structure_brightness(&none, &none) == 1.0);
+}
+
+static void a_view_that_moved_is_found_where_it_is(void **state)
+{
+    (void)state;
+    static float two[2][PIXELS], moved[2][PIXELS];
+    double shift[4];
+    make(0.0, 1.0, 2.0);
+    for (int i = 0; i < PIXELS; i++) {
+        const int y = i / WIDTH, x = i % WIDTH;
+        two[0][i] = two[1][i] = recorded[i];
+        moved[0][i] = recorded[i];
+        moved[1][i] = y >= 2 && x < WIDTH - 3 ? recorded[(y - 2) * WIDTH + x + 3] : 5.0f;
+    }
+    assert_ok(v2v_structure_shifts(shift, moved[0], two[0], 2, HEIGHT, WIDTH));
+    assert_true(fabs(shift[0]) < 1e-3 && fabs(shift[1]) < 1e-3);
+    /* the window, which does not move, has a part in it */
+    assert_true(fabs(shift[2] - 2.0) < 0.1 && fabs(shift[3] + 3.0) < 0.1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(noise_alone_is_nothing_missed),
+        cmocka_unit_test(what_the_volume_lacks_is_seen_through_noise),
+        cmocka_unit_test(views_without_structure_miss_nothing_that_is_known),
+        cmocka_unit_test(another_brightness_is_told_beyond_the_noise),
+        cmocka_unit_test(a_view_that_moved_is_found_where_it_is),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
