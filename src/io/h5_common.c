@@ -105,6 +105,18 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_h5_check_name(const char *path)
+{
+    const enum v2v_file_kind kind = v2v_file_kind_of_name(path);
+    if (kind != V2V_FILE_HDF5 && kind != V2V_FILE_OTHER) {
+        return V2V_FAIL(V2V_E_USAGE,
+                        "%s: this output is written as HDF5: name it .h5 (v2v3d convert makes "
+                        "TIFFs of it)",
+                        path);
+    }
+    return V2V_OK;
+}
+
 enum v2v_status v2v_h5_begin(hid_t *file, char temporary[V2V_PATH_BYTES], const char *path)
 {
     enum v2v_status rc = V2V_OK;

@@ -57,6 +57,10 @@ int v2v_h5_has(hid_t file, const char *name);
 enum v2v_status v2v_h5_there_is_none(hid_t file, const char *path, const char *name,
                                      const char *hint) V2V_MUST_CHECK;
 
+/** What is written as HDF5 does not take the name of another kind of file, as .tif. @kind Local.
+ *  @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_h5_check_name(const char *path) V2V_MUST_CHECK;
+
 /** Begin a file of one rank under its temporary name; end it: close it, and move it into place when
  *  `rc` and the close are fine, else remove it. @kind Local. @return rc | V2V_E_IO */
 enum v2v_status v2v_h5_begin(hid_t *file, char temporary[V2V_PATH_BYTES],

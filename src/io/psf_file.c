@@ -246,6 +246,7 @@ enum v2v_status v2v_psf_file_write(const struct v2v_psf_file *file, const char *
     enum v2v_status rc = V2V_OK;
     char temporary[V2V_PATH_BYTES];
     hid_t h5 = H5I_INVALID_HID;
+    V2V_TRY(v2v_h5_check_name(path));
     V2V_TRY(v2v_h5_begin(&h5, temporary, path));
     V2V_TRY(write_dataset(file, h5, path));
 done:

@@ -43,6 +43,7 @@ enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const
         .context = info,
     };
     *writer = NULL;
+    V2V_TRY(v2v_h5_check_name(path));
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(fresh, "io.recording", 1)));
     V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
     *writer = fresh;

@@ -23,7 +23,8 @@ struct v2v_psf_file {
 enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** Write HDF5. @kind Local (one rank). @return V2V_OK | V2V_E_IO | V2V_E_INPUT (a name too long) */
+/** Write HDF5. @kind Local (one rank). @return V2V_OK | V2V_E_IO | V2V_E_INPUT (a name too long) |
+ *  V2V_E_USAGE (a name of another kind of file, as .tif) */
 enum v2v_status v2v_psf_file_write(const struct v2v_psf_file *file,
                                    const char *path) V2V_MUST_CHECK;
 

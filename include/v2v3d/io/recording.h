@@ -72,8 +72,8 @@ void v2v_recording_close(struct v2v_recording **recording);
 /** A recording to write: `/views` [t,v,y,x] float32 (or uint16, as info says), chunk = one view of
  *  one frame, attrs as in src/io/README.md; appears under `path` at v2v_recording_finish.
  *  @kind   Collective(comm)
- *  @return V2V_OK | V2V_E_INPUT (a name too long) | V2V_E_BUSY (another run writes it) | V2V_E_IO |
- *          V2V_E_MEMORY; agreed */
+ *  @return V2V_OK | V2V_E_USAGE (a name of another kind of file, as .tif) | V2V_E_INPUT (a name too
+ *          long) | V2V_E_BUSY (another run writes it) | V2V_E_IO | V2V_E_MEMORY; agreed */
 struct v2v_recording_writer;
 enum v2v_status v2v_recording_create(struct v2v_recording_writer **writer, const char *path,
                                      const struct v2v_recording_info *info,
