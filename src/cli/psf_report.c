@@ -115,7 +115,7 @@ static void print_warnings(FILE *stream, const struct v2v_slice_figures *figures
         fprintf(stream, "warning: %" PRId64 " of %" PRId64 " slices are without energy\n", dark,
                 count);
     }
-    if (border > 1e-3 * energy) {
+    if (border > 1e-3 * energy && v2v_psf_pedestal(psf) == 0.0) {
         fprintf(stream, "warning: %.2g of the energy lies on the border: the PSFs are cut off\n",
                 border / energy);
     }

@@ -7,6 +7,7 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/optics/psf_figures.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -121,6 +122,13 @@ enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_f
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_psf_read(psf, path, session->config.psf.normalize, session->world));
+    const double pedestal = v2v_step_on_root(session) ? v2v_psf_pedestal(psf) : 0.0;
+    if (pedestal > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: %.2g of the PSFs' light is a constant background, which spoils volumes: "
+                "subtract it",
+                path, pedestal);
+    }
     if (session->calibration.views > 0) {
         V2V_TRY(v2v_par_agree(session->world,
                               v2v_calibration_apply_to_psf(psf, &session->calibration)));

@@ -1,6 +1,7 @@
 #include "v2v3d/optics/psf_figures.h"
 
 #include "optics/moments.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/optics/psf.h"
 #include <math.h>
 
@@ -56,6 +57,37 @@ struct v2v_slice_figures v2v_slice_figures_of(const float *slice, int64_t height
         figures.support = support_of(slice, height * width, figures.energy);
     }
     return figures;
+}
+
+static double darkest_on_border(const float *slice, int64_t height, int64_t width)
+{
+    double darkest = INFINITY;
+    for (int64_t y = 0; y < height; y++) {
+        const int64_t step = y == 0 || y == height - 1 ? 1 : v2v_larger(width - 1, 1);
+        for (int64_t x = 0; x < width; x += step) {
+            darkest = fmin(darkest, (double)slice[y * width + x]);
+        }
+    }
+    return darkest;
+}
+
+double v2v_psf_pedestal(const struct v2v_psf_file *psf)
+{
+    const double least = 0.05;
+    const int64_t narrow = 8; /* pixels of a window that light may fill */
+    const int64_t pixels = psf->height * psf->width;
+    double light = 0.0, background = 0.0;
+    if (psf->height < narrow || psf->width < narrow) {
+        return 0.0;
+    }
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        const float *slice = psf->data + i * pixels;
+        double moment[3];
+        v2v_slice_moments(moment, slice, psf->height, psf->width);
+        light += moment[0];
+        background += fmax(darkest_on_border(slice, psf->height, psf->width), 0.0) * (double)pixels;
+    }
+    return background > least * light ? background / light : 0.0;
 }
 
 double v2v_psf_correlation(const float *a, const float *b, int64_t count)
