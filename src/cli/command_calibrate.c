@@ -53,7 +53,10 @@ static void warn(const struct v2v_calibration *calibration,
                     v, ratio);
         }
     }
-    if (report->frame_after > hardly_lower * report->frame_before) {
+    if (report->frame_after == report->frame_before) {
+        v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual: the calibration leaves the "
+                                 "views as they are");
+    } else if (report->frame_after > hardly_lower * report->frame_before) {
         v2v_log(V2V_LOG_WARNING, "the held-out residual is hardly lower: the views are in register "
                                  "without it, or too few or too noisy to tell");
     }

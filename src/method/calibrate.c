@@ -207,6 +207,25 @@ done:
     return rc;
 }
 
+/** Where views are predicted hardly better than as they came, they stay so: as many pixels of noise
+ *  alone let a shift and a gain take UNKNOWNS of their squares, give or take. Local. */
+static void undo_in_vain(const struct v2v_calibrator *at, struct v2v_calibration_report *report)
+{
+    enum { UNKNOWNS = 3, CERTAIN = 3 };
+    struct v2v_calibration *const found = at->calibration;
+    const double ratio = report->frame_after / report->frame_before;
+    const double by_noise = (double)UNKNOWNS / (double)(at->rows.count * at->columns.count);
+    if (1.0 - ratio * ratio > CERTAIN * by_noise) {
+        return;
+    }
+    for (int64_t v = 0; v < found->views; v++) {
+        found->view[v] = (struct v2v_view_calibration){.gain = 1.0};
+    }
+    report->frame_after = report->frame_before;
+    report->heldout_after = report->heldout_before;
+    report->has_slopes = report->has_fields = 0;
+}
+
 /** Views as they came, by the weight that suits them, then by those that are found.
  *  Collective(comm). */
 static enum v2v_status find(struct calibration_run *self, struct v2v_calibration_report *report)
@@ -231,6 +250,7 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     report->frame_after = at->missed;
     report->heldout_after = at->missed_in_square;
     report->rounds = self->rounds;
+    undo_in_vain(at, report);
 done:
     return rc;
 }

@@ -26,8 +26,9 @@ struct v2v_calibration_report {
  *  distortion, the latter by the whole frame, to the third degree and then to the tenth, are kept
  *  where they lower the residual by 3 % (the tenth degree: 1 %). At the end gains are found by the
  *  volume of all views, less its bias. The report is of the whole frame, two views at a time left
- *  out, before and after. What views cannot tell stays as it was: what all of them share, and what
- *  moves, stretches or bends the volume in depth.
+ *  out, before and after; where noise alone could lower it as much, the views stay as they came.
+ *  What views cannot tell stays as it was: what all of them share, and what moves, stretches or
+ *  bends the volume in depth.
  *  @kind   Collective(comm); any number of ranks finds the same to the bit
  *  @param  problem   config, psf, height, width
  *  @param  views     [v,height,width] less their offset, the same on all ranks
