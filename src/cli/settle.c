@@ -1,7 +1,9 @@
 #include "cli/settle.h"
 
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/structure.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
 
@@ -14,19 +16,25 @@ static int has_light(const float *views, int64_t samples)
     return i < samples;
 }
 
-/* The views of the first frame that has light; where none has, the last, as dark as any. Local. */
+/* The views of the first frame that shows something above its noise; where none does, of the first
+ * with a sample above the offset, or of frame 0. Local. */
 static enum v2v_status read_lit(float *views, int64_t *frame, struct v2v_fusion *fusion,
-                                struct v2v_recording *recording, const struct v2v_scaling *scaling,
-                                int64_t samples)
+                                struct v2v_recording *recording, const struct v2v_scaling *scaling)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t frames = v2v_recording_info(recording)->frames;
-    int is_lit = 0;
-    for (int64_t t = 0; t < frames && !is_lit; t++) {
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const int64_t samples = info->views * info->height * info->width;
+    int64_t bright = -1;
+    for (int64_t t = 0; t < info->frames; t++) {
         V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, t));
-        is_lit = has_light(views, samples);
-        *frame = is_lit ? t : 0;
+        if (v2v_structure_is_seen(views, info->views, info->height, info->width)) {
+            *frame = t;
+            return V2V_OK;
+        }
+        bright = bright < 0 && has_light(views, samples) ? t : bright;
     }
+    *frame = v2v_larger(bright, 0);
+    V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, *frame));
 done:
     return rc;
 }
@@ -54,7 +62,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
                                problem->width);
     }
     if (rc == V2V_OK) {
-        rc = read_lit(views, &frame, fusion, recording, scaling, samples);
+        rc = read_lit(views, &frame, fusion, recording, scaling);
     }
     v2v_fusion_destroy(&fusion);
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -62,7 +70,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     if (config->deconv.noise != noise) {
         v2v_log(V2V_LOG_INFO, "noise %s, by the first frame%s",
                 config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian",
-                frame > 0 ? " with light" : "");
+                frame > 0 ? " that shows something" : "");
     }
 done:
     v2v_mem_free(views);

@@ -7,7 +7,7 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/method/estimator.h"
 
-/** Decide them by the recording's first frame with light (a sample above the offset; a shutter may
+/** Decide them by the recording's first frame that shows something above its noise (a shutter may
  *  open late), whatever frames are asked for: a range has the bits of the whole. Nothing is read
  *  where nothing is left open.
  *  @kind   Collective(session->world)

@@ -1,5 +1,7 @@
 #include "cli/volumes_quality.h"
 
+#include "cli/steps.h"
+#include "cli/volumes_frames.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/quality.h"
@@ -9,14 +11,16 @@
 
 /* What a frame of the volumes and its views have in common. */
 struct found {
+    float *recorded;                  /* [v,y,x], less the offset */
     struct v2v_match match, *of_view; /* [v] */
     double *displaced;                /* [v], pixels */
     double saturated;                 /* part of the views' pixels */
-    int64_t views, frame;
+    int64_t views;
+    int64_t shown, frame; /* of the volumes, and before the cut */
 };
 
-/* How the finished volumes' first frame meets its views. Collective. */
-static enum v2v_status match_first(struct found *found, const struct v2v_volumes_made *made,
+/* How the first frame that shows something meets its views. Collective. */
+static enum v2v_status match_frame(struct found *found, const struct v2v_volumes_made *made,
                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
@@ -29,18 +33,16 @@ static enum v2v_status match_first(struct found *found, const struct v2v_volumes
         v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
     struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
     struct v2v_volume *volume = NULL;
-    float *views = NULL, *slices = NULL;
+    float *const views = found->recorded, *slices = NULL;
     V2V_TRY(v2v_volume_open(&volume, made->output,
                             &(struct v2v_input_settings){.slices = psf->slices}, session->world));
-    rc = V2V_ALLOC(views, "cli.quality", samples);
+    rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_volumes_first_seen(&found->shown, views, made, session));
+    found->frame = made->first + found->shown;
+    rc = v2v_recording_read(made->recording, views, found->shown);
     if (rc == V2V_OK) {
-        rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
-    }
-    if (rc == V2V_OK) {
-        rc = v2v_recording_read(made->recording, views, 0);
-    }
-    if (rc == V2V_OK) {
-        rc = v2v_volume_read(volume, slices, 0, mine.first, mine.count);
+        rc = v2v_volume_read(volume, slices, found->shown, mine.first, mine.count);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     found->saturated = (double)v2v_saturated_pixels(views, samples) / (double)samples;
@@ -51,7 +53,6 @@ static enum v2v_status match_first(struct found *found, const struct v2v_volumes
                             session->world));
 done:
     v2v_mem_free(slices);
-    v2v_mem_free(views);
     v2v_volume_close(&volume);
     return rc;
 }
@@ -144,27 +145,44 @@ static void warn_of_saturation(const struct found *found)
     }
 }
 
+static enum v2v_status take_memory(struct found *found, const struct v2v_recording_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
+    V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
+    V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality",
+                      v2v_mem_product(found->views, info->height, info->width)));
+done:
+    return rc;
+}
+
+/* Collective. */
+static enum v2v_status report(struct found *found, const struct v2v_volumes_made *made,
+                              const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(session->world, take_memory(found, v2v_recording_info(made->recording))));
+    V2V_TRY(match_frame(found, made, session));
+    if (v2v_step_on_root(session)) { /* all ranks know it */
+        log_match(&found->match, found->frame);
+        warn_of_odd_view(found);
+        warn_of_misfit(found);
+        warn_of_saturation(found);
+    }
+    V2V_TRY(v2v_volumes_judge_offset(found->recorded, found->shown, made, session));
+    V2V_TRY(v2v_volumes_judge_frames(found->recorded, found->shown, made, session));
+done:
+    return rc;
+}
+
 void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
                                 const struct v2v_session *session)
 {
-    const int64_t views = made->psf->views;
-    struct found found = {.views = views, .frame = made->first};
-    enum v2v_status rc = V2V_ALLOC(found.of_view, "cli.quality", views);
-    if (rc == V2V_OK) {
-        rc = V2V_ALLOC(found.displaced, "cli.quality", views);
-    }
-    rc = v2v_par_agree(session->world, rc);
-    if (rc == V2V_OK) {
-        rc = match_first(&found, made, session);
-    }
-    if (rc == V2V_OK) {
-        log_match(&found.match, found.frame);
-        warn_of_odd_view(&found);
-        warn_of_misfit(&found);
-        warn_of_saturation(&found);
-    } else {
+    struct found found = {.views = made->psf->views};
+    if (report(&found, made, session) != V2V_OK && v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
     }
+    v2v_mem_free(found.recorded);
     v2v_mem_free(found.displaced);
     v2v_mem_free(found.of_view);
 }

@@ -115,11 +115,13 @@ static float correlation_at(const struct v2v_fourier *self, int64_t y, int64_t x
     return self->image[(y + self->ny) % self->ny * self->nx + (x + self->nx) % self->nx];
 }
 
-/* Where a parabola through three values, the middle one the greatest, has its top. */
+/* Where a parabola through three values has its top, from the middle one; 0 where that is not the
+ * greatest, on the edge of what is searched. */
 static double top_of(double before, double here, double behind)
 {
     const double bend = before - 2.0 * here + behind;
-    return bend < 0.0 ? 0.5 * (before - behind) / bend : 0.0;
+    const int is_top = here >= before && here >= behind && bend < 0.0;
+    return is_top ? 0.5 * (before - behind) / bend : 0.0;
 }
 
 void v2v_fourier_shift(struct v2v_fourier *self, double shift[2], const float *image,

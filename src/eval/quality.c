@@ -23,7 +23,6 @@ struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float
         match.p += p;
     }
     match.noise = sigma * sigma * (double)(height * width);
-    match.structure = v2v_structure_of(recorded, projected, height, width);
     return match;
 }
 
@@ -43,9 +42,17 @@ struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, cons
                                  int64_t width)
 {
     struct v2v_match all = {0};
+    const int64_t pixels = height * width;
     for (int64_t v = 0; v < count; v++) {
-        const int64_t first = v * height * width;
-        of_view[v] = v2v_match_of(scratch, recorded + first, projected + first, height, width);
+        of_view[v] =
+            v2v_match_of(scratch, recorded + v * pixels, projected + v * pixels, height, width);
+    }
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < count; v++) {
+        of_view[v].structure =
+            v2v_structure_of(recorded + v * pixels, projected + v * pixels, height, width);
+    }
+    for (int64_t v = 0; v < count; v++) {
         v2v_match_add(&all, &of_view[v]);
     }
     return all;

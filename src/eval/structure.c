@@ -86,16 +86,22 @@ static void add_differences(struct v2v_structure *to, const float *recorded, con
     }
 }
 
-struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
-                                      int64_t width)
+static struct v2v_structure structure_of(const float *recorded, const float *projected,
+                                         int64_t width, struct v2v_part rows,
+                                         struct v2v_part columns)
 {
     struct v2v_structure structure = {0};
-    const struct v2v_part rows = inside(height), columns = inside(width);
     if (rows.count / SIDE * (columns.count / SIDE) >= LEAST_SQUARES) {
         add_squares(&structure, recorded, projected, width, rows, columns);
         add_differences(&structure, recorded, projected, width, rows, columns);
     }
     return structure;
+}
+
+struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
+                                      int64_t width)
+{
+    return structure_of(recorded, projected, width, inside(height), inside(width));
 }
 
 void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *structure)
@@ -128,20 +134,41 @@ static double squares_missed(const struct v2v_structure *structure, double scale
     return structure->yy - scale * (2.0 * structure->yp - scale * structure->pp);
 }
 
+/* What the noise's sum over so many squares may exceed its mean by. */
+static double doubt_of(double squares, double variance)
+{
+    return certain * sqrt(2.0 * squares) * variance;
+}
+
 double v2v_structure_missed(const struct v2v_structure *structure)
 {
-    const double scale = scale_of(structure);
-    if (!(structure->squares > 0.0) || !isfinite(scale)) {
+    const double scale = scale_of(structure), squares = structure->squares;
+    if (!(squares > 0.0) || !isfinite(scale)) {
         return NAN;
     }
     const double variance = variance_of(structure, scale);
-    const double noise = structure->squares * variance;
-    const double doubt = certain * sqrt(2.0 * structure->squares) * variance;
-    const double missed = squares_missed(structure, scale) - noise, all = structure->yy - noise;
+    const double doubt = doubt_of(squares, variance);
+    const double missed = squares_missed(structure, scale) - squares * variance;
+    const double all = structure->yy - squares * variance;
     if (!(all > doubt)) {
         return NAN;
     }
     return missed > doubt ? sqrt(missed / all) : 0.0;
+}
+
+int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int64_t width)
+{
+    const struct v2v_part rows = {0, height}, columns = {0, width};
+    struct v2v_structure all = {0};
+    int is_seen = 0;
+    for (int64_t v = 0; v < count && !is_seen; v++) { /* one is enough, mostly */
+        const float *view = views + v * height * width;
+        const struct v2v_structure one = structure_of(view, view, width, rows, columns);
+        v2v_structure_add(&all, &one);
+        const double variance = variance_of(&all, 0.0);
+        is_seen = all.yy - all.squares * variance > doubt_of(all.squares, variance);
+    }
+    return is_seen;
 }
 
 double v2v_structure_brightness(const struct v2v_structure *view,

@@ -13,14 +13,14 @@ extern "C" {
 
 /** How a view y is met by the projection p of a volume, without a truth. */
 struct v2v_match {
-    double yy, yp, pp; /**< sums over the pixels of y*y, y*p, p*p .. */
-    double y, p;       /**< .. and of each */
-    double noise;      /**< sum of sigma^2 */
-    struct v2v_structure structure;
+    double yy, yp, pp;              /**< sums over the pixels of y*y, y*p, p*p .. */
+    double y, p;                    /**< .. and of each */
+    double noise;                   /**< sum of sigma^2 */
+    struct v2v_structure structure; /**< by v2v_match_views */
 };
 
-/** One view. Add the members for several. @kind Local. @param recorded, projected [y,x]
- *  @param scratch [y,x] */
+/** One view, its structure left out. Add the members for several.
+ *  @kind Local. @param recorded, projected, scratch [y,x] */
 struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float *projected,
                               int64_t height, int64_t width);
 void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match);

@@ -29,6 +29,11 @@ void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *st
  *  order or mirrored (tests/bench/README.md). @kind Local. */
 double v2v_structure_missed(const struct v2v_structure *structure);
 
+/** Do these views show any, up to the border, above their noise? Of a frame before the light came,
+ *  they do not.
+ *  @kind Local. @param views [count,y,x] */
+int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int64_t width);
+
 /** How many times as bright as the volume has it a view's structure is, beside the other views:
  *  1 unless that is beyond 5 % and the noise, and most of what the volume misses of the view. As of
  *  one that was blocked, or of another gain. @kind Local. @param others their sum */

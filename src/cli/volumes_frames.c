@@ -1,0 +1,205 @@
+#include "cli/volumes_frames.h"
+
+#include "cli/steps.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/eval/quality.h"
+#include "v2v3d/par/agreement.h"
+#include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
+
+/* Of a view's brightness in the reference: structure that moves, noise of the reference itself and
+ * bleaching stay well within. */
+static const double much_dimmer = 0.5;
+
+/* Of every frame; ranks fill in theirs, the rest is 0. */
+struct judged {
+    double *unseen; /* 1: shows nothing */
+    double *odd;    /* 1 + the view that is of another brightness; 0: none is .. */
+    double *times;  /* .. times that of the reference */
+};
+
+static enum v2v_status read_frame(float *views, const struct v2v_volumes_made *made, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
+    offset.gain = 1.0;
+    V2V_TRY(v2v_recording_read(made->recording, views, t));
+    v2v_scaling_apply(&offset, views, info->views * info->height * info->width);
+done:
+    return rc;
+}
+
+static int is_seen(const float *views, const struct v2v_recording_info *info)
+{
+    return v2v_structure_is_seen(views, info->views, info->height, info->width);
+}
+
+enum v2v_status v2v_volumes_first_seen(int64_t *frame, float *views,
+                                       const struct v2v_volumes_made *made,
+                                       const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int64_t frames = v2v_step_on_root(session) ? info->frames : 0;
+    *frame = -1;
+    for (int64_t t = 0; rc == V2V_OK && t < frames && *frame < 0; t++) {
+        rc = read_frame(views, made, t);
+        *frame = rc == V2V_OK && is_seen(views, info) ? t : -1;
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    *frame = *frame < 0 ? 0 : *frame;
+    v2v_par_broadcast(session->world, frame, (int64_t)sizeof *frame, 0);
+done:
+    return rc;
+}
+
+/* Frame t, beside the reference. Local. */
+static void judge(struct judged *judged, int64_t t, struct v2v_match *of_view, const float *views,
+                  const float *reference, const struct v2v_recording_info *info)
+{
+    const int64_t height = info->height, width = info->width;
+    double times = 1.0;
+    if (!is_seen(views, info)) {
+        judged->unseen[t] = 1.0;
+        return;
+    }
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < info->views; v++) {
+        const int64_t first = v * height * width;
+        of_view[v].structure = v2v_structure_of(views + first, reference + first, height, width);
+    }
+    const int64_t odd = v2v_match_odd_view(&times, of_view, info->views);
+    if (odd >= 0 && (times < much_dimmer || times > 1.0 / much_dimmer)) {
+        judged->odd[t] = (double)(odd + 1);
+        judged->times[t] = times;
+    }
+}
+
+/* How many are not 0, and the first of them. */
+static int64_t count(int64_t *first, const double *of_frame, int64_t frames)
+{
+    int64_t found = 0;
+    for (int64_t t = frames - 1; t >= 0; t--) {
+        if (of_frame[t] != 0.0) {
+            found++;
+            *first = t;
+        }
+    }
+    return found;
+}
+
+static void warn(const struct judged *judged, int64_t frames, int64_t shown, int64_t before)
+{
+    int64_t first = 0;
+    const int64_t unseen = count(&first, judged->unseen, frames);
+    if (unseen > 0 && unseen < frames) {
+        v2v_log(V2V_LOG_WARNING,
+                "%lld of %lld frames, frame %lld the first of them, show nothing above their noise",
+                (long long)unseen, (long long)frames, (long long)(before + first));
+    }
+    const int64_t odd = count(&first, judged->odd, frames);
+    if (odd > 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: view %lld is %.2f times as bright as in frame %lld, beside the other "
+                "views; %lld of %lld frames have such a view",
+                (long long)(before + first), (long long)judged->odd[first] - 1,
+                judged->times[first], (long long)(before + shown), (long long)odd,
+                (long long)frames);
+    }
+}
+
+/* Local. */
+static enum v2v_status judge_own(struct judged *judged, const float *reference, int64_t shown,
+                                 const struct v2v_volumes_made *made,
+                                 const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const struct v2v_part mine =
+        v2v_par_part(info->frames, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    struct v2v_match *of_view = NULL;
+    float *views = NULL;
+    V2V_TRY(V2V_ALLOC(of_view, "cli.frames", info->views));
+    V2V_TRY(
+        V2V_ALLOC(views, "cli.frames", v2v_mem_product(info->views, info->height, info->width)));
+    for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
+        v2v_watchdog_beat("looking at the frames");
+        if (t != shown) {
+            V2V_TRY(read_frame(views, made, t));
+            judge(judged, t, of_view, views, reference, info);
+        }
+    }
+done:
+    v2v_mem_free(views);
+    v2v_mem_free(of_view);
+    return rc;
+}
+
+enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
+                                         const struct v2v_volumes_made *made,
+                                         const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t frames = v2v_recording_info(made->recording)->frames;
+    double *of_frames = NULL;
+    if (!is_seen(reference, v2v_recording_info(made->recording))) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_par_agree(session->world,
+                          V2V_ALLOC(of_frames, "cli.frames", v2v_mem_product(3, frames, 1))));
+    struct judged judged = {of_frames, of_frames + frames, of_frames + 2 * frames};
+    rc = judge_own(&judged, reference, shown, made, session);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_sum_f64(session->world, of_frames, 3 * frames);
+    if (v2v_step_on_root(session)) {
+        warn(&judged, frames, shown, made->first);
+    }
+done:
+    v2v_mem_free(of_frames);
+    return rc;
+}
+
+/* Rank 0. */
+static enum v2v_status judge_offset(const float *reference, int64_t shown,
+                                    const struct v2v_volumes_made *made)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
+    const int64_t frames[] = {shown, info->frames - 1};
+    float *scratch = NULL, *views = NULL;
+    double least = 0.0;
+    V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
+    V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
+    for (int i = 0; i < 2 && least == 0.0; i++) {
+        if (frames[i] != shown) {
+            V2V_TRY(read_frame(views, made, frames[i]));
+        }
+        least = v2v_pedestal_of_images(scratch, frames[i] == shown ? reference : views, info->views,
+                                       info->height, info->width);
+        if (least > 0.0) {
+            v2v_log(V2V_LOG_WARNING,
+                    "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light "
+                    "of the background, or another zero of the camera (--offset %.4g)?",
+                    (long long)(made->first + frames[i]), least, made->scaling->offset,
+                    made->scaling->offset + least);
+        }
+    }
+done:
+    v2v_mem_free(views);
+    v2v_mem_free(scratch);
+    return rc;
+}
+
+enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
+                                         const struct v2v_volumes_made *made,
+                                         const struct v2v_session *session)
+{
+    const int is_told =
+        session->config.input.offset.mode == V2V_NUMBER_NONE || made->scaling->pedestal > 0.0;
+    return v2v_par_agree(session->world, !is_told && v2v_step_on_root(session)
+                                             ? judge_offset(reference, shown, made)
+                                             : V2V_OK);
+}

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# Frames of a recording that are unlike the others, and PSFs and offsets that are off: said, once.
+# shellcheck source=tests/cli/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+cp "$root/configs/tiny.yaml" .
+cat >blocked.yaml <<'EOF2'
+height: 128
+width: 128
+views:
+  - gain: 1
+  - gain: 1
+  - gain: 1
+  - gain: 0.02
+  - gain: 1
+EOF2
+works psf simulate -c tiny.yaml -o psf.h5
+scene=(simulate --psf psf.h5 --scene neurons --size 128 --seed 3)
+works "${scene[@]}" --noise gaussian:0.02 -o good.h5
+works "${scene[@]}" --noise gaussian:0.02 -o blocked.h5 --calibration blocked.yaml
+works "${scene[@]}" --noise gaussian:300 -o noise.h5
+for frame in good blocked noise; do
+    works convert --input $frame.h5 -o $frame.tif
+done
+mkdir late all
+cp noise.tif late/frame_0.tif
+cp good.tif late/frame_1.tif
+cp good.tif all/frame_0.tif
+cp noise.tif all/frame_1.tif
+cp good.tif all/frame_2.tif
+cp blocked.tif all/frame_3.tif
+cp blocked.tif all/frame_4.tif
+
+# tells TEXT, misses TEXT: the last command's stderr does, does not.
+tells() {
+    grep -qe "$1" stderr || fail "no \"$1\" in: $(cat stderr)"
+}
+misses() {
+    grep -qe "$1" stderr && fail "\"$1\" in: $(cat stderr)"
+}
+
+# What a recording is settled by, and what is told of it, is the first frame that shows something.
+works deconvolve --psf psf.h5 --input late -o late.h5
+tells 'by the first frame that shows something'
+tells '^frame 1: residual of the views'
+tells '1 of 2 frames, frame 0 the first of them, show nothing above their noise'
+works deconvolve --psf psf.h5 --input good.tif -o good_volume.h5
+misses warning
+works deconvolve --psf psf.h5 --input late -o late_1.h5 --frames 1:1
+misses warning
+same late_1.h5 good_volume.h5 /volume
+
+works deconvolve --psf psf.h5 --input all -o all.h5
+tells '^frame 0: residual of the views'
+tells '1 of 5 frames, frame 1 the first of them, show nothing above their noise'
+tells 'frame 3: view 3 is 0.0[0-9] times as bright as in frame 0, beside the other views; 2 of 5'
+[ "$(grep -c warning stderr)" -eq 2 ] || fail "not one warning of each, once: $(cat stderr)"
+works deconvolve --psf psf.h5 --input all -o all_2.h5 --frames 2:2
+tells 'frame 3: view 3 is 0.0[0-9] times as bright as in frame 2, .*; 1 of 2'
+works deconvolve --psf psf.h5 --input all -o all.h5 --force --quiet
+misses .
+
+# Less dark than the offset says; --offset none says that it is light.
+works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --offset -0.1
+tells 'frame 0 is hardly anywhere darker than 0\.[01][0-9]* above its offset -0.1'
+works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --force --offset none
+misses darker
+
+# Views of noise calibrate nothing.
+works calibrate --psf psf.h5 --input noise.h5 -o cal.yaml
+tells 'nothing lowers the held-out residual'
+[ "$(grep -c 'gain: 1$' cal.yaml)" -eq 5 ] || fail "moved by noise: $(cat cal.yaml)"
+
+# Outputs in HDF5 do not take the name of another kind of file.
+refuses 2 'x.tif: this output is written as HDF5' "${scene[@]}" -o x.tif
+refuses 2 'x.tif: this output is written as HDF5' psf simulate -c tiny.yaml -o x.tif
+[ ! -e x.tif ] || fail 'x.tif was written'
+finish
