@@ -6,6 +6,7 @@
 #include "v2v3d/eval/structure.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
+#include "v2v3d/par/watchdog.h"
 
 static int has_light(const float *views, int64_t samples)
 {
@@ -26,6 +27,7 @@ static enum v2v_status read_lit(float *views, int64_t *frame, struct v2v_fusion 
     const int64_t samples = info->views * info->height * info->width;
     int64_t bright = -1;
     for (int64_t t = 0; t < info->frames; t++) {
+        v2v_watchdog_beat("looking for a frame that shows something");
         V2V_TRY(v2v_fusion_read(fusion, views, recording, scaling, t));
         if (v2v_structure_is_seen(views, info->views, info->height, info->width)) {
             *frame = t;

@@ -45,6 +45,7 @@ enum v2v_status v2v_volumes_first_seen(int64_t *frame, float *views,
     const int64_t frames = v2v_step_on_root(session) ? info->frames : 0;
     *frame = -1;
     for (int64_t t = 0; rc == V2V_OK && t < frames && *frame < 0; t++) {
+        v2v_watchdog_beat("looking for a frame that shows something");
         rc = read_frame(views, made, t);
         *frame = rc == V2V_OK && is_seen(views, info) ? t : -1;
     }
