@@ -74,7 +74,7 @@ static double darkest_on_border(const float *slice, int64_t height, int64_t widt
 double v2v_psf_pedestal(const struct v2v_psf_file *psf)
 {
     const double least = 0.05;
-    const int64_t narrow = 8; /* pixels of a window that light may fill */
+    const int64_t narrow = 16; /* pixels of a window that light may fill */
     const int64_t pixels = psf->height * psf->width;
     double light = 0.0, background = 0.0;
     if (psf->height < narrow || psf->width < narrow) {

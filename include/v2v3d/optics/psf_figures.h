@@ -20,7 +20,7 @@ struct v2v_slice_figures {
 struct v2v_slice_figures v2v_slice_figures_of(const float *slice, int64_t height, int64_t width);
 
 /** The part of the light that a constant background makes: each slice's darkest border pixel times
- *  its pixels. 0 below a twentieth, and in windows of less than 8 pixels, which light may fill.
+ *  its pixels. 0 below a twentieth, and in windows of less than 16 pixels, which light may fill.
  *  Measured and simulated PSFs have less than 1e-4; a thousandth of the brightest pixel makes 0.6
  *  to 0.97, and volumes 10 dB worse. @kind Local. */
 double v2v_psf_pedestal(const struct v2v_psf_file *psf);

@@ -39,19 +39,19 @@ static void correlation_is_free_of_scale_and_of_dark_sets_0(void **state)
     assert_true(v2v_psf_correlation(a, dark, 3) == 0.0);
 }
 
-/* Two slices of 8 x 10 pixels and a point each; what lies under all pixels of one, or but for a
+/* Two slices of 16 x 20 pixels and a point each; what lies under all pixels of one, or but for a
  * border pixel. */
 static void a_constant_background_is_told_from_light(void **state)
 {
     (void)state;
-    enum { SIDE_Y = 8, SIDE_X = 10, SLICE = SIDE_Y * SIDE_X };
+    enum { SIDE_Y = 16, SIDE_X = 20, SLICE = SIDE_Y * SIDE_X };
     static const struct {
         float under, border_pixel;
         double part;
     } cases[] = {{0.0f, 0.0f, 0.0},
-                 {0.5f, 0.5f, 40.0 / 120.0}, /* of 80 pixels, 40, beside two points of 40 */
-                 {0.5f, 0.0f, 0.0},
-                 {0.01f, 0.01f, 0.0}}; /* 0.8 of 80.8: less than a twentieth */
+                 {0.125f, 0.125f, 40.0 / 120.0}, /* of 320 pixels, 40, beside two points of 40 */
+                 {0.125f, 0.0f, 0.0},
+                 {0.01f, 0.01f, 0.0}}; /* 3.2 of 83.2: less than a twentieth */
     float data[2 * SLICE];
     struct v2v_psf_file psf = {1, 2, SIDE_Y, SIDE_X, 0, 0, data};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -63,8 +63,8 @@ static void a_constant_background_is_told_from_light(void **state)
         data[SLICE + 3 * SIDE_X + 4] = 40.0f;
         assert_true(fabs(v2v_psf_pedestal(&psf) - cases[i].part) < 1e-6);
     }
-    data[3 * SIDE_X + 4] = 0.5f; /* all its light is background, of a window that is too small */
-    psf.height = 7;
+    data[3 * SIDE_X + 4] = 0.01f; /* all its light is background, of a window that is too small */
+    psf.height = 15;
     assert_true(v2v_psf_pedestal(&psf) == 0.0);
 }
 
