@@ -53,7 +53,7 @@ static void warn(const struct v2v_calibration *calibration,
                     v, ratio);
         }
     }
-    if (report->frame_after == report->frame_before) {
+    if (report->is_in_vain) {
         v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual: the calibration leaves the "
                                  "views as they are");
     } else if (report->frame_after > hardly_lower * report->frame_before) {

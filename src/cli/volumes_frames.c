@@ -31,38 +31,13 @@ done:
     return rc;
 }
 
-static int is_seen(const float *views, const struct v2v_recording_info *info)
-{
-    return v2v_structure_is_seen(views, info->views, info->height, info->width);
-}
-
-enum v2v_status v2v_volumes_first_seen(int64_t *frame, float *views,
-                                       const struct v2v_volumes_made *made,
-                                       const struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
-    const int64_t frames = v2v_step_on_root(session) ? info->frames : 0;
-    *frame = -1;
-    for (int64_t t = 0; rc == V2V_OK && t < frames && *frame < 0; t++) {
-        v2v_watchdog_beat("looking for a frame that shows something");
-        rc = read_frame(views, made, t);
-        *frame = rc == V2V_OK && is_seen(views, info) ? t : -1;
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    *frame = *frame < 0 ? 0 : *frame;
-    v2v_par_broadcast(session->world, frame, (int64_t)sizeof *frame, 0);
-done:
-    return rc;
-}
-
 /* Frame t, beside the reference. Local. */
 static void judge(struct judged *judged, int64_t t, struct v2v_match *of_view, const float *views,
                   const float *reference, const struct v2v_recording_info *info)
 {
     const int64_t height = info->height, width = info->width;
     double times = 1.0;
-    if (!is_seen(views, info)) {
+    if (!v2v_structure_is_seen(views, info->views, height, width)) {
         judged->unseen[t] = 1.0;
         return;
     }
@@ -95,7 +70,7 @@ static void warn(const struct judged *judged, int64_t frames, int64_t shown, int
 {
     int64_t first = 0;
     const int64_t unseen = count(&first, judged->unseen, frames);
-    if (unseen > 0 && unseen < frames) {
+    if (unseen > 0) {
         v2v_log(V2V_LOG_WARNING,
                 "%lld of %lld frames, frame %lld the first of them, show nothing above their noise",
                 (long long)unseen, (long long)frames, (long long)(before + first));
@@ -145,9 +120,6 @@ enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
     enum v2v_status rc = V2V_OK;
     const int64_t frames = v2v_recording_info(made->recording)->frames;
     double *of_frames = NULL;
-    if (!is_seen(reference, v2v_recording_info(made->recording))) {
-        return V2V_OK;
-    }
     V2V_TRY(v2v_par_agree(session->world,
                           V2V_ALLOC(of_frames, "cli.frames", v2v_mem_product(3, frames, 1))));
     struct judged judged = {of_frames, of_frames + frames, of_frames + 2 * frames};
@@ -170,15 +142,16 @@ static enum v2v_status judge_offset(const float *reference, int64_t shown,
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     const int64_t frames[] = {shown, info->frames - 1};
+    const int count = frames[1] != shown ? 2 : 1;
     float *scratch = NULL, *views = NULL;
     double least = 0.0;
     V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
     V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
-    for (int i = 0; i < 2 && least == 0.0; i++) {
-        if (frames[i] != shown) {
+    for (int i = 0; i < count && least == 0.0; i++) {
+        if (i > 0) {
             V2V_TRY(read_frame(views, made, frames[i]));
         }
-        least = v2v_pedestal_of_images(scratch, frames[i] == shown ? reference : views, info->views,
+        least = v2v_pedestal_of_images(scratch, i > 0 ? views : reference, info->views,
                                        info->height, info->width);
         if (least > 0.0) {
             v2v_log(V2V_LOG_WARNING,

@@ -4,12 +4,6 @@
 
 #include "cli/volumes_quality.h"
 
-/** The first of the frames that shows something above its noise; 0 where none does. Rank 0 reads.
- *  @kind Collective(world) @param views [v,y,x] scratch @return V2V_OK | V2V_E_INPUT; agreed */
-enum v2v_status v2v_volumes_first_seen(int64_t *frame, float *views,
-                                       const struct v2v_volumes_made *made,
-                                       const struct v2v_session *session) V2V_MUST_CHECK;
-
 /** Warn of a frame that is hardly anywhere as dark as its offset says: the reference, or the last
  *  one, where the offset may have drifted; not where the recording's own darkest samples were told
  *  already, or the offset is none.
@@ -21,7 +15,8 @@ enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
 /** Warn of frames that show nothing, as where light or camera failed, and of those of which a view
  *  is less than half as bright as in the reference, or more than twice, beside the other views.
  *  Ranks share the frames.
- *  @kind Collective(world) @param reference [v,y,x] as recorded, less the offset, of frame `shown`
+ *  @kind   Collective(world)
+ *  @param  reference [v,y,x] as recorded, less the offset, of frame `shown`, which shows something
  *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT; agreed */
 enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
                                          const struct v2v_volumes_made *made,

@@ -17,6 +17,7 @@ struct found {
     double saturated;                 /* part of the views' pixels */
     int64_t views;
     int64_t shown, frame; /* of the volumes, and before the cut */
+    int is_seen;          /* it shows something above its noise */
 };
 
 /* How the first frame that shows something meets its views. Collective. */
@@ -38,7 +39,9 @@ static enum v2v_status match_frame(struct found *found, const struct v2v_volumes
                             &(struct v2v_input_settings){.slices = psf->slices}, session->world));
     rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
     V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_volumes_first_seen(&found->shown, views, made, session));
+    V2V_TRY(v2v_step_first_seen(session, &found->shown, &found->is_seen, made->recording,
+                                made->scaling));
+    found->shown = found->is_seen ? found->shown : 0;
     found->frame = made->first + found->shown;
     rc = v2v_recording_read(made->recording, views, found->shown);
     if (rc == V2V_OK) {
@@ -170,7 +173,9 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
         warn_of_saturation(found);
     }
     V2V_TRY(v2v_volumes_judge_offset(found->recorded, found->shown, made, session));
-    V2V_TRY(v2v_volumes_judge_frames(found->recorded, found->shown, made, session));
+    if (found->is_seen) { /* on all ranks alike */
+        V2V_TRY(v2v_volumes_judge_frames(found->recorded, found->shown, made, session));
+    }
 done:
     return rc;
 }

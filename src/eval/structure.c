@@ -2,21 +2,22 @@
  * no noise. */
 #include "v2v3d/eval/structure.h"
 
-#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/fourier.h"
 #include "v2v3d/par/comm.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Pixels of a square's side; of the border, at most, and as a part of a shorter side. */
-enum { SIDE = 8, BORDER = 24, OF_SIDE = 4, LEAST_SQUARES = 4 };
+/* Pixels of a square's side. */
+enum { SIDE = 8, LEAST_SQUARES = 4 };
 
 /* Standard deviations of what is noise alone. */
 static const double certain = 8.0;
 
-/* Of a view's brightness, beside the others'. */
+/* Of a view's brightness, beside the others'; and of what is missed of it, what this explains. */
 static const double least_odd = 1.05, most_of_it = 0.75;
 
 /* Of a sum of squares that rounding made negative; NaN stays. */
@@ -28,19 +29,8 @@ static double positive(double x)
 /* Samples of an image that are far enough from its border. */
 static struct v2v_part inside(int64_t side)
 {
-    const int64_t border = v2v_smaller(BORDER, side / OF_SIDE);
+    const int64_t border = v2v_field_margin(side);
     return (struct v2v_part){border, side - 2 * border};
-}
-
-static double mean_of_square(const float *image, int64_t width)
-{
-    double sum = 0.0;
-    for (int64_t y = 0; y < SIDE; y++) {
-        for (int64_t x = 0; x < SIDE; x++) {
-            sum += (double)image[y * width + x];
-        }
-    }
-    return sum / (SIDE * SIDE);
 }
 
 static double mixed_difference(const float *at, int64_t width)
@@ -56,8 +46,8 @@ static void add_squares(struct v2v_structure *to, const float *recorded, const f
     for (int64_t i = 0; i < rows.count / SIDE; i++) {
         for (int64_t j = 0; j < columns.count / SIDE; j++) {
             const int64_t at = (rows.first + i * SIDE) * width + columns.first + j * SIDE;
-            const double a = mean_of_square(recorded + at, width);
-            const double b = mean_of_square(projected + at, width);
+            const double a = v2v_mean_of_square(recorded + at, width, SIDE);
+            const double b = v2v_mean_of_square(projected + at, width, SIDE);
             to->yy += a * a;
             to->yp += a * b;
             to->pp += b * b;

@@ -224,6 +224,7 @@ static void undo_in_vain(const struct v2v_calibrator *at, struct v2v_calibration
     report->frame_after = report->frame_before;
     report->heldout_after = report->heldout_before;
     report->has_slopes = report->has_fields = 0;
+    report->is_in_vain = 1;
 }
 
 /** Views as they came, by the weight that suits them, then by those that are found.

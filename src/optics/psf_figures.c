@@ -76,16 +76,19 @@ double v2v_psf_pedestal(const struct v2v_psf_file *psf)
     const double least = 0.05;
     const int64_t narrow = 16; /* pixels of a window that light may fill */
     const int64_t pixels = psf->height * psf->width;
+    const int64_t slices = psf->views * psf->slices;
     double light = 0.0, background = 0.0;
     if (psf->height < narrow || psf->width < narrow) {
         return 0.0;
     }
-    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
-        const float *slice = psf->data + i * pixels;
+    for (int64_t i = 0; i < slices; i++) {
+        const double darkest = darkest_on_border(psf->data + i * pixels, psf->height, psf->width);
+        background += fmax(darkest, 0.0) * (double)pixels;
+    }
+    for (int64_t i = 0; i < slices && background > 0.0; i++) { /* of most sets it is 0 */
         double moment[3];
-        v2v_slice_moments(moment, slice, psf->height, psf->width);
+        v2v_slice_moments(moment, psf->data + i * pixels, psf->height, psf->width);
         light += moment[0];
-        background += fmax(darkest_on_border(slice, psf->height, psf->width), 0.0) * (double)pixels;
     }
     return background > least * light ? background / light : 0.0;
 }

@@ -137,6 +137,17 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
                               (double)(PIXELS * count * inside));
 }
 
+double v2v_mean_of_square(const float *at, int64_t width, int64_t side)
+{
+    double sum = 0.0;
+    for (int64_t y = 0; y < side; y++) {
+        for (int64_t x = 0; x < side; x++) {
+            sum += (double)at[y * width + x];
+        }
+    }
+    return sum / (double)(side * side);
+}
+
 /* Means of squares of an image, from its first row and column on. @return how many */
 static int64_t means_of_squares(float *means, const float *image, int64_t height, int64_t width,
                                 int64_t side)
@@ -144,11 +155,7 @@ static int64_t means_of_squares(float *means, const float *image, int64_t height
     const int64_t across = width / side, down = height / side;
     for (int64_t i = 0; i < down * across; i++) {
         const float *square = image + i / across * side * width + i % across * side;
-        double sum = 0.0;
-        for (int64_t k = 0; k < side * side; k++) {
-            sum += (double)square[k / side * width + k % side];
-        }
-        means[i] = (float)(sum / (double)(side * side));
+        means[i] = (float)v2v_mean_of_square(square, width, side);
     }
     return down * across;
 }

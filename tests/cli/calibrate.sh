@@ -32,10 +32,15 @@ works simulate --psf psf.h5 --scene neurons --size 64 -o seen.h5 --noise gaussia
     --calibration spoil.yaml
 works deconvolve --psf psf.h5 --input seen.h5 -o dim.h5
 grep -q 'frame 0: view 1 is 0\.0[0-9]* times as bright' stderr || fail "$(cat stderr)"
-grep -q 'frame 0: the views lie [0-9.]* pixels from where the volume has them' stderr ||
-    fail "out of register in silence: $(cat stderr)"
 works evaluate --psf psf.h5 --input seen.h5 --volume dim.h5
 grep -q 'view 1 is 0\.0[0-9]* times as bright' stderr || fail "$(cat stderr)"
+sed -e 's/64/128/; s/gain: 1.25, shift: .1, 0.5/gain: 1, shift: [2, 1/' \
+    -e 's/gain: 0.05, shift: .-1, -0.5/gain: 1, shift: [-2, -1/' spoil.yaml >moved.yaml
+works simulate --psf psf.h5 --scene neurons --size 128 --seed 3 -o moved.h5 --noise gaussian:0.02 \
+    --calibration moved.yaml
+works deconvolve --psf psf.h5 --input moved.h5 -o displaced.h5
+grep -q 'frame 0: the views lie [0-9.]* pixels from where the volume has them' stderr ||
+    fail "out of register in silence: $(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
 works info cal.yaml
 says 'calibration of 5 views, of frames of 64 x 64 pixels'

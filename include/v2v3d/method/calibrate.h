@@ -17,6 +17,7 @@ struct v2v_calibration_report {
     double weight; /**< of the total variation, in noise of the views */
     int64_t rounds;
     int has_slopes, has_fields; /**< bools: did they lower the residual by enough to be kept? */
+    int is_in_vain;             /**< bool: nothing did, and the views stay as they came */
 };
 
 /** Shift, gain, slope with depth, shading and distortion of every view, by predicting views from

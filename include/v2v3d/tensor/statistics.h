@@ -21,6 +21,9 @@ enum v2v_status v2v_percentile(double *value, const float *x, int64_t count,
  *  smaller; no NaN. @kind Local, nothing is allocated. @return x[k] */
 float v2v_select(float *x, int64_t count, int64_t k);
 
+/** Mean of side x side pixels of an image of that width, `at` the first of them. @kind Local. */
+double v2v_mean_of_square(const float *at, int64_t width, int64_t side);
+
 /** What images hold at least, nearly everywhere, as where the zero of a camera was not subtracted:
  *  of the means of squares of 16 x 16 pixels (of what there is of smaller images) the one that a
  *  hundredth of them are below, and twice its error by noise, which it is too low by. 0 where there
