@@ -7,6 +7,7 @@
 #include "cli/volumes_quality.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
@@ -29,6 +30,7 @@ struct work {
     struct v2v_problem problem;
     struct v2v_level_range levels; /* that the network was trained at */
     struct v2v_recon *recon;
+    struct v2v_misfit *misfit; /* [frames] */
     struct v2v_volume_info info;
     unsigned datasets;
     struct v2v_provenance provenance;
@@ -156,6 +158,8 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
     work->info = v2v_step_volume_of(session, v2v_recording_info(work->recording), work->psf);
+    V2V_TRY(
+        v2v_par_agree(session->world, V2V_ALLOC(work->misfit, "cli.quality", work->info.frames)));
     V2V_TRY(v2v_storage_settle(&work->info.storage, &given->storage, given->output));
     work->datasets = 1u << V2V_VOLUME_MEAN;
     if (given->branches) {
@@ -288,8 +292,10 @@ static void report_quality(struct work *work, const struct v2v_session *session)
                                           .psf = work->psf,
                                           .recording = work->recording,
                                           .scaling = &work->scaling,
+                                          .misfit = work->misfit,
                                           .first = work->frames.first};
     if (!work->given->common.quiet) {
+        v2v_recon_misfits(work->recon, work->misfit);
         v2v_recon_destroy(&work->recon);
         v2v_volumes_report_quality(&made, session);
     }
@@ -321,6 +327,7 @@ static void close_all(struct work *work, const struct v2v_session *session)
     }
     v2v_provenance_fini(&work->provenance);
     v2v_recon_destroy(&work->recon);
+    v2v_mem_free(work->misfit);
     v2v_recording_close(&work->recording);
 }
 

@@ -7,10 +7,17 @@
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
+#include <math.h>
 
 /* Of a view's brightness in the reference: structure that moves, noise of the reference itself and
  * bleaching stay well within. */
 static const double much_dimmer = 0.5;
+
+/* A frame's views are explained worse than those of the frame that is explained best: more of their
+ * brightness is left beyond noise, which of little noise is what iterations leave; more of their
+ * noise too, which bleaching does not change; and more than is left of views in register
+ * (tests/bench/README.md). */
+static const double much_more = 1.7, least_left = 2e-3, more_of_noise = 1.1, more_than_noise = 1.05;
 
 /* Of every frame; ranks fill in theirs, the rest is 0. */
 struct judged {
@@ -50,6 +57,53 @@ static void judge(struct judged *judged, int64_t t, struct v2v_match *of_view, c
     if (odd >= 0 && (times < much_dimmer || times > 1.0 / much_dimmer)) {
         judged->odd[t] = (double)(odd + 1);
         judged->times[t] = times;
+    }
+}
+
+/* Of the views' brightness, without the noise. */
+static double left_of(const struct v2v_misfit *misfit)
+{
+    return misfit->noise_of_coarse * sqrt(fmax(misfit->coarse * misfit->coarse - 1.0, 0.0));
+}
+
+/* The frame that is explained best of those that show something, or -1. */
+static int64_t best_explained(const struct v2v_misfit *misfit, const double *unseen, int64_t frames)
+{
+    int64_t best = -1;
+    for (int64_t t = 0; t < frames; t++) {
+        if (misfit[t].coarse > 0.0 && unseen[t] == 0.0 &&
+            (best < 0 || left_of(&misfit[t]) < left_of(&misfit[best]))) {
+            best = t;
+        }
+    }
+    return best;
+}
+
+static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *best)
+{
+    return misfit->coarse > fmax(more_than_noise, more_of_noise * best->coarse) &&
+           left_of(misfit) > fmax(least_left, much_more * left_of(best));
+}
+
+static void warn_of_unexplained(const struct judged *judged, const struct v2v_misfit *misfit,
+                                int64_t frames, int64_t before)
+{
+    const int64_t best = best_explained(misfit, judged->unseen, frames);
+    int64_t found = 0, first = 0;
+    for (int64_t t = frames - 1; t >= 0 && best >= 0; t--) {
+        if (judged->unseen[t] == 0.0 && judged->odd[t] == 0.0 &&
+            is_worse(&misfit[t], &misfit[best])) {
+            found++;
+            first = t;
+        }
+    }
+    if (found > 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: what its volume misses of the views is %.3g times their noise, in "
+                "frame %lld %.3g times: did views move, or change places? %lld of %lld frames are "
+                "such",
+                (long long)(before + first), misfit[first].coarse, (long long)(before + best),
+                misfit[best].coarse, (long long)found, (long long)frames);
     }
 }
 
@@ -128,6 +182,7 @@ enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
     v2v_par_sum_f64(session->world, of_frames, 3 * frames);
     if (v2v_step_on_root(session)) {
         warn(&judged, frames, shown, made->first);
+        warn_of_unexplained(&judged, made->misfit, frames, made->first);
     }
 done:
     v2v_mem_free(of_frames);

@@ -15,7 +15,8 @@ struct v2v_volumes_made {
     const struct v2v_psf_file *psf;  /**< calibrated */
     struct v2v_recording *recording; /**< cut to the volumes' frames */
     const struct v2v_scaling *scaling;
-    int64_t first; /**< number of their first frame before the cut */
+    const struct v2v_misfit *misfit; /**< [frames] of the volumes, as v2v_recon_misfits */
+    int64_t first;                   /**< number of their first frame before the cut */
 };
 
 /** One line on how the first frame that shows something meets its views, what that warns of, and

@@ -352,8 +352,11 @@ done:
     return rc;
 }
 
+static const char *const keys[] = {"deconv.iterations", "deconv.stop", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_diner = {
     .name = "diner",
+    .keys = keys,
     .describe_work = describe_work,
     .create = create,
     .destroy = destroy,

@@ -39,5 +39,7 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
 static const struct v2v_richardson_lucy_variant variant = {
     .iterations = 10, .has_denominator = 1, .judged_every = 1, .start = 1.0, .correct = correct};
 
+static const char *const keys[] = {"deconv.iterations", "deconv.stop", "deconv.weight", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_frl = {
-    .name = "frl", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};
+    .name = "frl", .variant = &variant, .keys = keys, V2V_RICHARDSON_LUCY_OPS};

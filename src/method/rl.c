@@ -40,5 +40,7 @@ static const struct v2v_richardson_lucy_variant variant = {.iterations = 30,
                                                            .background = 3.0,
                                                            .correct = correct};
 
+static const char *const keys[] = {"deconv.iterations", "deconv.stop", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_rl = {
-    .name = "rl", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};
+    .name = "rl", .variant = &variant, .keys = keys, V2V_RICHARDSON_LUCY_OPS};

@@ -28,5 +28,7 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
 static const struct v2v_richardson_lucy_variant variant = {
     .iterations = 10, .judged_every = 1, .start = 1.0, .correct = correct};
 
+static const char *const keys[] = {"deconv.iterations", "deconv.stop", "deconv.weight", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_rld = {
-    .name = "rld", .variant = &variant, V2V_RICHARDSON_LUCY_OPS};
+    .name = "rld", .variant = &variant, .keys = keys, V2V_RICHARDSON_LUCY_OPS};

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <string.h>
 
@@ -40,15 +41,6 @@ static void tabulate(double *table, const float *psf, int64_t height, int64_t wi
     }
 }
 
-static double sum_of(const float *x, int64_t count)
-{
-    double sum = 0;
-    for (int64_t i = 0; i < count; i++) {
-        sum += x[i];
-    }
-    return sum;
-}
-
 enum v2v_status v2v_sensitivity_init(struct v2v_sensitivity *sensitivity,
                                      const struct v2v_psf_file *psf, struct v2v_part slices,
                                      int64_t height, int64_t width)
@@ -67,7 +59,7 @@ enum v2v_status v2v_sensitivity_init(struct v2v_sensitivity *sensitivity,
     V2V_TRY(V2V_ALLOC(sensitivity->total, "rld.sensitivity", psf->views));
     for (int64_t v = 0; v < psf->views; v++) {
         const float *view = psf->data + v * psf->slices * pixels;
-        sensitivity->total[v] = sum_of(view, psf->slices * pixels);
+        sensitivity->total[v] = v2v_sum(view, psf->slices * pixels);
         for (int64_t z = 0; z < slices.count; z++) {
             tabulate(sensitivity->table + (v * slices.count + z) * cells,
                      view + (slices.first + z) * pixels, psf->height, psf->width);

@@ -88,7 +88,6 @@ struct tv {
     enum v2v_noise_model model;
     struct v2v_camera camera;
     double light;              /* sum of a view's PSF, mean of all views */
-    double missed;             /* of the views by the last run, of their noise */
     int is_told;               /* bool: `level` is that of a larger frame, for all runs */
     struct level level;        /* of the last run, or of all */
     float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
@@ -238,12 +237,6 @@ void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda)
     self->lambda = lambda;
 }
 
-double v2v_tv_missed(const struct v2v_estimator *estimator)
-{
-    const struct tv *self = estimator->self;
-    return self->missed;
-}
-
 static void destroy(struct v2v_estimator *estimator)
 {
     struct tv *self = estimator->self;
@@ -291,12 +284,13 @@ static void of_photons(struct level *level, const struct v2v_photons *photons, d
 static struct level measure(const struct tv *self, const float *views)
 {
     const int64_t count = self->views * self->height * self->width;
-    double brightest = 0.0, deepest = 0.0, sum = 0.0;
+    float most = 0.0f, least = 0.0f;
+#pragma omp parallel for simd schedule(static) reduction(max : most) reduction(min : least)
     for (int64_t i = 0; i < count; i++) {
-        brightest = fmax(brightest, (double)views[i]);
-        deepest = fmax(deepest, -(double)views[i]);
-        sum += (double)views[i];
+        most = views[i] > most ? views[i] : most;
+        least = views[i] < least ? views[i] : least;
     }
+    const double brightest = (double)most, deepest = -(double)least;
     if (brightest == 0.0) {
         return (struct level){0};
     }
@@ -316,7 +310,7 @@ static struct level measure(const struct tv *self, const float *views)
     level.dark = level.sigma;
     if (self->model == V2V_NOISE_MODEL_POISSON ||
         (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
-        of_photons(&level, &photons, sum / (double)count, least_noise * noisy);
+        of_photons(&level, &photons, v2v_sum(views, count) / (double)count, least_noise * noisy);
     }
     return level;
 }
@@ -451,7 +445,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         v2v_watchdog_beat("an iteration of total variation");
         v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
-            self->missed = sqrt(v2v_data_step_extend(self->step) / variance);
+            estimator->misfit.missed = sqrt(v2v_data_step_extend(self->step) / variance);
         }
         v2v_tv_planes_step(&self->planes, &self->steps);
         change = v2v_data_step_change(self->step);
@@ -459,11 +453,17 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
         done = i;
     }
+    if (done >= EXTEND_EVERY) {
+        estimator->misfit.coarse = v2v_data_step_coarse(self->step) / sqrt(level->mean_variance);
+    }
     v2v_log(V2V_LOG_DEBUG, "frame %lld: noise%s %.3g of the brightness",
             (long long)estimator->frame, level->gain > 0.0 ? " of photons," : "",
             level->sigma / level->brightness);
-    v2v_log(V2V_LOG_DEBUG, "frame %lld: %lld iterations of tv, views missed by %.3g of their noise",
-            (long long)estimator->frame, (long long)done, self->missed);
+    v2v_log(V2V_LOG_DEBUG,
+            "frame %lld: %lld iterations of tv, views missed by %.3g of their noise, "
+            "%.3g where it is coarse",
+            (long long)estimator->frame, (long long)done, estimator->misfit.missed,
+            estimator->misfit.coarse);
     estimator->iterations = done;
     if (self->iterations == 0 && done == MOST_ITERATIONS) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
@@ -518,7 +518,8 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     const struct level *level = &self->level;
     const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
     estimator->iterations = 0;
-    self->missed = 0.0;
+    estimator->misfit =
+        (struct v2v_misfit){.noise_of_coarse = v2v_tv_noise(estimator).part / V2V_DATA_STEP_SQUARE};
     if (is_lit) {
         begin(estimator, views);
     }
@@ -556,8 +557,20 @@ static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole
     self->is_told = 1;
 }
 
+static const char *const keys[] = {"deconv.iterations",
+                                   "deconv.stop",
+                                   "deconv.lambda",
+                                   "deconv.noise",
+                                   "deconv.electrons_per_count",
+                                   "deconv.read_noise",
+                                   "deconv.depth",
+                                   "deconv.curvature",
+                                   "deconv.tolerance",
+                                   NULL};
+
 const struct v2v_estimator_ops v2v_estimator_tv = {
     .name = "tv",
+    .keys = keys,
     .is_open = is_open,
     .settle = settle,
     .describe_work = describe_work,

@@ -13,11 +13,6 @@ struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
 /** Weight of the runs from here on. @kind Local. */
 void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
 
-/** What the volume of the last run misses the views by, of their noise: root mean square, where
- *  they are known, an iteration before its end at the earliest. @kind Local, the same on all ranks.
- */
-double v2v_tv_missed(const struct v2v_estimator *estimator);
-
 /** Its step towards the views, free for other use between runs: lent. @kind Local. */
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);
 

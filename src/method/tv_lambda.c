@@ -191,7 +191,7 @@ static double usual_weight(const struct v2v_estimator *estimator, double fallbac
 static int is_noise_alone(void *context, int64_t iteration, const struct v2v_iterate *iterate)
 {
     (void)context;
-    return iteration >= FIRST_LOOK && v2v_tv_missed(iterate->estimator) <= noise_alone;
+    return iteration >= FIRST_LOOK && iterate->estimator->misfit.missed <= noise_alone;
 }
 
 /* What a volume of all views misses them by, of their noise, by the weight that this noise wants;
@@ -208,7 +208,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     *weight = usual_weight(estimator, *weight);
     v2v_tv_set_lambda(estimator, *weight);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->views, &monitor));
-    *missed = v2v_tv_missed(estimator);
+    *missed = estimator->misfit.missed;
 done:
     v2v_estimator_destroy(&estimator);
     return rc;

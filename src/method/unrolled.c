@@ -130,6 +130,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     tv->around = NULL;
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     estimator->iterations = tv->iterations;
+    estimator->misfit = tv->misfit;
     v2v_correction_run(self->correction, volume[0], self->found);
     if (self->strength < 1.0) {
         weaken(self, volume[0]);

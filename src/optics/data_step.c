@@ -554,3 +554,40 @@ double v2v_data_step_extend(struct v2v_data_step *step)
     }
     return squares;
 }
+
+/* y - A x of a sample that is known, summed over a square; by the light that weights go by where
+ * there are any. */
+static double left_of_square(const struct v2v_data_step *step, int64_t at)
+{
+    double left = 0.0;
+    for (int64_t i = 0; i < V2V_DATA_STEP_SQUARE; i++, at += step->torus.width) {
+        for (int64_t j = at; j < at + V2V_DATA_STEP_SQUARE; j++) {
+            left += step->gain > 0.0f ? (double)(step->kept[j] - (step->light[j] - step->around[j]))
+                                      : (double)step->missed[j];
+        }
+    }
+    return left;
+}
+
+double v2v_data_step_coarse(const struct v2v_data_step *step)
+{
+    enum { SIDE = V2V_DATA_STEP_SQUARE };
+    const struct v2v_torus *torus = &step->torus;
+    const struct v2v_part *columns = &step->known_columns;
+    const int64_t first = v2v_larger(step->known_rows.first, torus->rows.first);
+    const int64_t end = v2v_smaller(step->known_rows.first + step->known_rows.count,
+                                    torus->rows.first + torus->rows.count);
+    double sums[] = {0.0, 0.0};
+    for (int64_t v = 0; v < step->views; v++) {
+        for (int64_t y = first; y + SIDE <= end; y += SIDE) {
+            const int64_t row = v * torus->rows.count + y - torus->rows.first;
+            for (int64_t x = 0; x + SIDE <= columns->count; x += SIDE) {
+                const double left = left_of_square(step, row * torus->width + columns->first + x);
+                sums[0] += left * left / (SIDE * SIDE);
+                sums[1] += 1.0;
+            }
+        }
+    }
+    v2v_par_sum_f64(step->comm, sums, 2);
+    return sums[1] > 0.0 ? sqrt(sums[0] / sums[1]) : 0.0;
+}

@@ -1,6 +1,7 @@
 #include "v2v3d/optics/psf.h"
 
 #include "v2v3d/tensor/hot_pixels.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 
@@ -55,7 +56,7 @@ double v2v_psf_energy_mean(const struct v2v_psf_file *psf)
 
 double v2v_psf_light(const struct v2v_psf_file *psf)
 {
-    const double sum = sum_of(psf->data, psf->views * psf->slices * psf->height * psf->width);
+    const double sum = v2v_sum(psf->data, psf->views * psf->slices * psf->height * psf->width);
     return sum > 0.0 ? sum / (double)psf->views : 1.0;
 }
 

@@ -40,6 +40,7 @@ struct v2v_torus v2v_data_step_torus_of(const struct v2v_psf_file *psf, int64_t 
                                         int64_t width)
 {
     int64_t reach = 0;
+#pragma omp parallel for schedule(static) reduction(max : reach)
     for (int64_t i = 0; i < psf->views * psf->slices; i++) {
         const float *kernel = psf->data + i * psf->height * psf->width;
         reach = v2v_larger(reach, reach_of(kernel, psf->height, psf->width));

@@ -14,6 +14,7 @@
 #include "v2v3d/tensor/pad.h"
 #include "v2v3d/tensor/statistics.h"
 #include <stdio.h>
+#include <string.h>
 
 enum { MOST = V2V_ESTIMATOR_MOST_OUTPUTS };
 
@@ -58,8 +59,9 @@ struct v2v_recon {
     const struct v2v_scaling *scaling;
     struct v2v_volume_writer *writer;
     const struct v2v_monitor *monitor;
-    int branches;  /* are written, too */
-    int64_t *todo; /* [frames] those that are not done yet, in order */
+    int branches;              /* are written, too */
+    int64_t *todo;             /* [frames] those that are not done yet, in order */
+    struct v2v_misfit *misfit; /* [the recording's frames] of those that this rank computed */
     int64_t frames;
 };
 
@@ -286,6 +288,7 @@ void v2v_recon_destroy(struct v2v_recon **recon)
     v2v_fusion_destroy(&old->fusion);
     v2v_fusion_destroy(&old->of_key);
     v2v_mem_free(old->todo);
+    v2v_mem_free(old->misfit);
     v2v_still_destroy(&old->still);
     v2v_estimator_destroy(&old->estimator);
     v2v_grid_destroy(&old->grid);
@@ -371,6 +374,9 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
     enum v2v_status rc = V2V_OK;
     if (recon->still == NULL || t != recon->key) { /* else it is there */
         V2V_TRY(run_frame(recon, t, recon->still == NULL));
+    }
+    if (recon->still == NULL) {
+        recon->misfit[t] = recon->estimator->misfit;
     }
     recon->parts[1] += 1.0;
     V2V_TRY(v2v_volume_wait(recon->writer)); /* the frame before has left these volumes */
@@ -556,7 +562,9 @@ static enum v2v_status list_frames(struct v2v_recon *recon)
     const struct v2v_recording_info *info = v2v_recording_info(recon->recording);
     recon->frames = 0;
     v2v_mem_free(recon->todo);
+    v2v_mem_free(recon->misfit);
     V2V_TRY(V2V_ALLOC(recon->todo, "recon.frames", info->frames));
+    V2V_TRY(V2V_ALLOC(recon->misfit, "recon.frames", info->frames));
     if (info->views != recon->views) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the recording has %lld views, the method takes %lld",
                          (long long)info->views, (long long)recon->views));
@@ -588,6 +596,13 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
     V2V_TRY(end_writing(recon, run_rounds(recon)));
 done:
     return rc;
+}
+
+void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit)
+{
+    const int64_t frames = v2v_recording_info(recon->recording)->frames;
+    memcpy(misfit, recon->misfit, (size_t)frames * sizeof *misfit);
+    v2v_par_max_f64(recon->grid.world, &misfit->missed, 3 * frames); /* three numbers each */
 }
 
 double v2v_recon_computed_part(const struct v2v_recon *recon)

@@ -183,22 +183,48 @@ static double sum_of_squares(const float *x, int64_t count)
            ((lane[2] + lane[6]) + (lane[3] + lane[7]));
 }
 
-double v2v_sum_of_squares(const float *x, int64_t count)
+static double sum(const float *x, int64_t count)
+{
+    double lane[LANES] = {0};
+    int64_t i = 0;
+    for (; i + LANES <= count; i += LANES) {
+        for (int l = 0; l < LANES; l++) {
+            lane[l] += (double)x[i + l];
+        }
+    }
+    for (int l = 0; i < count; i++, l++) {
+        lane[l] += (double)x[i];
+    }
+    return ((lane[0] + lane[4]) + (lane[1] + lane[5])) +
+           ((lane[2] + lane[6]) + (lane[3] + lane[7]));
+}
+
+static double sum_runs(const float *x, int64_t count, double (*of_run)(const float *, int64_t))
 {
     /* The runs depend on the count alone: the number of threads doesn't change the bits. */
     double partial[RUNS];
-    double sum = 0.0;
+    double all = 0.0;
     int64_t run = (count + RUNS - 1) / RUNS;
 #pragma omp parallel for schedule(static) if (count > RUNS * SCAN)
     for (int r = 0; r < RUNS; r++) {
         int64_t first = r * run < count ? r * run : count;
         int64_t rest = count - first;
-        partial[r] = sum_of_squares(x + first, rest < run ? rest : run);
+        partial[r] = of_run(x + first, rest < run ? rest : run);
     }
     for (int r = 0; r < RUNS; r++) {
-        sum += partial[r];
+        all += partial[r];
     }
-    return sum;
+    return all;
+}
+
+double v2v_sum(const float *x, int64_t count)
+{
+    return sum_runs(x, count, sum);
+}
+
+double v2v_sum_of_squares(const float *x, int64_t count)
+{
+    return sum_runs(x, count, sum_of_squares);
 }
 
 /** NaN and Inf have all bits of the exponent set. */

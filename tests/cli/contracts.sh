@@ -171,7 +171,11 @@ same rld_slabs.h5 rld_alone.h5 /volume
 works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --iterations 2 \
     --set parallel.split=slabs --set parallel.transform=fftw3-mpi
 same rld_fftw.h5 rld_alone.h5 /volume
-works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2
+works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2 \
+    --weight 0.5 --set deconv.depth=1
+[ "$(grep -c 'deconv.depth is not a setting of --method frl' stderr)" -eq 1 ] ||
+    fail "no word on a setting of another method: $(cat stderr)"
+grep -q 'deconv.weight is' stderr && fail "its own setting is said to be another's: $(cat stderr)"
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"
 grep -q -e unexplained -e 'the views lie' stderr && fail "a warning of views that the volume explains: $(cat stderr)"

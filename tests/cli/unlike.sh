@@ -14,15 +14,17 @@ views:
   - gain: 0.02
   - gain: 1
 EOF2
+sed -e 's/gain: 0.02/shift: [2, 1]/' blocked.yaml >displaced.yaml
 works psf simulate -c tiny.yaml -o psf.h5
 scene=(simulate --psf psf.h5 --scene neurons --size 128 --seed 3)
 works "${scene[@]}" --noise gaussian:0.02 -o good.h5
 works "${scene[@]}" --noise gaussian:0.02 -o blocked.h5 --calibration blocked.yaml
+works "${scene[@]}" --noise gaussian:0.02 -o displaced.h5 --calibration displaced.yaml
 works "${scene[@]}" --noise gaussian:300 -o noise.h5
-for frame in good blocked noise; do
+for frame in good blocked displaced noise; do
     works convert --input $frame.h5 -o $frame.tif
 done
-mkdir late all
+mkdir late all moved
 cp noise.tif late/frame_0.tif
 cp good.tif late/frame_1.tif
 cp good.tif all/frame_0.tif
@@ -30,6 +32,10 @@ cp noise.tif all/frame_1.tif
 cp good.tif all/frame_2.tif
 cp blocked.tif all/frame_3.tif
 cp blocked.tif all/frame_4.tif
+cp good.tif moved/frame_0.tif
+cp good.tif moved/frame_1.tif
+cp displaced.tif moved/frame_2.tif
+cp displaced.tif moved/frame_3.tif
 
 # tells TEXT, misses TEXT: the last command's stderr does, does not.
 tells() {
@@ -59,6 +65,13 @@ works deconvolve --psf psf.h5 --input all -o all_2.h5 --frames 2:2
 tells 'frame 3: view 3 is 0.0[0-9] times as bright as in frame 2, .*; 1 of 2'
 works deconvolve --psf psf.h5 --input all -o all.h5 --force --quiet
 misses .
+
+works deconvolve --psf psf.h5 --input moved -o moved.h5
+tells 'frame 2: what its volume misses of the views is [1-9][.0-9]* times .* frame 0 [01][.0-9]* times'
+tells 'did views move, or change places? 2 of 4 frames are such'
+[ "$(grep -c warning stderr)" -eq 1 ] || fail "not that alone: $(cat stderr)"
+works deconvolve --psf psf.h5 --input moved -o moved.h5 --frames 0:2 --force
+misses warning
 
 # Less dark than the offset says; --offset none says that it is light.
 works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --offset -0.1

@@ -59,6 +59,13 @@ struct v2v_surroundings {
     struct v2v_part rows, columns; /**< of the part, where views are known */
 };
 
+/** What a volume leaves of its views, where they are known; 0: not known, or a dark frame. */
+struct v2v_misfit {
+    double missed;          /**< root mean square, of their noise */
+    double coarse;          /**< likewise of means of 8 x 8 pixels, of their noise .. */
+    double noise_of_coarse; /**< .. which is this part of the views' brightness */
+};
+
 struct v2v_estimator {
     const struct v2v_estimator_ops *ops;
     const struct v2v_comm *shard;
@@ -68,6 +75,8 @@ struct v2v_estimator {
     const struct v2v_output *output; /**< which views each output may not see; NULL: it sees all */
     double computed_part;            /**< of the work, by the last run, 0 .. 1 */
     int64_t iterations;              /**< of the last run, where the method counts them */
+    struct v2v_misfit misfit;        /**< of the last run, an iteration before its end at the
+                                          earliest, where the method knows it */
     int64_t most_iterations;         /**< of the runs from here on; 0: as configured */
     const struct v2v_surroundings *around; /**< of the next runs of a part; borrowed */
     int64_t frame; /**< under way: set by the caller, for monitors and messages */
@@ -102,6 +111,8 @@ struct v2v_estimator_ops {
                               training; else views scaled by s give the volume scaled by s */
     int skips_light;     /**< bool: by itself it leaves out the tiles that are dark */
     const void *variant; /**< what rows with the same functions differ in */
+    const char *const *keys; /**< the settings of section deconv that it goes by, then NULL; NULL:
+                                  they are not its own */
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
     int (*is_open)(const struct v2v_config *config);

@@ -146,6 +146,16 @@ void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float 
  *  y as recorded: without weights */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
+/** Pixels of the side of a square of v2v_data_step_coarse. */
+enum { V2V_DATA_STEP_SQUARE = 8 };
+
+/** What the last extend left of y as recorded where it is known, of squares as a whole: the root
+ *  mean square of sums over them, over their side. Of white noise its deviation; what A x of no x
+ *  explains, as of views out of register, is several times as much.
+ *  @kind Collective(comm), no allocation. @return in units of y; 0: no square lies within a rank's
+ *  rows */
+double v2v_data_step_coarse(const struct v2v_data_step *step);
+
 #ifdef __cplusplus
 }
 #endif

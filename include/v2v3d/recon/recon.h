@@ -56,6 +56,11 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
                               const struct v2v_scaling *scaling, struct v2v_volume_writer *writer,
                               int branches, const struct v2v_monitor *monitor) V2V_MUST_CHECK;
 
+/** What the volumes of the last run leave of their views, as far as the method knows it; zeros of
+ *  frames that were done before, or were computed from a key frame.
+ *  @kind Collective(world). @param misfit [the recording's frames] out */
+void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit);
+
 /** Mean over the frames of the part of the work that was done. @kind Collective(world) */
 double v2v_recon_computed_part(const struct v2v_recon *recon);
 

@@ -57,7 +57,8 @@ struct v2v_noise_line {
 struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
                                                int64_t width, double most);
 
-/** Sum of squares in double precision, in a fixed order of blocks. @kind Local. */
+/** Sums in double precision, in a fixed order of blocks. @kind Local. */
+double v2v_sum(const float *x, int64_t count);
 double v2v_sum_of_squares(const float *x, int64_t count);
 
 /** Least, most, and the sums that mean and standard deviation follow from; zeroed: of nothing. */

@@ -305,12 +305,35 @@ static int is_in_frame(int64_t i)
     return is_within(i, &frame_rows, &frame_columns);
 }
 
+/* As v2v_data_step_coarse, of what is left [v,torus]. */
+static double coarse_of(const double *left, const struct v2v_part *rows,
+                        const struct v2v_part *columns)
+{
+    enum { SIDE = V2V_DATA_STEP_SQUARE };
+    double squares = 0.0, count = 0.0;
+    for (int64_t v = 0; v < VIEWS; v++) {
+        for (int64_t i = 0; i < rows->count / SIDE; i++) {
+            for (int64_t j = 0; j < columns->count / SIDE; j++) {
+                double sum = 0.0;
+                for (int64_t k = 0; k < SIDE * SIDE; k++) {
+                    sum += left[v * pixels + (rows->first + i * SIDE + k / SIDE) * torus.width +
+                                columns->first + j * SIDE + k % SIDE];
+                }
+                squares += sum * sum / (SIDE * SIDE);
+                count += 1.0;
+            }
+        }
+    }
+    assert_true(count > 0.0);
+    return sqrt(squares / count);
+}
+
 /* The step is the minimum before and after views, known in these rows and columns, are extended. */
 static void assert_extended(struct v2v_data_step *step, const float *v, double tau,
                             const struct v2v_part *rows, const struct v2v_part *columns)
 {
     static float x[SLICES * MOST];
-    static double volume[SLICES * MOST], image[VIEWS * MOST];
+    static double volume[SLICES * MOST], image[VIEWS * MOST], left[VIEWS * MOST];
     double squares = 0.0;
     memcpy(x, v, sizeof x);
     v2v_data_step_run(step, x);
@@ -322,9 +345,11 @@ static void assert_extended(struct v2v_data_step *step, const float *v, double t
     for (int64_t i = 0; i < VIEWS * pixels; i++) {
         const int is_known = is_within(i, rows, columns);
         squares += is_known ? (image[i] - y[i]) * (image[i] - y[i]) : 0.0;
+        left[i] = y[i] - image[i];
         y[i] = is_known ? y[i] : image[i];
     }
     assert_true(fabs(v2v_data_step_extend(step) / squares - 1.0) < 1e-4);
+    assert_true(fabs(v2v_data_step_coarse(step) / coarse_of(left, rows, columns) - 1.0) < 1e-4);
     memcpy(x, v, sizeof x);
     v2v_data_step_run(step, x);
     assert_true(gradient_of(x, v, tau) < bound_of(tau));
@@ -420,7 +445,7 @@ static void assert_weighted(int is_surrounded)
     enum { ROUNDS = 300 };
     static float v[SLICES * MOST], x[SLICES * MOST];
     static double volume[SLICES * MOST], image[VIEWS * MOST], recorded[VIEWS * MOST];
-    static double around[VIEWS * MOST];
+    static double around[VIEWS * MOST], left[VIEWS * MOST];
     const double tau = 5.0, gain = 2.0, floor = 0.05; /* weights of 0.2 to 20 */
     double squares = 0.0, even = 0.0;
     struct v2v_data_step *step = make(tau, 1.0);
@@ -441,11 +466,14 @@ static void assert_weighted(int is_surrounded)
         const double d = recorded[i] - image[i];
         const double light = fmax(image[i] + around[i], 0.0);
         const double weight = is_in_frame(i) ? 1.0 / (gain * light + floor) : 0.0;
+        left[i] = recorded[i] - (light - around[i]);
         squares -= is_in_frame(i) ? d * d : 0.0;
         even += is_in_frame(i) ? d * d : 0.0;
         y[i] = image[i] + weight * d;
     }
     assert_true(fabs(squares) < 1e-4 * even);
+    const double coarse = coarse_of(left, &frame_rows, &frame_columns);
+    assert_true(fabs(v2v_data_step_coarse(step) / coarse - 1.0) < 1e-4);
     const double gradient = gradient_of(x, v, tau);
     /* round-off as without weights, times the largest of them */
     if (!(gradient < bound_of(tau) / floor)) {
