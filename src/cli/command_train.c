@@ -191,7 +191,8 @@ static enum v2v_status settle(const struct material *material, struct v2v_sessio
     if (maker == NULL || !maker->is_open(&session->config)) { /* no need of the scaling */
         goto done;
     }
-    V2V_TRY(v2v_scaling_decide(&scaling, first, &session->config.input, session->world));
+    const struct v2v_input_settings input = v2v_estimator_input(maker, &session->config);
+    V2V_TRY(v2v_scaling_decide(&scaling, first, &input, session->world));
     V2V_TRY(v2v_settle_by_frame(session, maker, &problem, first, &scaling));
 done:
     return rc;

@@ -46,7 +46,7 @@ static enum v2v_status read(struct trial *trial, const char *input)
     enum v2v_status rc = V2V_OK;
     const struct v2v_session *session = trial->session;
     struct v2v_problem *problem = &trial->problem;
-    struct v2v_input_settings settings = session->config.input;
+    const struct v2v_input_settings settings = v2v_estimator_input(trial->ops, &session->config);
     struct v2v_recording *recording = NULL;
     struct v2v_fusion *fusion = NULL;
     struct v2v_scaling scaling;
@@ -55,9 +55,6 @@ static enum v2v_status read(struct trial *trial, const char *input)
     const int64_t views = info->views, pixels = v2v_mem_product(info->height, info->width, 1);
     problem->height = info->height;
     problem->width = info->width;
-    if (!trial->ops->has_gain) {
-        settings.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
-    }
     V2V_TRY(v2v_scaling_decide(&scaling, recording, &settings, session->world));
     V2V_TRY(V2V_ALLOC(trial->recorded, "heldout.views", v2v_mem_product(views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(trial->seen, "heldout.views", v2v_mem_product(views, pixels, 1)));

@@ -35,7 +35,7 @@ static const struct v2v_option common_options[] = {
     {.name = "quiet",
      .kind = V2V_OPTION_FLAG,
      .at = COMMON(quiet),
-     .help = "warnings and errors only"},
+     .help = "errors and warnings only, and none on the quality of volumes"},
     {.name = "verbose", .kind = V2V_OPTION_FLAG, .at = COMMON(verbose), .help = "debug lines too"},
     {.name = "proof",
      .kind = V2V_OPTION_TEXT,

@@ -72,6 +72,9 @@ int64_t v2v_origin_attributes(struct v2v_attribute *item, const struct v2v_origi
     if (origin->recording[0] != '\0') {
         item[count++] = (struct v2v_attribute){.name = RECORDING, .text = origin->recording};
     }
+    if (isfinite(origin->offset)) {
+        item[count++] = (struct v2v_attribute){.name = OFFSET, .number = origin->offset};
+    }
     return count;
 }
 

@@ -5,7 +5,7 @@
 #include "cli/command.h"
 #include "v2v3d/io/volume.h"
 
-enum { V2V_ORIGIN_TEXT = 32, V2V_ORIGIN_ATTRIBUTES = 2 };
+enum { V2V_ORIGIN_TEXT = 32, V2V_ORIGIN_ATTRIBUTES = 3 };
 
 struct v2v_origin {
     int64_t first_frame;             /**< of the recording; -1: not known */
@@ -23,7 +23,7 @@ enum v2v_status v2v_origin_of(struct v2v_origin *origin, const char *recording, 
 enum v2v_status v2v_origin_read(struct v2v_origin *origin, const char *path,
                                 const struct v2v_session *session) V2V_MUST_CHECK;
 
-/** As attributes of a file, as far as it is known, but for the offset; their text is borrowed.
+/** As attributes of a file, as far as it is known; their text is borrowed.
  *  @kind Local. @param item [V2V_ORIGIN_ATTRIBUTES] out @return how many */
 int64_t v2v_origin_attributes(struct v2v_attribute *item, const struct v2v_origin *origin);
 

@@ -10,6 +10,7 @@
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/optics/psf_figures.h"
+#include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include <inttypes.h>
 #include <math.h>
@@ -189,24 +190,32 @@ static int has_light(const float *views, int64_t samples)
     return i < samples;
 }
 
-/* Rank 0. */
-static enum v2v_status look_for_seen(int64_t *frame, int *is_seen, struct v2v_recording *recording,
-                                     const struct v2v_scaling *scaling)
+/* Where to look, and what was found. */
+struct look {
+    struct v2v_recording *recording;
+    const struct v2v_scaling *scaling;
+    int64_t frame;
+    int is_seen;
+};
+
+/* Rank-0. */
+static enum v2v_status look_for_seen(void *context)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    struct look *look = context;
+    const struct v2v_recording_info *info = v2v_recording_info(look->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     float *views = NULL;
     int64_t bright = -1;
     V2V_TRY(V2V_ALLOC(views, "cli.views", samples));
-    for (int64_t t = 0; t < info->frames && !*is_seen; t++) {
+    for (int64_t t = 0; t < info->frames && !look->is_seen; t++) {
         v2v_watchdog_beat("looking for a frame that shows something");
-        V2V_TRY(v2v_recording_read(recording, views, t));
-        v2v_scaling_apply(scaling, views, samples);
-        *is_seen = v2v_structure_is_seen(views, info->views, info->height, info->width);
-        bright = *is_seen || (bright < 0 && has_light(views, samples)) ? t : bright;
+        V2V_TRY(v2v_recording_read(look->recording, views, t));
+        v2v_scaling_apply(look->scaling, views, samples);
+        look->is_seen = v2v_structure_is_seen(views, info->views, info->height, info->width);
+        bright = look->is_seen || (bright < 0 && has_light(views, samples)) ? t : bright;
     }
-    *frame = v2v_larger(bright, 0);
+    look->frame = v2v_larger(bright, 0);
 done:
     v2v_mem_free(views);
     return rc;
@@ -217,14 +226,13 @@ enum v2v_status v2v_step_first_seen(const struct v2v_session *session, int64_t *
                                     const struct v2v_scaling *scaling)
 {
     enum v2v_status rc = V2V_OK;
-    *frame = *is_seen = 0;
-    if (v2v_step_on_root(session)) {
-        rc = look_for_seen(frame, is_seen, recording, scaling);
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
-    v2v_par_broadcast(session->world, frame, (int64_t)sizeof *frame, 0);
-    v2v_par_broadcast(session->world, is_seen, (int64_t)sizeof *is_seen, 0);
+    struct look look = {.recording = recording, .scaling = scaling};
+    V2V_TRY(v2v_agreement_alone(session->world, look_for_seen, &look));
+    v2v_par_broadcast(session->world, &look.frame, (int64_t)sizeof look.frame, 0);
+    v2v_par_broadcast(session->world, &look.is_seen, (int64_t)sizeof look.is_seen, 0);
 done:
+    *frame = look.frame;
+    *is_seen = look.is_seen;
     return rc;
 }
 

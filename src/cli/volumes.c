@@ -89,7 +89,8 @@ static enum v2v_status settle_network(struct work *work, struct v2v_session *ses
     if (skips_light && !session->config.model.winograd) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--skip needs model.winograd: true"));
     }
-    if (skips_light && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable()) {
+    if (skips_light && problem->precision != V2V_PRECISION_F32 && !v2v_tile_conv_usable() &&
+        v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING, "nothing is skipped where bf16 is emulated");
     }
 done:
@@ -116,7 +117,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volumes *given = work->given;
-    struct v2v_input_settings input = session->config.input;
+    const struct v2v_input_settings input = v2v_estimator_input(work->ops, &session->config);
     V2V_TRY(v2v_step_recording(session, &work->recording, given->input, work->psf));
     const struct v2v_recording_info *info = v2v_recording_info(work->recording);
     work->problem = (struct v2v_problem){.config = &session->config,
@@ -125,9 +126,6 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
                                          .height = info->height,
                                          .width = info->width,
                                          .precision = V2V_PRECISION_F32};
-    if (!work->ops->has_gain) {
-        input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
-    }
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));
     } else {

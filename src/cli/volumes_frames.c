@@ -19,11 +19,20 @@ static const double much_dimmer = 0.5;
  * (tests/bench/README.md). */
 static const double much_more = 1.7, least_left = 2e-3, more_of_noise = 1.1, more_than_noise = 1.05;
 
-/* Of every frame; ranks fill in theirs, the rest is 0. */
+/* Of every frame; ranks fill in theirs, the rest is 0, and all know all of it then. */
 struct judged {
     double *unseen; /* 1: shows nothing */
     double *odd;    /* 1 + the view that is of another brightness; 0: none is .. */
     double *times;  /* .. times that of the reference */
+};
+
+enum { OF_A_FRAME = 3 };
+
+/* Frames whose volumes tell how well they explain their views. */
+struct explained {
+    int64_t known;        /* how many */
+    int64_t best;         /* is explained best, or -1 */
+    int64_t moved, first; /* how many are worse than that, and the first of them */
 };
 
 static enum v2v_status read_frame(float *views, const struct v2v_volumes_made *made, int64_t t)
@@ -66,45 +75,33 @@ static double left_of(const struct v2v_misfit *misfit)
     return misfit->noise_of_coarse * sqrt(fmax(misfit->coarse * misfit->coarse - 1.0, 0.0));
 }
 
-/* The frame that is explained best of those that show something, or -1. */
-static int64_t best_explained(const struct v2v_misfit *misfit, const double *unseen, int64_t frames)
-{
-    int64_t best = -1;
-    for (int64_t t = 0; t < frames; t++) {
-        if (misfit[t].coarse > 0.0 && unseen[t] == 0.0 &&
-            (best < 0 || left_of(&misfit[t]) < left_of(&misfit[best]))) {
-            best = t;
-        }
-    }
-    return best;
-}
-
 static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *best)
 {
     return misfit->coarse > fmax(more_than_noise, more_of_noise * best->coarse) &&
            left_of(misfit) > fmax(least_left, much_more * left_of(best));
 }
 
-static void warn_of_unexplained(const struct judged *judged, const struct v2v_misfit *misfit,
-                                int64_t frames, int64_t before)
+/* Frames of which something else was told count for nothing. */
+static struct explained judge_explained(const struct judged *judged,
+                                        const struct v2v_misfit *misfit, int64_t frames)
 {
-    const int64_t best = best_explained(misfit, judged->unseen, frames);
-    int64_t found = 0, first = 0;
-    for (int64_t t = frames - 1; t >= 0 && best >= 0; t--) {
-        if (judged->unseen[t] == 0.0 && judged->odd[t] == 0.0 &&
-            is_worse(&misfit[t], &misfit[best])) {
-            found++;
-            first = t;
+    struct explained found = {.best = -1};
+    for (int64_t t = 0; t < frames; t++) {
+        if (misfit[t].coarse > 0.0 && judged->unseen[t] == 0.0 && judged->odd[t] == 0.0) {
+            const int is_best =
+                found.best < 0 || left_of(&misfit[t]) < left_of(&misfit[found.best]);
+            found.best = is_best ? t : found.best;
+            found.known++;
         }
     }
-    if (found > 0) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld: what its volume misses of the views is %.3g times their noise, in "
-                "frame %lld %.3g times: did views move, or change places? %lld of %lld frames are "
-                "such",
-                (long long)(before + first), misfit[first].coarse, (long long)(before + best),
-                misfit[best].coarse, (long long)found, (long long)frames);
+    for (int64_t t = frames - 1; t >= 0 && found.best >= 0; t--) {
+        const int is_told = judged->unseen[t] != 0.0 || judged->odd[t] != 0.0;
+        if (!is_told && is_worse(&misfit[t], &misfit[found.best])) {
+            found.moved++;
+            found.first = t;
+        }
     }
+    return found;
 }
 
 /* How many are not 0, and the first of them. */
@@ -120,6 +117,22 @@ static int64_t count(int64_t *first, const double *of_frame, int64_t frames)
     return found;
 }
 
+static void warn_of_moved(const struct judged *judged, int64_t frames,
+                          const struct v2v_volumes_made *made)
+{
+    const struct explained found = judge_explained(judged, made->misfit, frames);
+    if (found.moved > 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: of means of 8 x 8 pixels of the views its volume misses %.3g times "
+                "their noise, that of frame %lld %.3g times: did views move, or change places? "
+                "%lld of %lld frames looked at are such",
+                (long long)(made->first + found.first), made->misfit[found.first].coarse,
+                (long long)(made->first + found.best), made->misfit[found.best].coarse,
+                (long long)found.moved, (long long)found.known);
+    }
+}
+
+/* @param before frames before the cut */
 static void warn(const struct judged *judged, int64_t frames, int64_t shown, int64_t before)
 {
     int64_t first = 0;
@@ -174,15 +187,15 @@ enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
     enum v2v_status rc = V2V_OK;
     const int64_t frames = v2v_recording_info(made->recording)->frames;
     double *of_frames = NULL;
-    V2V_TRY(v2v_par_agree(session->world,
-                          V2V_ALLOC(of_frames, "cli.frames", v2v_mem_product(3, frames, 1))));
+    V2V_TRY(v2v_par_agree(session->world, V2V_ALLOC(of_frames, "cli.frames",
+                                                    v2v_mem_product(OF_A_FRAME, frames, 1))));
     struct judged judged = {of_frames, of_frames + frames, of_frames + 2 * frames};
     rc = judge_own(&judged, reference, shown, made, session);
     V2V_TRY(v2v_par_agree(session->world, rc));
-    v2v_par_sum_f64(session->world, of_frames, 3 * frames);
+    v2v_par_sum_f64(session->world, of_frames, OF_A_FRAME * frames);
     if (v2v_step_on_root(session)) {
         warn(&judged, frames, shown, made->first);
-        warn_of_unexplained(&judged, made->misfit, frames, made->first);
+        warn_of_moved(&judged, frames, made);
     }
 done:
     v2v_mem_free(of_frames);

@@ -12,9 +12,10 @@ enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
                                          const struct v2v_volumes_made *made,
                                          const struct v2v_session *session) V2V_MUST_CHECK;
 
-/** Warn of frames that show nothing, as where light or camera failed, and of those of which a view
- *  is less than half as bright as in the reference, or more than twice, beside the other views.
- *  Ranks share the frames.
+/** Warn of frames that show nothing, as where light or camera failed, of those of which a view is
+ *  less than half as bright as in the reference, or more than twice, beside the other views, and of
+ *  those whose views their volume explains worse than another frame's does, as where views moved
+ *  (REFERENCE.md 11). Ranks share the frames.
  *  @kind   Collective(world)
  *  @param  reference [v,y,x] as recorded, less the offset, of frame `shown`, which shows something
  *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT; agreed */

@@ -84,9 +84,9 @@ static double scale_of(const struct v2v_fourier *self, const float *image, doubl
     return largest > 0.0 ? exp2(-ilogb(largest)) : 1.0;
 }
 
-/* The image without its mean under the window, windowed, times a power of two. @return whether
- * anything is left */
-static int transform(struct v2v_fourier *self, struct v2v_complex *spectrum, const float *image)
+/* The image without its mean under the window, windowed, times a power of two. @return that; 0
+ * where nothing is left */
+static double transform(struct v2v_fourier *self, struct v2v_complex *spectrum, const float *image)
 {
     double sum = 0.0, weights = 0.0;
     int differs = 0;
@@ -107,7 +107,7 @@ static int transform(struct v2v_fourier *self, struct v2v_complex *spectrum, con
         }
     }
     v2v_fft2_forward(self->fft, spectrum, self->image);
-    return differs;
+    return differs ? scale : 0.0;
 }
 
 static float correlation_at(const struct v2v_fourier *self, int64_t y, int64_t x)
@@ -131,7 +131,8 @@ void v2v_fourier_shift(struct v2v_fourier *self, double shift[2], const float *i
     const int64_t most_x = v2v_smaller(MOST_SHIFT, self->width / 4);
     int64_t top_y = 0, top_x = 0;
     shift[0] = shift[1] = NAN;
-    if (!transform(self, self->first, image) || !transform(self, self->second, reference)) {
+    if (transform(self, self->first, image) == 0.0 ||
+        transform(self, self->second, reference) == 0.0) {
         return;
     }
     for (int64_t i = 0; i < self->ny * (self->nx / 2 + 1); i++) {
@@ -163,8 +164,10 @@ void v2v_fourier_correlate(struct v2v_fourier *self, struct v2v_ring *rings, con
                            const float *b)
 {
     const int64_t count = v2v_fourier_rings(self), half = self->nx / 2;
-    (void)transform(self, self->first, a);
-    (void)transform(self, self->second, b);
+    const double scale_a = transform(self, self->first, a);
+    const double scale_b = transform(self, self->second, b);
+    const double of_a = scale_a > 0.0 ? 1.0 / scale_a : 0.0;
+    const double of_b = scale_b > 0.0 ? 1.0 / scale_b : 0.0;
     for (int64_t y = 0; y < self->ny; y++) {
         const double fy = (double)v2v_smaller(y, self->ny - y) / (double)self->ny;
         for (int64_t x = 0; x <= half; x++) {
@@ -174,8 +177,8 @@ void v2v_fourier_correlate(struct v2v_fourier *self, struct v2v_ring *rings, con
                 const double twice = x == 0 || x == half ? 1.0 : 2.0; /* and its mirror image */
                 const struct v2v_complex p = self->first[y * (half + 1) + x];
                 const struct v2v_complex q = self->second[y * (half + 1) + x];
-                const double pr = (double)p.re, pi = (double)p.im;
-                const double qr = (double)q.re, qi = (double)q.im;
+                const double pr = of_a * (double)p.re, pi = of_a * (double)p.im;
+                const double qr = of_b * (double)q.re, qi = of_b * (double)q.im;
                 rings[r].product += twice * (pr * qr + pi * qi);
                 rings[r].first += twice * (pr * pr + pi * pi);
                 rings[r].second += twice * (qr * qr + qi * qi);

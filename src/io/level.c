@@ -1,5 +1,6 @@
 #include "v2v3d/io/level.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -61,6 +62,7 @@ static enum v2v_status measure(double **levels, struct v2v_recording *recording,
         rc = V2V_ALLOC(scratch, "io.level", samples);
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
+        v2v_watchdog_beat("a frame's level");
         rc = v2v_recording_read(recording, views, t);
         if (rc == V2V_OK) {
             v2v_scaling_apply(scaling, views, samples);

@@ -2,6 +2,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/level.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
 
@@ -47,6 +48,7 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
         rc = V2V_ALLOC(scratch, "io.scaling", count);
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
+        v2v_watchdog_beat("a frame's mean and noise");
         rc = v2v_recording_read(recording, views, t);
         for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
             sums[2 * t] += views[i];

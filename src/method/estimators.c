@@ -59,6 +59,16 @@ int v2v_estimator_is_open(const struct v2v_estimator_ops *ops, const struct v2v_
     return ops->is_open != NULL && ops->is_open(config);
 }
 
+struct v2v_input_settings v2v_estimator_input(const struct v2v_estimator_ops *ops,
+                                              const struct v2v_config *config)
+{
+    struct v2v_input_settings input = config->input;
+    if (!ops->has_gain) {
+        input.gain = (struct v2v_number){.mode = V2V_NUMBER_NONE};
+    }
+    return input;
+}
+
 enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem, const float *views,
                                      const struct v2v_comm *world)

@@ -465,7 +465,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
             (long long)estimator->frame, (long long)done, estimator->misfit.missed,
             estimator->misfit.coarse);
     estimator->iterations = done;
-    if (self->iterations == 0 && done == MOST_ITERATIONS) {
+    if (self->iterations == 0 && done == MOST_ITERATIONS && v2v_comm_rank(self->comm) == 0) {
         v2v_log(V2V_LOG_WARNING, "frame %lld: after %lld iterations tv still moves by %.2g",
                 (long long)estimator->frame, (long long)done, change);
     }
@@ -519,7 +519,8 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
     estimator->iterations = 0;
     estimator->misfit =
-        (struct v2v_misfit){.noise_of_coarse = v2v_tv_noise(estimator).part / V2V_DATA_STEP_SQUARE};
+        (struct v2v_misfit){.noise_of_coarse = v2v_tv_noise(estimator).part *
+                                               sqrt(level->mean_variance) / V2V_DATA_STEP_SQUARE};
     if (is_lit) {
         begin(estimator, views);
     }

@@ -38,6 +38,7 @@ struct v2v_data_step {
     float *around;   /* [v,rows,torus width]: views of light that isn't in x */
     float *scratch;  /* [thread,2 v,2,V2V_BLOCK] */
     double *entries; /* [thread,v2v_hermitian_scratch] */
+    double *squares; /* [v, square]: of v2v_data_step_coarse */
     double *sums;    /* [torus height] or [2,column]: squares of a row of all views, or of a
                           column of all slices' spectra */
 };
@@ -49,7 +50,7 @@ static double pixels_of(const struct v2v_data_step *step)
 
 /* Numbers of each array. */
 struct sizes {
-    int64_t penalties, factor, volume, change, recorded, spectra, scratch, entries, sums;
+    int64_t penalties, factor, volume, change, recorded, spectra, scratch, entries, sums, squares;
 };
 
 static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
@@ -59,6 +60,8 @@ static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
         .penalties = v2v_mem_product(blocks, V2V_BLOCK, 1),
         .volume = v2v_mem_product(blocks, slices, V2V_BLOCK_FLOATS),
         .change = v2v_mem_product(blocks, V2V_BLOCK_FLOATS, 1),
+        .squares = v2v_mem_product(views, torus->height / V2V_DATA_STEP_SQUARE,
+                                   torus->width / V2V_DATA_STEP_SQUARE),
         .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1)),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
         .recorded = v2v_mem_product(views, torus->rows.count, torus->width),
@@ -80,7 +83,7 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
     const struct sizes sizes = sizes_of(psf->views, psf->slices, layout.blocks, &own);
     return v2v_mem_bytes(sizes.penalties + sizes.factor + sizes.volume + sizes.change +
                              2 * sizes.recorded + sizes.spectra + sizes.scratch +
-                             2 * (sizes.entries + sizes.sums),
+                             2 * (sizes.entries + sizes.sums + sizes.squares),
                          v2v_projector_bytes_beyond(psf, torus->height, torus->width,
                                                     V2V_BEYOND_PERIODIC, split, ranks));
 }
@@ -100,6 +103,7 @@ static enum v2v_status take_memory(struct v2v_data_step *step)
     V2V_TRY(V2V_ALLOC(step->scratch, "data_step.block", sizes.scratch));
     V2V_TRY(V2V_ALLOC(step->entries, "data_step.factor", sizes.entries));
     V2V_TRY(V2V_ALLOC(step->sums, "data_step.views", sizes.sums));
+    V2V_TRY(V2V_ALLOC(step->squares, "data_step.views", sizes.squares));
 done:
     return rc;
 }
@@ -152,6 +156,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->scratch);
         v2v_mem_free(old->entries);
         v2v_mem_free(old->sums);
+        v2v_mem_free(old->squares);
         v2v_mem_free(old);
     }
 }
@@ -555,39 +560,39 @@ double v2v_data_step_extend(struct v2v_data_step *step)
     return squares;
 }
 
-/* y - A x of a sample that is known, summed over a square; by the light that weights go by where
- * there are any. */
-static double left_of_square(const struct v2v_data_step *step, int64_t at)
+/* y - A x, by the light that weights go by where there are any. */
+static double left_at(const struct v2v_data_step *step, int64_t at)
 {
-    double left = 0.0;
-    for (int64_t i = 0; i < V2V_DATA_STEP_SQUARE; i++, at += step->torus.width) {
-        for (int64_t j = at; j < at + V2V_DATA_STEP_SQUARE; j++) {
-            left += step->gain > 0.0f ? (double)(step->kept[j] - (step->light[j] - step->around[j]))
-                                      : (double)step->missed[j];
-        }
-    }
-    return left;
+    return step->gain > 0.0f ? (double)(step->kept[at] - (step->light[at] - step->around[at]))
+                             : (double)step->missed[at];
 }
 
-double v2v_data_step_coarse(const struct v2v_data_step *step)
+/* Sums over what a rank has of each square; then over ranks, since squares lie across them. */
+double v2v_data_step_coarse(struct v2v_data_step *step)
 {
     enum { SIDE = V2V_DATA_STEP_SQUARE };
     const struct v2v_torus *torus = &step->torus;
-    const struct v2v_part *columns = &step->known_columns;
-    const int64_t first = v2v_larger(step->known_rows.first, torus->rows.first);
-    const int64_t end = v2v_smaller(step->known_rows.first + step->known_rows.count,
-                                    torus->rows.first + torus->rows.count);
-    double sums[] = {0.0, 0.0};
+    const struct v2v_part *known = &step->known_rows, *columns = &step->known_columns;
+    const int64_t down = known->count / SIDE, across = columns->count / SIDE;
+    const int64_t first = v2v_larger(known->first, torus->rows.first);
+    const int64_t end =
+        v2v_smaller(known->first + down * SIDE, torus->rows.first + torus->rows.count);
+    const int64_t count = step->views * down * across;
+    double squares = 0.0;
+    memset(step->squares, 0, (size_t)count * sizeof *step->squares);
     for (int64_t v = 0; v < step->views; v++) {
-        for (int64_t y = first; y + SIDE <= end; y += SIDE) {
+        for (int64_t y = first; y < end; y++) {
+            double *sums = step->squares + (v * down + (y - known->first) / SIDE) * across;
             const int64_t row = v * torus->rows.count + y - torus->rows.first;
-            for (int64_t x = 0; x + SIDE <= columns->count; x += SIDE) {
-                const double left = left_of_square(step, row * torus->width + columns->first + x);
-                sums[0] += left * left / (SIDE * SIDE);
-                sums[1] += 1.0;
+            const int64_t at = row * torus->width + columns->first;
+            for (int64_t x = 0; x < across * SIDE; x++) {
+                sums[x / SIDE] += left_at(step, at + x);
             }
         }
     }
-    v2v_par_sum_f64(step->comm, sums, 2);
-    return sums[1] > 0.0 ? sqrt(sums[0] / sums[1]) : 0.0;
+    v2v_par_sum_f64(step->comm, step->squares, count);
+    for (int64_t i = 0; i < count; i++) {
+        squares += step->squares[i] * step->squares[i];
+    }
+    return count > 0 ? sqrt(squares / (double)count) / SIDE : 0.0;
 }

@@ -295,6 +295,12 @@ void v2v_recon_destroy(struct v2v_recon **recon)
     v2v_mem_free(old);
 }
 
+/** Local: of frame t before the recording was cut, as users count. */
+static int64_t number_of(const struct v2v_recon *recon, int64_t t)
+{
+    return v2v_recording_info(recon->recording)->before + t;
+}
+
 /** Cut the padding off output o and bring it to the recording's units. */
 static enum v2v_status cut(struct v2v_recon *recon, int o, int64_t t)
 {
@@ -317,8 +323,9 @@ static enum v2v_status cut(struct v2v_recon *recon, int o, int64_t t)
         int64_t row = recon->first_row + bad / recon->width % recon->own_rows;
         return V2V_FAIL(V2V_E_NUMERIC,
                         "frame %lld, output %d: NaN or Inf at slice %lld, row %lld, column %lld",
-                        (long long)t, o + 1, (long long)(estimator->slices.first + bad / pixels),
-                        (long long)row, (long long)(bad % recon->width));
+                        (long long)number_of(recon, t), o + 1,
+                        (long long)(estimator->slices.first + bad / pixels), (long long)row,
+                        (long long)(bad % recon->width));
     }
     return V2V_OK;
 }
@@ -356,7 +363,7 @@ static enum v2v_status run_frame(struct v2v_recon *recon, int64_t t, int is_whol
     enum v2v_status rc = V2V_OK;
     struct v2v_estimator *estimator = recon->estimator;
     double part = 0.0;
-    estimator->frame = t;
+    estimator->frame = number_of(recon, t);
     if (is_whole) {
         V2V_TRY(estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor));
         part = estimator->computed_part;

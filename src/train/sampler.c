@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
+#include "v2v3d/method/estimator.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/optics/shifts.h"
 #include "v2v3d/tensor/pad.h"
@@ -124,6 +125,10 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_estimator_ops *maker =
+        sampler->examples != NULL ? sampler->examples->ops->estimator : NULL;
+    const struct v2v_input_settings input =
+        maker != NULL ? v2v_estimator_input(maker, job->config) : job->config->input;
     V2V_TRY(
         v2v_par_agree(comm, V2V_ALLOC(sampler->source, "sampler.sources", job->recording_count)));
     sampler->source_count = job->recording_count;
@@ -133,7 +138,7 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
         of->recording = job->recordings[i];
         of->truth = job->truths != NULL ? job->truths[i] : NULL;
         source->first = sampler->frames;
-        V2V_TRY(v2v_scaling_decide(&of->scaling, of->recording, &job->config->input, comm));
+        V2V_TRY(v2v_scaling_decide(&of->scaling, of->recording, &input, comm));
         V2V_TRY(v2v_level_range_add(&sampler->levels, of->recording, &of->scaling, comm));
         const struct v2v_recording_info *info = info_of(source);
         int64_t pixels = info->height * info->width;

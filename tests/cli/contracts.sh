@@ -108,6 +108,9 @@ stated=$(grep -o '"residual": [^,]*' stdout)
 grep -q darker stderr && fail "the volume states its offset: $(cat stderr)"
 works evaluate --volume bare.h5 --psf one/psf.h5 --input bare.tif --frames 0 --json --offset 100
 [ "$(grep -o '"residual": [^,]*' stdout)" = "$stated" ] || fail "another offset: $stated, $(cat stdout)"
+works convert --input bare.h5 -o kept.h5 --force
+works evaluate --volume kept.h5 --psf one/psf.h5 --input bare.tif --frames 0 --json
+[ "$(grep -o '"residual": [^,]*' stdout)" = "$stated" ] || fail "convert lost the offset: $(cat stdout)"
 works "${bare[@]}" --offset none
 grep -q darker stderr && fail "there is none: $(cat stderr)"
 works deconvolve --psf one/psf.h5 --input moving.h5 --iterations 2 -o bare.h5 --force

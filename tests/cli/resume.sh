@@ -109,7 +109,7 @@ if [ "$ranks" -eq 1 ]; then
     for signal in TERM INT; do
         # a shell without jobs would have its children ignore SIGINT
         env --default-signal=INT "$program" deconvolve --psf psf.h5 --input many.h5 -o many_out.h5 \
-            --resume --method rld --iterations 100 2>log.$signal &
+            --resume --method rld --iterations 500 2>log.$signal &
         pid=$!
         for _ in $(seq 600); do
             [ -s log.$signal ] && grep -q 'deconvolve [0-9]' log.$signal && break

@@ -67,8 +67,8 @@ works deconvolve --psf psf.h5 --input all -o all.h5 --force --quiet
 misses .
 
 works deconvolve --psf psf.h5 --input moved -o moved.h5
-tells 'frame 2: what its volume misses of the views is [1-9][.0-9]* times .* frame 0 [01][.0-9]* times'
-tells 'did views move, or change places? 2 of 4 frames are such'
+tells 'frame 2: of means of 8 x 8 .* misses [1-9][.0-9]* times .* that of frame 0 [01][.0-9]* times'
+tells 'did views move, or change places? 2 of 4 frames looked at are such'
 [ "$(grep -c warning stderr)" -eq 1 ] || fail "not that alone: $(cat stderr)"
 works deconvolve --psf psf.h5 --input moved -o moved.h5 --frames 0:2 --force
 misses warning

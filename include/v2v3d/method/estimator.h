@@ -79,7 +79,7 @@ struct v2v_estimator {
                                           earliest, where the method knows it */
     int64_t most_iterations;         /**< of the runs from here on; 0: as configured */
     const struct v2v_surroundings *around; /**< of the next runs of a part; borrowed */
-    int64_t frame; /**< under way: set by the caller, for monitors and messages */
+    int64_t frame; /**< under way, as users count: set by the caller, for monitors and messages */
     double units;  /**< volume * units is in the recording's: set by the caller, else 1 */
     void *self;    /**< the method's own */
 };
@@ -162,6 +162,11 @@ enum v2v_status v2v_estimator_find(const struct v2v_estimator_ops **ops,
 
 /** Does the configuration leave a setting to a frame? @kind Local. */
 int v2v_estimator_is_open(const struct v2v_estimator_ops *ops, const struct v2v_config *config);
+
+/** How a recording is scaled for it: the configuration's input, without gain where volumes scale
+ *  with the views. @kind Local. */
+struct v2v_input_settings v2v_estimator_input(const struct v2v_estimator_ops *ops,
+                                              const struct v2v_config *config);
 
 /** Decide such settings (ops->settle). Rank 0's answer is all ranks': other processors may round
  *  another way.

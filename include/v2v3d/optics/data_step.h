@@ -8,7 +8,8 @@
  *  Invariants: the torus holds the frame at its origin and a border that no light crosses but
  *  V2V_DATA_STEP_LOST of any slice's; views are unknown there and follow the volume
  *  (v2v_data_step_extend). A rank owns rows of the torus and columns of its spectra; nothing is
- *  summed over ranks but the residual and the change. Any number of ranks gets the same bits.
+ *  summed over ranks but the residual and the change. Any number of ranks gets the same bits, of
+ *  v2v_data_step_coarse the same but for round-off.
  *
  *  Example (compiled by tests/unit/optics):
  *
@@ -152,9 +153,8 @@ enum { V2V_DATA_STEP_SQUARE = 8 };
 /** What the last extend left of y as recorded where it is known, of squares as a whole: the root
  *  mean square of sums over them, over their side. Of white noise its deviation; what A x of no x
  *  explains, as of views out of register, is several times as much.
- *  @kind Collective(comm), no allocation. @return in units of y; 0: no square lies within a rank's
- *  rows */
-double v2v_data_step_coarse(const struct v2v_data_step *step);
+ *  @kind Collective(comm), no allocation. @return in units of y; 0: there is no whole square */
+double v2v_data_step_coarse(struct v2v_data_step *step);
 
 #ifdef __cplusplus
 }

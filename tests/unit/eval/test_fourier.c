@@ -6,6 +6,7 @@
 #include "v2v3d/eval/fourier.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { SLICES = 12, HEIGHT = 96, WIDTH = 128, PIXELS = HEIGHT * WIDTH, WAVES = 60 };
 
@@ -63,6 +64,38 @@ static void shared_frequencies_end_where_the_correlation_does(void **state)
             fail_msg("limit %g, found %g", limits[i], found);
         }
     }
+}
+
+/* Slices count by their light: what dim ones have in common, or not, is of no matter. */
+static void dim_slices_count_less(void **state)
+{
+    (void)state;
+    static float a[PIXELS], b[PIXELS];
+    const double limit = 0.3;
+    struct v2v_ring rings[HEIGHT / 2] = {{0}};
+    struct v2v_fourier *fourier = NULL;
+    assert_ok(v2v_fourier_create(&fourier, HEIGHT, WIDTH));
+    for (int z = 0; z < 10; z++) {
+        const float brightness = z == 0 ? 1.0f : 1e-3f;
+        memset(a, 0, sizeof a);
+        memset(b, 0, sizeof b);
+        if (z == 0) {
+            add_waves(a, 0, z, 0.0, limit);
+            add_waves(b, 0, z, 0.0, limit);
+        }
+        add_waves(a, 1, z, z == 0 ? limit : 0.0, 0.5);
+        add_waves(b, 2, z, z == 0 ? limit : 0.0, 0.5);
+        for (int i = 0; i < PIXELS; i++) {
+            a[i] *= brightness;
+            b[i] *= brightness;
+        }
+        v2v_fourier_correlate(fourier, rings, a, b);
+    }
+    const double found = 1.0 / v2v_fourier_resolution(rings, HEIGHT / 2);
+    if (!(fabs(found - limit) <= 2.0 / HEIGHT)) {
+        fail_msg("limit %g, found %g", limit, found);
+    }
+    v2v_fourier_destroy(&fourier);
 }
 
 static void equal_volumes_resolve_to_the_nyquist_frequency(void **state)
@@ -146,6 +179,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shared_frequencies_end_where_the_correlation_does),
+        cmocka_unit_test(dim_slices_count_less),
         cmocka_unit_test(equal_volumes_resolve_to_the_nyquist_frequency),
         cmocka_unit_test(nothing_shared_resolves_nothing),
         cmocka_unit_test(an_image_is_found_where_it_was_moved),
