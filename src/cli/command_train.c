@@ -49,8 +49,8 @@ static const struct v2v_option options[] = {
      .kind = V2V_OPTION_DURATION,
      .at = offsetof(struct arguments, max_time_s),
      .value = "TIME",
-     .help = "stop with a checkpoint (exit code 85) after 90s, 20m, 3h; with train.schedule "
-             "linear: end there"},
+     .help = "stop with a checkpoint (exit code 85) after 90s, 20m, 3h of this attempt; with "
+             "train.schedule linear: end there"},
     V2V_OPTION_SET("steps", "train.steps", "N", "steps in all"),
     V2V_OPTION_SET("seed", "train.seed", "N", "of crops and fresh weights"),
     V2V_OPTION_SET("reproducible", "parallel.reproducible", NULL,

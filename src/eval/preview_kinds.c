@@ -37,7 +37,7 @@ enum v2v_status v2v_preview_montage(struct v2v_canvas *canvas, const struct v2v_
         v2v_canvas_image(canvas, y, x, volume + z * height * width, height, width,
                          (float)preview->low, (float)preview->high, 1);
         if (width >= LEAST_LABELLED && height >= LEAST_LABELLED) {
-            snprintf(label, sizeof label, "%lld", (long long)z + 1);
+            snprintf(label, sizeof label, "%lld", (long long)z);
             v2v_canvas_text(canvas, y + 3, x + 3, label, width >= 192 ? 2 : 1, white);
         }
     }
@@ -87,7 +87,7 @@ static void draw_bar(struct v2v_canvas *canvas, const struct v2v_preview *previe
             snprintf(text, sizeof text, "%.4g um",
                      end ? (double)last * preview->slice_spacing_um : 0.0);
         } else {
-            snprintf(text, sizeof text, "z %lld", end ? (long long)last + 1 : 1LL);
+            snprintf(text, sizeof text, "z %lld", end ? (long long)last : 0LL);
         }
         v2v_canvas_text(canvas, inset + (end ? height - TEXT_ROWS : 0), x + BAR_WIDTH + 4, text, 2,
                         white);

@@ -27,7 +27,7 @@ enum v2v_status v2v_preview_widen(struct v2v_preview *preview, const float *volu
 
 /** A picture in a range that is settled: maximum projections along z (top left), x (right of it)
  *  and y (below), depth drawn `z_zoom` pixels a slice; or slices side by side, 48 at most, evenly
- *  chosen and numbered from 1; or the brightest voxel along z, its depth as a hue of even lightness
+ *  chosen and numbered from 0; or the brightest voxel along z, its depth as a hue of even lightness
  *  (OKLCh), with a bar beside it. @kind Local. @param volume [z,y,x]. @return V2V_OK | V2V_E_MEMORY
  *  @source B. Ottosson, A perceptual color space for image processing, 2020: OKLab */
 enum v2v_status v2v_preview_draw(struct v2v_canvas *canvas, const struct v2v_preview *preview,
