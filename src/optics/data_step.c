@@ -580,6 +580,7 @@ double v2v_data_step_coarse(struct v2v_data_step *step)
     const int64_t count = step->views * down * across;
     double squares = 0.0;
     memset(step->squares, 0, (size_t)count * sizeof *step->squares);
+#pragma omp parallel for schedule(static)
     for (int64_t v = 0; v < step->views; v++) {
         for (int64_t y = first; y < end; y++) {
             double *sums = step->squares + (v * down + (y - known->first) / SIDE) * across;

@@ -79,6 +79,23 @@ tells 'frame 0 is hardly anywhere darker than 0\.[01][0-9]* above its offset -0.
 works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --force --offset none
 misses darker
 
+# The camera's noise, in counts, is that of deconvolve and of the lessons of train; a wrong one is told.
+cp "$root/configs/unrolled.yaml" .
+works "${scene[@]}" --noise camera:200 -o camera.h5
+noise_of() {
+    grep -o 'frame 0: noise of photons, [0-9.e-]* of the brightness' stderr | head -1
+}
+camera=(--psf psf.h5 --input camera.h5 --verbose)
+works deconvolve "${camera[@]}" -o camera_volume.h5 --electrons-per-count 1
+misses 'noise, which is more than there is'
+right=$(noise_of)
+[ -n "$right" ] || fail "no noise of photons: $(cat stderr)"
+works train -c unrolled.yaml "${camera[@]}" -o run --steps 1 --set recon.neighbours=0 \
+    --set deconv.electrons_per_count=1
+[ "$(noise_of)" = "$right" ] || fail "not $right: $(cat stderr)"
+works deconvolve "${camera[@]}" -o camera_volume.h5 --electrons-per-count 0.05 --force
+tells 'views and volume differ by 0.[1-7][0-9]* of the camera.s noise, which is more than there is'
+
 # Views of noise calibrate nothing.
 works calibrate --psf psf.h5 --input noise.h5 -o cal.yaml
 tells 'nothing lowers the held-out residual'
