@@ -93,9 +93,10 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTION_NOISE(type, field, usual)                                                       \
     {                                                                                              \
         .name = "noise", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "KIND",    \
-        .help = "none; gaussian:S, S times the level (99.5th percentile of the clean views); "     \
-                "poisson:N, N photons at the level; camera:N[:GAIN[:OFFSET[:READ]]], uint16 "      \
-                "counts of them (1, 100, 1.6)",                                                    \
+        .help =                                                                                    \
+            "none; gaussian:S, S times the level (99.5th percentile of frame 0 without noise); "   \
+            "poisson:N, N photons at the level; camera:N[:GAIN[:OFFSET[:READ]]], uint16 "          \
+            "counts of them (1, 100, 1.6)",                                                        \
         .initial = (usual)                                                                         \
     }
 #define V2V_SCENE_KINDS "neurons, vessels, cells, microglia, beads, filaments, dense, mixed"

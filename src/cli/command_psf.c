@@ -5,6 +5,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/optics/shifts.h"
+#include "v2v3d/par/agreement.h"
 #include <inttypes.h>
 
 struct simulate_arguments {
@@ -15,24 +16,36 @@ struct simulate_arguments {
 static const struct v2v_option simulate_options[] = {
     V2V_OPTION_OUTPUT(struct simulate_arguments, output, "PSFs to write, HDF5"), {0}};
 
+struct simulated {
+    const struct v2v_optics_settings *optics;
+    const char *output;
+    struct v2v_psf_file psf;
+};
+
+/* The work of rank 0. */
+static enum v2v_status simulate_alone(void *context)
+{
+    enum v2v_status rc = V2V_OK;
+    struct simulated *simulated = context;
+    V2V_TRY(v2v_psf_simulate(&simulated->psf, simulated->optics));
+    V2V_TRY(v2v_psf_file_write(&simulated->psf, simulated->output));
+done:
+    return rc;
+}
+
 static enum v2v_status simulate(const void *arguments, struct v2v_session *session)
 {
     const struct simulate_arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    struct v2v_psf_file psf = {0};
+    struct simulated simulated = {.optics = &session->config.optics, .output = given->output};
+    const struct v2v_psf_file *psf = &simulated.psf;
     V2V_TRY(v2v_step_output(session, given->output, NULL, 0));
-    if (v2v_step_on_root(session)) {
-        rc = v2v_psf_simulate(&psf, &session->config.optics);
-        if (rc == V2V_OK) {
-            rc = v2v_psf_file_write(&psf, given->output);
-        }
-    }
-    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_agreement_alone(session->world, simulate_alone, &simulated));
     v2v_log(V2V_LOG_INFO,
             "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels",
-            given->output, psf.views, psf.slices, psf.height, psf.width);
+            given->output, psf->views, psf->slices, psf->height, psf->width);
 done:
-    v2v_psf_file_fini(&psf);
+    v2v_psf_file_fini(&simulated.psf);
     return rc;
 }
 

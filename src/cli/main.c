@@ -14,6 +14,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 static const struct v2v_command *const commands[] = {
@@ -173,6 +174,20 @@ static enum v2v_status flush_results(void)
                           reason != 0 ? strerror(reason) : "not all could be written");
 }
 
+/* A proof is an empty file: one that is there already, of an earlier run, is none of a user's.
+ * Rank-0. */
+static enum v2v_status check_proof(const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct stat state;
+    if (stat(path, &state) == 0 && (!S_ISREG(state.st_mode) || state.st_size > 0)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--proof %s: exists, and is no proof", path));
+    }
+    V2V_TRY(v2v_file_check_output(path, 1, NULL, 0));
+done:
+    return rc;
+}
+
 static enum v2v_status run_parsed(const struct v2v_command *command,
                                   const struct v2v_common *arguments, struct v2v_session *session)
 {
@@ -182,7 +197,9 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
             print_help(command);
         }
     } else {
+        const int proves = arguments->proof != NULL && v2v_comm_rank(session->world) == 0;
         V2V_TRY(prepare(session, command, arguments));
+        V2V_TRY(v2v_par_agree(session->world, proves ? check_proof(arguments->proof) : V2V_OK));
         /* a rank alone waits for nobody, and may take as long as it wants for a large frame */
         v2v_watchdog_set_period(
             v2v_comm_size(session->world) > 1 ? session->config.parallel.watchdog_s : 0.0);
@@ -199,6 +216,7 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
     }
     V2V_TRY(flush_results());
     if (arguments->proof != NULL && v2v_comm_rank(session->world) == 0) {
+        V2V_TRY(check_proof(arguments->proof)); /* it may be what the command wrote */
         V2V_TRY(v2v_file_write_text(arguments->proof, ""));
     }
 done:

@@ -141,11 +141,13 @@ done:
     return rc;
 }
 
+/* Pixel sizes are stated with two digits, often. */
+static const double nominal = 0.01;
+
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf)
 {
-    const double nominal = 0.01; /* sizes are stated with two digits, often */
     enum v2v_status rc = V2V_OK;
     struct v2v_input_settings settings = session->config.input;
     if (settings.views == 0) {
@@ -246,6 +248,13 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " slices, but the PSFs have %" PRId64 "%s",
                          path, slices, psf->slices,
                          slices % psf->slices == 0 ? "; --slices Z tells frames apart" : ""));
+    }
+    const double pixel = v2v_volume_info(*volume)->pixel_size_um;
+    if (pixel > 0.0 && psf->pixel_size_um > 0.0 && v2v_step_on_root(session) &&
+        fabs(pixel - psf->pixel_size_um) > nominal * psf->pixel_size_um) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: says pixels of %g um, but the PSFs are for %g um, which it is taken for", path,
+                pixel, psf->pixel_size_um);
     }
 done:
     return rc;

@@ -249,9 +249,11 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     const struct v2v_recording_info *info = &recording->info;
     V2V_ASSERT(t >= -info->before && t < info->frames + info->after);
     t += info->before;
-    /* The window's first page shows this view; the views before it come at the window's end. */
+    /* The first page of a sliding window shows this view; the views before it come at the window's
+     * end. */
     const int64_t page = recording->first_page + t * recording->stride;
-    const int64_t view = t * recording->stride % info->views;
+    const int is_sliding = recording->stride < info->views;
+    const int64_t view = is_sliding ? t * recording->stride % info->views : 0;
     const int64_t late = info->views - view;
     V2V_TRY(read_views(recording, views, page, view, late, t));
     V2V_TRY(read_views(recording, views, page + late, 0, view, t));

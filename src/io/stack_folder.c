@@ -63,7 +63,7 @@ enum v2v_status v2v_stack_lay_out_folder(struct v2v_stack *stack,
         *axes = (struct v2v_stack_axes){1, files, pages};
     } else if (has_frames(stack)) {
         axes->frames *= files;
-    } else if (settings->views == 0) { /* a file is a frame */
+    } else if (settings->views == 0 || settings->views == pages) { /* a file is a frame */
         *axes = (struct v2v_stack_axes){1, pages, files};
     } else {
         *axes = (struct v2v_stack_axes){1, 1, files * pages};

@@ -105,7 +105,7 @@ static enum v2v_status recognise(struct v2v_weights_info *info, struct v2v_array
             V2V_TRY(v2v_config_set(&config, line));
         }
     }
-    const int64_t views = sizes.views > 0 ? sizes.views : hints->views;
+    const int64_t views = hints->views > 0 ? hints->views : sizes.views;
     const int64_t slices = sizes.slices > 0 ? sizes.slices : hints->slices;
     if (views <= 0 || slices <= 0) {
         V2V_TRY(V2V_FAIL(

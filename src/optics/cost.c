@@ -206,6 +206,7 @@ enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
                         (2.0 * (double)trial.frames * operations(SIZE, SIZE));
     cost->product_s = v2v_cost_median(multiply, &trial, comm) /
                       ((double)REPEATS * BLOCKS * VIEWS * SLICES * V2V_BLOCK);
+    v2v_par_max_f64(comm, &cost->transform_s, 1); /* of the rank with the fewest threads */
     V2V_TRY(v2v_network_cost_measure(&cost->network, comm));
     if (v2v_comm_size(comm) > 1) {
         V2V_TRY(measure_together(cost, &trial, comm));
@@ -320,6 +321,7 @@ enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v
     }
     V2V_TRY(rc);
     *split = v2v_projector_faster(seconds, &cost, config, psf, height, width, count, ranks);
+    v2v_par_broadcast(comm, split, (int64_t)sizeof *split, 0); /* processors may round otherwise */
     v2v_log(V2V_LOG_INFO,
             "projection over %d ranks by %s: %.3g ms there and back predicted by slices, %.3g ms "
             "by slabs, %.3g ms by slabs through FFTW3-MPI",

@@ -327,6 +327,9 @@ static void order_by_slope(int64_t *order, const struct fit *fit)
     }
 }
 
+/* "0.00000 0.00000, ", as v2v_tilts_print writes them, or more. */
+enum { LETTERS_OF_TILT = 17 };
+
 static enum v2v_status prepare(struct fit *fit)
 {
     enum v2v_status rc = V2V_OK;
@@ -338,6 +341,11 @@ static enum v2v_status prepare(struct fit *fit)
                          "psf fit: slices of %" PRId64 " x %" PRId64
                          " pixels; only square ones are simulated",
                          psf->height, psf->width));
+    }
+    if (psf->views * LETTERS_OF_TILT > (int64_t)sizeof settings->tilts) { /* before hours of it */
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "psf fit: the tilts of %" PRId64 " views do not fit into optics.tilts",
+                         psf->views));
     }
     V2V_TRY(V2V_ALLOC(fit->slope, "psf.fit", psf->views));
     V2V_TRY(V2V_ALLOC(fit->root, "psf.fit", samples));

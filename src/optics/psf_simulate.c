@@ -3,6 +3,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/psf.h"
+#include "v2v3d/par/watchdog.h"
 #include <omp.h>
 
 /* What one sample a pixel leaves unresolved is said, not refused: a given set may be made so. */
@@ -39,10 +40,13 @@ enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
     psf->views = tilts.views;
     V2V_TRY(V2V_ALLOC(psf->data, "psf", v2v_mem_product(tilts.views * slices, size, size)));
     warn_of_folding(settings);
+    for (int64_t v = 0; v < tilts.views; v++) {
+        float *view = psf->data + v * slices * size * size;
+        v2v_watchdog_beat("simulating the PSFs of a view");
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (int64_t i = 0; i < tilts.views * slices; i++) {
-        v2v_beam_slice(psf->data + i * size * size, beam, scratch, tilts.at[i / slices],
-                       i % slices);
+        for (int64_t z = 0; z < slices; z++) {
+            v2v_beam_slice(view + z * size * size, beam, scratch, tilts.at[v], z);
+        }
     }
     if (settings->normalize == V2V_OPTICS_NORMALIZE_VIEW) {
         v2v_psf_normalize_views(psf);

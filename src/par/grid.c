@@ -135,8 +135,11 @@ enum v2v_status v2v_grid_lay_out(struct v2v_grid *grid, struct v2v_comm *world,
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_grid_shape shape;
+    struct v2v_grid_work largest = *work; /* ranks of more threads take more memory */
     int ranks = v2v_comm_size(world);
-    V2V_TRY(v2v_grid_choose(&shape, wanted, work, ranks));
+    v2v_par_max_i64(world, &largest.bytes, 1);
+    v2v_par_max_i64(world, &largest.fixed_bytes, 1);
+    V2V_TRY(v2v_grid_choose(&shape, wanted, &largest, ranks));
     V2V_TRY(v2v_grid_create(grid, world, &shape));
     v2v_log(V2V_LOG_INFO, "grid: %d data x %d branch x %d shard ranks, %d idle", grid->data_size,
             grid->branch_size, grid->shard_size,

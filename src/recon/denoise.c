@@ -328,7 +328,8 @@ static void report(struct v2v_denoise_report *report, struct denoiser *self)
     if (self->job->clean != NULL) {
         v2v_par_sum_f64(self->comm, self->errors, 2);
         v2v_par_max_f64(self->comm, &self->peak, 1);
-        const double most = self->peak * self->peak * samples;
+        const double peak = self->peak - self->job->scaling->offset; /* of light */
+        const double most = peak * peak * samples;
         report->psnr_before = 10.0 * log10(most / self->errors[0]);
         report->psnr_after = 10.0 * log10(most / self->errors[1]);
     }

@@ -180,6 +180,7 @@ static enum v2v_status project_frame(struct v2v_simulator *simulator,
     if (simulation->volume != NULL) {
         rc = v2v_volume_read(simulation->volume, simulator->slab, t, slices.first, slices.count);
     } else {
+        v2v_watchdog_beat("drawing a scene");
         v2v_scene_draw(simulator->slab, simulation->scene, t, slices.first, slices.count);
     }
     V2V_TRY(v2v_par_agree(simulator->comm, rc));

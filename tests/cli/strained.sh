@@ -49,6 +49,7 @@ for set in 'psf.h5 recording.h5' 'psf.h5 recording_odd.h5' 'psf_8_slices.h5 reco
     'psf_one_view.h5 recording_one_view.h5'; do
     sane reconstruct --weights run/weights.h5 --psf "${set% *}" --input "${set#* }"
 done
-works train -c unrolled.yaml --steps 1 --psf psf.h5 --input recording_dark.h5 -o dark
+works train -c unrolled.yaml --steps 1 --psf psf.h5 --input recording_late.h5 -o late \
+    --set recon.neighbours=0 --seed 2
 grep -q 'is dark: there is nothing to learn' stderr || fail "no warning: $(cat stderr)"
 finish

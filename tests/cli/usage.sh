@@ -121,6 +121,11 @@ mkdir 'a folder'
 works init -o 'a folder/ünder a name.yaml'
 works init --proof ended
 [ -e ended ] || fail '--proof made no file'
+works init --proof ended
+echo mine >mine
+refuses 2 'mine: exists, and is no proof' init --proof mine
+[ "$(cat mine)" = mine ] || fail '--proof replaced a file'
+refuses 74 'nowhere' init --proof nowhere/ended
 refuses 78 'train.step' init --proof out --set train.step=1
 [ -s 'a folder/ünder a name.yaml' ] || fail 'init -o wrote nothing'
 timeout 60 "${launch[@]}" "$program" init 2>stderr | head -1 >stdout

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MOST_FOLDERS = 64, PATH_BYTES = 512 };
+enum { MOST_FOLDERS = 128, PATH_BYTES = 512 };
 
 /* Before CTest kills an MPI test without a word. */
 #define GROUP_SECONDS (0.9 * V2V_TEST_SECONDS)

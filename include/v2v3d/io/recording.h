@@ -25,10 +25,10 @@ struct v2v_recording;
 /** Open a recording: HDF5 `/views` [v,y,x] or [t,v,y,x] (integers, float32, float64), or a TIFF
  *  stack of `settings->views` pages a frame. A hyperstack that states channels, or slices and
  *  frames, has its views there: in the channels, or in the slices of settings->channel. With a
- *  stride other than the view count (a sliding window), page p of the stack still is view
- *  (p - first_view) mod views. An HDF5 file is first looked at in a child process of rank 0 with a
- *  limit of time and memory. With settings->views = 0 the file decides, and all pages of a TIFF
- *  that says nothing are one frame.
+ *  stride below the view count (a sliding window), page p of the stack still is view (p -
+ *  first_view) mod views; with one above it, pages between frames are none of any. An HDF5 file
+ *  is first looked at in a child process of rank 0 with a limit of time and memory. With
+ *  settings->views = 0 the file decides, and all pages of a TIFF that says nothing are one frame.
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame;
  *          no frame; another view count than asked for, or channels of which none is chosen;

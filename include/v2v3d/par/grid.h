@@ -58,8 +58,8 @@ struct v2v_grid {
 enum v2v_status v2v_grid_create(struct v2v_grid *grid, struct v2v_comm *world,
                                 const struct v2v_grid_shape *shape) V2V_MUST_CHECK;
 
-/** Choose the shape (v2v_grid_choose), lay the world out in it and log it. @kind Collective(world).
- *  @return as the two above */
+/** Choose the shape (v2v_grid_choose), by what the largest rank takes, lay the world out in it
+ *  and log it. @kind Collective(world). @return as the two above */
 enum v2v_status v2v_grid_lay_out(struct v2v_grid *grid, struct v2v_comm *world,
                                  const struct v2v_grid_shape *wanted,
                                  const struct v2v_grid_work *work) V2V_MUST_CHECK;
