@@ -81,6 +81,25 @@ static enum v2v_status check(const struct denoiser *self)
     return V2V_OK;
 }
 
+/* Where cameras are, settings tell, or else how many they are: of other views than those of the
+ * training that may be wrong. */
+static enum v2v_status look_at_cameras(const struct denoiser *self,
+                                       const struct v2v_network_ops *ops)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_weights_info info;
+    V2V_TRY(v2v_weights_file_info(&info, self->job->weights));
+    if (ops->examples->needs_cameras && info.views > 0 && info.views != self->views.views &&
+        v2v_comm_rank(self->comm) == 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: taught by %lld views, not %lld: are the cameras of these where "
+                "synthesis.cameras has them (auto: a square grid)?",
+                self->job->weights, (long long)info.views, (long long)self->views.views);
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status create_network(struct denoiser *self)
 {
     enum v2v_status rc = V2V_OK;
@@ -96,6 +115,7 @@ static enum v2v_status create_network(struct denoiser *self)
     V2V_TRY(v2v_network_find(&ops, job->config->model.method));
     V2V_ASSERT((ops->traits & V2V_TRAIT_VIEWS) != 0 && ops->examples->inputs_of_view != NULL);
     V2V_TRY(v2v_examples_create(&self->examples, ops->examples, job->config, &self->views));
+    V2V_TRY(look_at_cameras(self, ops));
     V2V_TRY(v2v_network_create(&self->network, ops->name, &spec));
     V2V_TRY(v2v_weights_file_read(self->network->weights, job->weights, "weights",
                                   &self->network->schema.fields));

@@ -25,6 +25,7 @@ says 'recording, 2 frames, 9 views of 40 x 48'
 works weights info run/weights.h5
 says '^synthesis.planes: 4$'
 works denoise --weights run/weights.h5 --input three.h5 -o three_denoised.h5
+grep -q 'taught by 9 views, not 3: are the cameras of these' stderr || fail "no word: $(cat stderr)"
 
 # Cameras that are told are the weights'.
 told=(--set 'synthesis.cameras=0 0, 0 1, 1 0')

@@ -56,10 +56,11 @@ struct v2v_examples {
 };
 
 struct v2v_examples_ops {
-    const char *name; /**< what the network learns from, for messages */
-    int mirroring;    /**< enum v2v_mirroring */
-    int is_of_view;   /**< bool: there is one of every view of a frame; else one of a frame */
-    int needs_truth;  /**< bool: source->truth */
+    const char *name;  /**< what the network learns from, for messages */
+    int mirroring;     /**< enum v2v_mirroring */
+    int is_of_view;    /**< bool: there is one of every view of a frame; else one of a frame */
+    int needs_truth;   /**< bool: source->truth */
+    int needs_cameras; /**< bool: what goes in goes by where the cameras of all views are */
     const struct v2v_estimator_ops *estimator; /**< that makes volumes for them; NULL: none */
     int64_t steps_of_one; /**< above 0: they take time to make, and one is added every so many
                                steps, of a frame that is drawn; 0: all are drawn from at once */

@@ -149,6 +149,7 @@ const struct v2v_examples_ops v2v_examples_left_out_view = {
     .name = "views left out",
     .mirroring = V2V_MIRROR_IMAGES, /* as of cameras that are mirrored, too */
     .is_of_view = 1,
+    .needs_cameras = 1,
     .create = create,
     .destroy = destroy,
     .make = make,
