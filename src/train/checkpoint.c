@@ -8,6 +8,7 @@
 #include "v2v3d/io/weights_file.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -195,6 +196,18 @@ static const char *in_one_line(char *settings)
     return settings;
 }
 
+/* As far as they are known. */
+static int are_same_levels(const struct v2v_level_range *a, const struct v2v_level_range *b)
+{
+    const double rounding = 1e-6;
+    int are_same = a->frames == b->frames;
+    for (int i = 0; i < V2V_LEVEL_FIGURES && a->frames > 0 && b->frames > 0; i++) {
+        are_same = are_same && fabs(a->least[i] - b->least[i]) <= rounding * fabs(b->least[i]) &&
+                   fabs(a->most[i] - b->most[i]) <= rounding * fabs(b->most[i]);
+    }
+    return are_same || a->frames == 0 || b->frames == 0;
+}
+
 static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, int64_t *step)
 {
     enum v2v_status rc = V2V_OK;
@@ -210,6 +223,9 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     const int on_root = v2v_comm_rank(trainer->grid.world) == 0;
     if (!is_any && on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
+    }
+    if (on_root && !are_same_levels(&info.levels, v2v_sampler_levels(trainer->sampler))) {
+        v2v_log(V2V_LOG_WARNING, "%s: was trained on other frames until here", path);
     }
     V2V_TRY(v2v_network_adopt(&config, &info, path)); /* settings as this program writes them */
     V2V_TRY(v2v_network_describe(&info, &config, info.views, info.slices, info.step));

@@ -241,11 +241,14 @@ timed "$((limit * 10))" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o 
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6 \
     --set model.features=8
 grep -q 'run: its network goes on as it is' stderr || fail "no word on its network: $(cat stderr)"
+[ "$(grep -c 'was trained on other frames until here' stderr)" -eq 1 ] ||
+    fail "no word on its recordings: $(cat stderr)"
 works weights info run/weights.h5
 says 'step 6'
 [ "$(wc -l <run/metrics.jsonl)" -eq 6 ] || fail 'resumed run: not 6 lines of metrics'
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
 grep -q '^run: 6 steps are done, 6 were asked for$' stderr || fail "a finished run: $(cat stderr)"
+grep -q 'other frames' stderr && fail "the same recording is called another: $(cat stderr)"
 works info run
 says '^run: run folder, network v2v, 6 of 6 steps logged$'
 says '^last total: [0-9.e+]*$'
