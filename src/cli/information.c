@@ -8,6 +8,14 @@
 #include <inttypes.h>
 #include <math.h>
 
+static enum v2v_status check_frame(const char *path, int64_t frame, int64_t frames)
+{
+    return frame < frames || frames == 0
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_USAGE, "--frame %" PRId64 ": %s has frames 0 .. %" PRId64, frame,
+                          path, frames - 1);
+}
+
 static void add_text(void *report, const char *name, const char *text)
 {
     v2v_report_text(report, name, text);
@@ -55,6 +63,7 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
     struct v2v_figures figures = {0};
     struct v2v_volume_left left;
     int64_t done = 0;
+    V2V_TRY(check_frame(path, frame, info->frames));
     v2v_report_headline(report,
                         "volume, %" PRId64 " frames, %" PRId64 " slices of %" PRId64 " x %" PRId64
                         " pixels",
@@ -72,7 +81,7 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
     if (left.done > 0) {
         v2v_report_number(report, "frames of an interrupted run", (double)left.done, "");
     }
-    if (frame < info->frames && v2v_volume_has(volume, frame)) {
+    if (info->frames > 0 && v2v_volume_has(volume, frame)) {
         V2V_TRY(figures_of_volume(&figures, volume, frame));
         v2v_report_number(report, "frame", (double)frame, "");
         v2v_report_figures(report, "values", &figures);
@@ -134,6 +143,7 @@ enum v2v_status v2v_inform_recording(struct v2v_report *report, const char *path
     struct v2v_recording *file = NULL;
     V2V_TRY(v2v_recording_open(&file, path, &session->config.input, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(file);
+    V2V_TRY(check_frame(path, frame, info->frames));
     if (!v2v_step_on_root(session)) {
         goto done;
     }
@@ -149,9 +159,7 @@ enum v2v_status v2v_inform_recording(struct v2v_report *report, const char *path
     if (info->offset != 0.0) {
         v2v_report_number(report, "offset", info->offset, "");
     }
-    if (frame < info->frames) {
-        V2V_TRY(figures_of_recording(report, file, frame));
-    }
+    V2V_TRY(figures_of_recording(report, file, frame));
 done:
     v2v_recording_close(&file);
     return rc;
@@ -214,6 +222,7 @@ enum v2v_status v2v_inform_tiff(struct v2v_report *report, const char *path, int
     }
     V2V_TRY(v2v_tiff_open(&file, path));
     const struct v2v_tiff_info *info = v2v_tiff_info(file);
+    V2V_TRY(check_frame(path, frame, info->pages));
     v2v_report_headline(
         report,
         "TIFF, %" PRId64 " pages of %" PRId64 " x %" PRId64 " pixels, %s, %d bits: %" PRId64

@@ -65,8 +65,7 @@ says '^values: -[0-9.]* to [0-9.]*, mean [0-9.]*, standard deviation [0-9.]*$'
 says '^noise: 0.[0-9]*$'
 works info rec.h5 --frame 2 --json
 says '"kind": "recording", "frames": 3, "views": 5, .*"frame": 2, "values": .*, "noise": 0.'
-works info rec.h5 --frame 3
-grep -q '^frame' stdout && fail "info looks at a frame that there is not: $(cat stdout)"
+refuses 2 '--frame 3: rec.h5 has frames 0 .. 2' info rec.h5 --frame 3
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
 
