@@ -141,8 +141,13 @@ done:
     return rc;
 }
 
-/* Pixel sizes are stated with two digits, often. */
-static const double nominal = 0.01;
+/* Do a file and PSFs state pixels of different sizes? They are stated with two digits, often. */
+static int is_other_size(double pixel_um, const struct v2v_psf_file *psf)
+{
+    const double nominal = 0.01;
+    return pixel_um > 0.0 && psf->pixel_size_um > 0.0 &&
+           fabs(pixel_um - psf->pixel_size_um) > nominal * psf->pixel_size_um;
+}
 
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
@@ -164,8 +169,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
     }
-    if (info->pixel_size_um > 0.0 && psf->pixel_size_um > 0.0 &&
-        fabs(info->pixel_size_um - psf->pixel_size_um) > nominal * psf->pixel_size_um) {
+    if (is_other_size(info->pixel_size_um, psf)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: says pixels of %g um, but the PSFs are for %g um; if they are the "
                          "same, --pixel-size %g says so",
@@ -250,8 +254,7 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
                          slices % psf->slices == 0 ? "; --slices Z tells frames apart" : ""));
     }
     const double pixel = v2v_volume_info(*volume)->pixel_size_um;
-    if (pixel > 0.0 && psf->pixel_size_um > 0.0 && v2v_step_on_root(session) &&
-        fabs(pixel - psf->pixel_size_um) > nominal * psf->pixel_size_um) {
+    if (is_other_size(pixel, psf) && v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING,
                 "%s: says pixels of %g um, but the PSFs are for %g um, which it is taken for", path,
                 pixel, psf->pixel_size_um);

@@ -82,12 +82,17 @@ static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *be
 }
 
 /* Frames of which something else was told count for nothing. */
+static int is_known(const struct judged *judged, const struct v2v_misfit *misfit, int64_t t)
+{
+    return misfit[t].coarse > 0.0 && judged->unseen[t] == 0.0 && judged->odd[t] == 0.0;
+}
+
 static struct explained judge_explained(const struct judged *judged,
                                         const struct v2v_misfit *misfit, int64_t frames)
 {
     struct explained found = {.best = -1};
     for (int64_t t = 0; t < frames; t++) {
-        if (misfit[t].coarse > 0.0 && judged->unseen[t] == 0.0 && judged->odd[t] == 0.0) {
+        if (is_known(judged, misfit, t)) {
             const int is_best =
                 found.best < 0 || left_of(&misfit[t]) < left_of(&misfit[found.best]);
             found.best = is_best ? t : found.best;
@@ -95,8 +100,7 @@ static struct explained judge_explained(const struct judged *judged,
         }
     }
     for (int64_t t = frames - 1; t >= 0 && found.best >= 0; t--) {
-        const int is_told = judged->unseen[t] != 0.0 || judged->odd[t] != 0.0;
-        if (!is_told && is_worse(&misfit[t], &misfit[found.best])) {
+        if (is_known(judged, misfit, t) && is_worse(&misfit[t], &misfit[found.best])) {
             found.moved++;
             found.first = t;
         }

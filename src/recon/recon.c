@@ -609,7 +609,8 @@ void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit)
 {
     const int64_t frames = v2v_recording_info(recon->recording)->frames;
     memcpy(misfit, recon->misfit, (size_t)frames * sizeof *misfit);
-    v2v_par_max_f64(recon->grid.world, &misfit->missed, 3 * frames); /* three numbers each */
+    v2v_par_max_f64(recon->grid.world, &misfit->missed,
+                    frames * (int64_t)(sizeof *misfit / sizeof misfit->missed));
 }
 
 double v2v_recon_computed_part(const struct v2v_recon *recon)

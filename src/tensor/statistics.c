@@ -167,17 +167,17 @@ done:
 
 /** Lanes are fixed here, not by the processor's vector width, and a product of two floats is exact
  * in double precision: every machine gets the same bits, with fused multiply-adds or without. */
-static double sum_of_squares(const float *x, int64_t count)
+static inline double sum_lanes(const float *x, int64_t count, int is_squared)
 {
     double lane[LANES] = {0};
     int64_t i = 0;
     for (; i + LANES <= count; i += LANES) {
         for (int l = 0; l < LANES; l++) {
-            lane[l] += (double)x[i + l] * (double)x[i + l];
+            lane[l] += (double)x[i + l] * (is_squared ? (double)x[i + l] : 1.0);
         }
     }
     for (int l = 0; i < count; i++, l++) {
-        lane[l] += (double)x[i] * (double)x[i];
+        lane[l] += (double)x[i] * (is_squared ? (double)x[i] : 1.0);
     }
     return ((lane[0] + lane[4]) + (lane[1] + lane[5])) +
            ((lane[2] + lane[6]) + (lane[3] + lane[7]));
@@ -185,18 +185,12 @@ static double sum_of_squares(const float *x, int64_t count)
 
 static double sum(const float *x, int64_t count)
 {
-    double lane[LANES] = {0};
-    int64_t i = 0;
-    for (; i + LANES <= count; i += LANES) {
-        for (int l = 0; l < LANES; l++) {
-            lane[l] += (double)x[i + l];
-        }
-    }
-    for (int l = 0; i < count; i++, l++) {
-        lane[l] += (double)x[i];
-    }
-    return ((lane[0] + lane[4]) + (lane[1] + lane[5])) +
-           ((lane[2] + lane[6]) + (lane[3] + lane[7]));
+    return sum_lanes(x, count, 0);
+}
+
+static double sum_of_squares(const float *x, int64_t count)
+{
+    return sum_lanes(x, count, 1);
 }
 
 static double sum_runs(const float *x, int64_t count, double (*of_run)(const float *, int64_t))

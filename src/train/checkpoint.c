@@ -196,16 +196,22 @@ static const char *in_one_line(char *settings)
     return settings;
 }
 
+static int is_near(double a, double b)
+{
+    return fabs(a - b) <= 1e-6 * fabs(b); /* another processor rounds otherwise */
+}
+
 /* As far as they are known. */
 static int are_same_levels(const struct v2v_level_range *a, const struct v2v_level_range *b)
 {
-    const double rounding = 1e-6;
-    int are_same = a->frames == b->frames;
-    for (int i = 0; i < V2V_LEVEL_FIGURES && a->frames > 0 && b->frames > 0; i++) {
-        are_same = are_same && fabs(a->least[i] - b->least[i]) <= rounding * fabs(b->least[i]) &&
-                   fabs(a->most[i] - b->most[i]) <= rounding * fabs(b->most[i]);
+    if (a->frames == 0 || b->frames == 0) {
+        return 1;
     }
-    return are_same || a->frames == 0 || b->frames == 0;
+    int are_same = a->frames == b->frames;
+    for (int i = 0; i < V2V_LEVEL_FIGURES; i++) {
+        are_same = are_same && is_near(a->least[i], b->least[i]) && is_near(a->most[i], b->most[i]);
+    }
+    return are_same;
 }
 
 static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, int64_t *step)

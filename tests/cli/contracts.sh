@@ -68,6 +68,10 @@ says '"kind": "recording", "frames": 3, "views": 5, .*"frame": 2, "values": .*, 
 refuses 2 '--frame 3: rec.h5 has frames 0 .. 2' info rec.h5 --frame 3
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o photons.h5 --noise poisson:1000 --seed 5
 works simulate --psf one/psf.h5 --volume one/truth.h5 -o clean.h5
+grep -q 'says pixels of' stderr && fail "the PSFs' own pixels: $(cat stderr)"
+works simulate --psf one/psf.h5 --volume one/truth.h5 -o other_size.h5 --pixel-size 5
+[ "$(grep -c 'truth.h5: says pixels of 5 um, but the PSFs are for' stderr)" -eq 1 ] ||
+    fail "no word on pixels of another size: $(cat stderr)"
 
 # Scenes: every kind that the help names; the same on any ranks; still or moving; a camera.
 kinds=$("$program" simulate --help | grep -oE 'drawn: [a-z, ]*')

@@ -33,6 +33,15 @@ deepcad=(train -c "$root/configs/deepcad.yaml" --set deepcad.width=2 --set deepc
 works "${deepcad[@]}" --input film.h5 -o frames --steps 4
 works denoise --weights frames/weights.h5 --input film.h5 --clean clean.h5 -o denoised.h5
 says '^PSNR of the views: [0-9.]* dB before, [0-9.]* dB after$'
+# The same counts on another zero are as noisy.
+for zero in 0 400; do
+    works simulate --scene neurons --psf psf.h5 --size 40x48 --frames 11 --seed 2 \
+        --noise camera:50:1:$zero:0 -o zero_$zero.h5 --clean clean_$zero.h5
+    works denoise --weights frames/weights.h5 --input zero_$zero.h5 --clean clean_$zero.h5 \
+        -o denoised_$zero.h5
+    cp stdout zero_$zero.txt
+done
+cmp -s zero_0.txt zero_400.txt || fail "the zero counts as light: $(cat zero_0.txt zero_400.txt)"
 works info denoised.h5
 says 'recording, 11 frames, 5 views of 40 x 48'
 works deconvolve --psf psf.h5 --input denoised.h5 -o rld.h5 --method rld --iterations 1 --frames 0:1

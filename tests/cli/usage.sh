@@ -126,6 +126,8 @@ echo mine >mine
 refuses 2 'mine: exists, and is no proof' init --proof mine
 [ "$(cat mine)" = mine ] || fail '--proof replaced a file'
 refuses 74 'nowhere' init --proof nowhere/ended
+refuses 2 'own.yaml: exists, and is no proof' init -o own.yaml --proof own.yaml
+[ -s own.yaml ] || fail '--proof replaced the output'
 refuses 78 'train.step' init --proof out --set train.step=1
 [ -s 'a folder/ünder a name.yaml' ] || fail 'init -o wrote nothing'
 timeout 60 "${launch[@]}" "$program" init 2>stderr | head -1 >stdout

@@ -153,6 +153,39 @@ static void the_sum_of_a_folder_knows_order_and_bytes(void **state)
     assert_true(first != other);
 }
 
+/* Files of one frame state the time from frame to frame, whether or not the caller counts views. */
+static void a_file_is_an_interval(void **state)
+{
+    (void)state;
+    enum { FILES = 3, PAGES = 4 };
+    const struct v2v_tiff_info info = {.pages = PAGES,
+                                       .height = 1,
+                                       .width = 1,
+                                       .channels = 1,
+                                       .slices = PAGES,
+                                       .frames = 1,
+                                       .bits = 32,
+                                       .is_float = 1,
+                                       .type_max = 1.0,
+                                       .frame_interval_s = 0.25};
+    snprintf(path, sizeof path, "%s", test_folder(NULL));
+    for (int i = 0; i < FILES; i++) {
+        char name[600];
+        snprintf(name, sizeof name, "%s/f%d.tif", path, i);
+        counting_stack(name, &info, 0.0f, 1.0f);
+    }
+    for (int64_t views = 0; views <= PAGES; views += PAGES) {
+        const struct v2v_input_settings settings = {.views = views, .layout = V2V_LAYOUT_FRAMES};
+        struct v2v_recording *recording = NULL;
+        assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+        const struct v2v_recording_info *found = v2v_recording_info(recording);
+        assert_int_equal(found->frames, FILES);
+        assert_int_equal(found->views, PAGES);
+        assert_true(found->frame_interval_s == 0.25);
+        v2v_recording_close(&recording);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -160,6 +193,7 @@ int main(void)
         cmocka_unit_test(a_folder_is_views_or_frames_by_their_number),
         cmocka_unit_test(files_that_differ_are_refused_by_name),
         cmocka_unit_test(every_file_of_many_is_read_and_watched),
+        cmocka_unit_test(a_file_is_an_interval),
         cmocka_unit_test(the_sum_of_a_folder_knows_order_and_bytes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

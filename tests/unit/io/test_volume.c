@@ -390,6 +390,29 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     assert_refused(6, "a frame has 3 slices, but 6 are asked for");
 }
 
+/* Pages that are called frames state the time from page to page. */
+static void an_interval_of_pages_is_that_of_their_slices(void **state)
+{
+    (void)state;
+    const struct v2v_tiff_info pages = {.pages = 12,
+                                        .height = 1,
+                                        .width = 1,
+                                        .channels = 1,
+                                        .slices = 1,
+                                        .frames = 12,
+                                        .bits = 32,
+                                        .is_float = 1,
+                                        .type_max = 1.0,
+                                        .frame_interval_s = 0.25};
+    struct v2v_volume *volume = NULL;
+    use("pages.tif");
+    counting_stack(path, &pages, 0.0f, 1.0f);
+    assert_ok(v2v_volume_open(&volume, path, &(struct v2v_input_settings){.slices = 4}, NULL));
+    assert_int_equal(v2v_volume_info(volume)->frames, 3);
+    assert_true(v2v_volume_info(volume)->frame_interval_s == 1.0);
+    v2v_volume_close(&volume);
+}
+
 static void one_channel_of_a_hyperstack_is_read(void **state)
 {
     (void)state;
@@ -473,6 +496,7 @@ int main(void)
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
         cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
+        cmocka_unit_test(an_interval_of_pages_is_that_of_their_slices),
         cmocka_unit_test(one_channel_of_a_hyperstack_is_read),
         cmocka_unit_test(the_real_volume_is_a_fraction_of_65535),
         cmocka_unit_test(a_file_in_a_read_only_folder_is_read),
