@@ -1,8 +1,4 @@
 #include "cli/recordings.h"
-#include "cli/steps.h"
-#include "v2v3d/base/log.h"
-
-#include <string.h>
 
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct v2v_volumes, psf, 1),
@@ -43,32 +39,6 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
-static int is_among(const char *const *keys, const char *key, int length)
-{
-    while (*keys != NULL && (strncmp(*keys, key, (size_t)length) != 0 || (*keys)[length] != '\0')) {
-        keys++;
-    }
-    return *keys != NULL;
-}
-
-/* Settings on the command line that the method leaves aside. */
-static void warn_of_others(const struct v2v_estimator_ops *ops, const struct v2v_session *session)
-{
-    static const char section[] = "deconv.", method[] = "deconv.method";
-    const struct v2v_common *common = session->common;
-    for (int64_t i = 0; i < common->assignment_count; i++) {
-        const struct v2v_assignment *given = &common->assignments[i];
-        const char *key = given->key != NULL ? given->key : given->text;
-        const int length = (int)strcspn(key, "=");
-        const int is_of_method = strncmp(key, section, strlen(section)) == 0 &&
-                                 strncmp(key, method, (size_t)length) != 0;
-        if (is_of_method && !is_among(ops->keys, key, length)) {
-            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of --method %s", length, key,
-                    ops->name);
-        }
-    }
-}
-
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
@@ -76,9 +46,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_estimator_find(&ops, session->config.deconv.method));
     if (ops->is_learned) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--method %s takes weights: v2v3d reconstruct", ops->name));
-    }
-    if (v2v_step_on_root(session)) {
-        warn_of_others(ops, session);
     }
     V2V_TRY(v2v_recordings_make(arguments, ops, session));
 done:

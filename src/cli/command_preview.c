@@ -198,7 +198,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    struct film film;
+    struct film film = {0};
+    V2V_TRY(v2v_picture_check_name(given->output));
     V2V_TRY(parse(&film, given));
     V2V_TRY(v2v_step_output(session, given->output, &given->volume, 1));
     V2V_TRY(v2v_volume_open(&film.volume, given->volume, &session->config.input, session->world));

@@ -1,3 +1,4 @@
+#include "cli/picture.h"
 #include "cli/psf_picture.h"
 #include "cli/psf_report.h"
 #include "cli/steps.h"
@@ -78,6 +79,7 @@ static enum v2v_status info(const void *arguments, struct v2v_session *session)
     struct v2v_psf_file psf = {0};
     struct v2v_shifts shifts = {0};
     if (given->picture != NULL) {
+        V2V_TRY(v2v_picture_check_name(given->picture));
         V2V_TRY(v2v_step_output(session, given->picture, &given->psf, 1));
     }
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));

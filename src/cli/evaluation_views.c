@@ -286,6 +286,23 @@ done:
     return rc;
 }
 
+/* Does the volume's file name another recording than the one at hand? Collective. */
+static enum v2v_status compare_origins(struct work *work)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_origin *of_volume = &work->evaluation->origin;
+    struct v2v_origin here;
+    if (of_volume->recording[0] == '\0') {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_origin_of(&here, work->job->input, 0, work->session));
+    if (strcmp(here.recording, of_volume->recording) != 0) {
+        warn(work, "the volume was made of another recording, as its file says");
+    }
+done:
+    return rc;
+}
+
 /* What is decided by the whole recording, as it is where the volume is made, the offset as the
  * volume states it; then only the frames that the volume shows are left. Collective. */
 static enum v2v_status settle(struct work *work, const struct v2v_volume_info *info)
@@ -364,6 +381,7 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     evaluation->views = work.psf.views;
     evaluation->slices = work.psf.slices;
     V2V_TRY(v2v_par_agree(session->world, take_memory(&work)));
+    V2V_TRY(compare_origins(&work));
     V2V_TRY(project(&work, volume));
     if (job->heldout_frames > 0) {
         V2V_TRY(leave_out(&work));

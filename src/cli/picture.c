@@ -2,10 +2,19 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/text.h"
 #include <string.h>
 
 enum { GAP = 8, LABEL_ROWS = 24, LABEL_ZOOM = 2, LETTER = 6 };
 static const uint32_t white = 0xffffff;
+
+enum v2v_status v2v_picture_check_name(const char *path)
+{
+    if (v2v_text_ends_in(path, ".png") || v2v_text_ends_in(path, ".apng")) {
+        return V2V_OK;
+    }
+    return V2V_FAIL(V2V_E_USAGE, "%s: pictures are PNG: a name in .png", path);
+}
 
 int v2v_picture_z_zoom(const struct v2v_volume_info *info)
 {

@@ -5,6 +5,9 @@
 #include "v2v3d/eval/preview.h"
 #include "v2v3d/io/volume.h"
 
+/** Does a picture's name say that it is one? @kind Local. @return V2V_OK | V2V_E_USAGE */
+enum v2v_status v2v_picture_check_name(const char *path) V2V_MUST_CHECK;
+
 /** Pixels a slice that make voxels look as they are, 2 when sizes are not stated. @kind Local */
 int v2v_picture_z_zoom(const struct v2v_volume_info *info);
 

@@ -4,6 +4,7 @@
 #include "cli/provenance.h"
 #include "cli/settle.h"
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 #include "cli/volumes_quality.h"
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
@@ -342,6 +343,9 @@ enum v2v_status v2v_volumes_begin(struct v2v_volumes_tools *tools, const struct 
         const struct v2v_network_ops *network = NULL;
         V2V_TRY(v2v_step_network(session, &network, given->weights, 0));
         tools->ops = v2v_estimator_of_network(network);
+    }
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn(tools->ops, session);
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_step_psf(session, &tools->psf, given->psf));

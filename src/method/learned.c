@@ -116,9 +116,12 @@ done:
     return rc;
 }
 
+static const char *const keys[] = {"recon.combine", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_learned = {
     .name = "learned",
     .is_learned = 1,
+    .keys = keys,
     .has_gain = 1,
     .skips_light = 1,
     .describe_work = describe_work,

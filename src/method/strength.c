@@ -191,9 +191,9 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     }
     *strength = v2v_strength_of(&of_fine, &of_all);
     v2v_log(V2V_LOG_INFO,
-            "views left out speak for %.2f of the network's correction, and miss no more by it up "
-            "to %.2f",
-            best_of(&of_fine), most_of(&of_all));
+            "%.2f of the network's correction is taken: views left out speak for %.2f, and miss no "
+            "more by it up to %.2f",
+            *strength, best_of(&of_fine), most_of(&of_all));
 done:
     v2v_mem_free(self.views);
     v2v_mem_free(self.after);

@@ -567,6 +567,7 @@ static const char *const keys[] = {"deconv.iterations",
                                    "deconv.depth",
                                    "deconv.curvature",
                                    "deconv.tolerance",
+                                   "recon.refresh",
                                    NULL};
 
 const struct v2v_estimator_ops v2v_estimator_tv = {

@@ -163,9 +163,12 @@ static void plane(struct v2v_estimator *whole, float *volume, float *views)
     tv->ops->plane(tv, volume, views);
 }
 
+static const char *const keys[] = {"recon.strength", "recon.refresh", NULL};
+
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",
     .is_learned = 1,
+    .keys = keys,
     .is_open = is_open,
     .settle = settle,
     .describe_work = describe_work,

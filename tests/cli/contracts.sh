@@ -14,6 +14,7 @@ says '5 views, 7 slices of 31 x 31 pixels'
 grep -q 'off-centre\|alike' stdout && fail "a centred set of different views: $(cat stdout)"
 works psf info one/psf.h5 --picture psf.png
 [ "$(head -c 4 psf.png | tail -c 3)" = PNG ] || fail 'psf.png is no picture'
+refuses 2 'psf.jpg: pictures are PNG' psf info one/psf.h5 --picture psf.jpg
 refuses 2 'psf.png: exists' psf info one/psf.h5 --picture psf.png
 works psf simulate -c tiny.yaml --set optics.shift=2 --set 'optics.tilts=0 0, 0.2 0, 0.2 0' -o one/odd.h5
 works psf info one/odd.h5
@@ -113,11 +114,15 @@ works evaluate --volume bare.h5 --psf one/psf.h5 --input bare.tif --frames 0 --j
 [ "$(grep -o '"residual": [^,]*' stdout)" = "$stated" ] || fail "another offset: $stated, $(cat stdout)"
 works convert --input bare.h5 -o kept.h5 --force
 works evaluate --volume kept.h5 --psf one/psf.h5 --input bare.tif --frames 0 --json
+grep -q 'made of another' stderr && fail "it is its own recording: $(cat stderr)"
 [ "$(grep -o '"residual": [^,]*' stdout)" = "$stated" ] || fail "convert lost the offset: $(cat stdout)"
 works "${bare[@]}" --offset none
 grep -q darker stderr && fail "there is none: $(cat stderr)"
 works deconvolve --psf one/psf.h5 --input moving.h5 --iterations 2 -o bare.h5 --force
 grep -q darker stderr && fail "the recording states it: $(cat stderr)"
+works evaluate --volume kept.h5 --psf one/psf.h5 --input moving.h5 --frames 0
+[ "$(grep -c 'the volume was made of another recording' stderr)" -eq 1 ] ||
+    fail "no word on the recording: $(cat stderr)"
 # A volume of frames 1 and 2 is judged by these of the truth, of the recording and of other volumes.
 judged() { # VOLUME FIRST: a line of figures of two frames, from that frame on
     works evaluate --truth moving_truth.h5 --volume "$1" --psf one/psf.h5 --input moving.h5 --frames 0
@@ -340,6 +345,7 @@ says '^page: 1$'
 works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o from_tiff.h5 --iterations 2
 same rld.h5 from_tiff.h5 /volume
 works deconvolve --method rld --psf one/psf.h5 --input rec.tif -o rld.tif --iterations 2
+refuses 2 'picture.jpg: pictures are PNG' preview rld.h5 -o picture.jpg
 works preview rld.h5 --frame 2 -o picture.png
 [ "$(head -c 4 picture.png | tail -c 3)" = PNG ] || fail 'preview wrote no PNG'
 for kind in projections montage depth; do

@@ -111,8 +111,8 @@ struct v2v_estimator_ops {
                               training; else views scaled by s give the volume scaled by s */
     int skips_light;     /**< bool: by itself it leaves out the tiles that are dark */
     const void *variant; /**< what rows with the same functions differ in */
-    const char *const *keys; /**< the settings of section deconv that it goes by, then NULL; NULL:
-                                  they are not its own */
+    const char *const *keys; /**< the settings that not every method goes by but it does, then NULL:
+                                  of section recon and, without weights, of section deconv */
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
     int (*is_open)(const struct v2v_config *config);
