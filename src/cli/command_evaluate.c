@@ -86,6 +86,13 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--dataset is of the recording: --input FILE is missing; of "
                                       "volumes there are --volume-dataset and --truth-dataset"));
     }
+    if (given->psf == NULL && given->weights != NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--weights needs --psf and --input"));
+    }
+    if (given->truth == NULL && (given->fit_scale || given->truth_dataset != NULL)) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s needs --truth",
+                         given->fit_scale ? "--fit-scale" : "--truth-dataset"));
+    }
     if (given->uncertainty != NULL && (given->psf == NULL || given->frames == 0)) {
         V2V_TRY(
             V2V_FAIL(V2V_E_USAGE, "--uncertainty needs --psf and --input, and --frames above 0"));

@@ -1,5 +1,6 @@
 #include "cli/settle.h"
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -10,8 +11,6 @@
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 struct arguments {
     struct v2v_common common;
@@ -82,33 +81,12 @@ static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, &info, (int64_t)sizeof info, 0);
     if (info.views > 0) {
-        const struct v2v_config before = session->config;
-        V2V_TRY(v2v_network_adopt(&session->config, &info, given->folder));
-        if (memcmp(&before, &session->config, sizeof before) != 0) {
-            v2v_log(V2V_LOG_INFO, "%s: its network goes on as it is, other than set here",
-                    given->folder);
-        }
+        const struct v2v_network_ops *ops = NULL;
+        V2V_TRY(v2v_network_of_weights(&ops, &info, given->folder));
+        V2V_TRY(v2v_step_adopt(session, &info, ops, given->folder));
     }
 done:
     return rc;
-}
-
-/* Rank 0: a run that failed before its first step leaves no folder behind that was not there. */
-static void discard_empty_run(const char *folder)
-{
-    static const char *const names[] = {"config.yaml", "metrics.jsonl", "lock"};
-    char path[V2V_PATH_BYTES];
-    struct stat state;
-    if (v2v_text_format(path, sizeof path, "%s/metrics.jsonl", folder) != V2V_OK ||
-        (stat(path, &state) == 0 && state.st_size > 0)) {
-        return;
-    }
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        if (v2v_text_format(path, sizeof path, "%s/%s", folder, names[i]) == V2V_OK) {
-            unlink(path);
-        }
-    }
-    rmdir(folder); /* fails, and should, when there is more in it */
 }
 
 /* What is learnt from. */
@@ -139,6 +117,9 @@ static enum v2v_status check_network(const struct arguments *given,
     if (!takes_truth && given->truths.count > 0) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--truth: the network '%s' learns from recordings alone",
                          ops->name));
+    }
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn(v2v_estimator_of_network(ops), session);
     }
 done:
     return rc;
@@ -218,7 +199,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct material material = {0};
     struct v2v_train_report report = {0};
     struct v2v_weights_info info;
-    int is_new_folder = v2v_step_on_root(session) && !v2v_file_exists(given->folder);
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     if (given->psf != NULL) {
         V2V_TRY(v2v_step_psf(session, &material.psf, given->psf));
@@ -243,12 +223,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                 .force = session->force,
                                 .max_time_s = given->max_time_s};
     v2v_step_announce(session);
-    rc = v2v_train_run(&job, &report, session->world);
-    v2v_watchdog_beat("the end of training");
-    if (rc != V2V_OK && is_new_folder) {
-        discard_empty_run(given->folder);
-    }
-    V2V_TRY(rc);
+    V2V_TRY(v2v_train_run(&job, &report, session->world));
     if (report.now > 0) {
         v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " steps, total loss %g, %.1f s", given->folder,
                 report.steps, report.last_total, report.seconds);

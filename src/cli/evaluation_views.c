@@ -236,7 +236,9 @@ static void judge_flux(struct work *work)
     double most = out_of_flux;
     char text[128];
     for (int64_t t = 0; t < evaluation->frames; t++) {
-        const double off = flux[t] < 1.0 ? 1.0 / flux[t] : flux[t];
+        const double off = flux[t] <= 0.0  ? INFINITY
+                           : flux[t] < 1.0 ? 1.0 / flux[t]
+                                           : flux[t]; /* NaN stays */
         if (off > most) {
             most = off;
             snprintf(text, sizeof text,
@@ -388,8 +390,7 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     }
     if (job->weights != NULL) {
         V2V_TRY(v2v_levels_compare(work.levels, &work.trained, work.is_homogeneous, work.recording,
-                                   &work.trained_by, v2v_recording_info(work.recording)->before,
-                                   session));
+                                   &work.trained_by, 0, session));
     }
     find_faults(&work);
 done:

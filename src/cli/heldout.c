@@ -21,9 +21,10 @@ struct trial {
     const struct v2v_estimator_ops *ops;
     struct v2v_psf_file psf;
     struct v2v_problem problem;
-    struct v2v_match match; /* of the views so far */
-    float *recorded, *seen; /* [v,y,x] frame 0; averaged with its neighbours' */
-    float *scratch;         /* [y,x] */
+    struct v2v_match match;    /* of the views so far */
+    float *recorded, *seen;    /* [v,y,x] frame 0; averaged with its neighbours' */
+    struct v2v_fusion *fusion; /* of the latter */
+    float *scratch;            /* [y,x] */
 };
 
 /* Folds that are judged: few, as each of them takes a volume. */
@@ -48,7 +49,6 @@ static enum v2v_status read(struct trial *trial, const char *input)
     struct v2v_problem *problem = &trial->problem;
     const struct v2v_input_settings settings = v2v_estimator_input(trial->ops, &session->config);
     struct v2v_recording *recording = NULL;
-    struct v2v_fusion *fusion = NULL;
     struct v2v_scaling scaling;
     V2V_TRY(v2v_step_recording(session, &recording, input, &trial->psf));
     const struct v2v_recording_info *info = v2v_recording_info(recording);
@@ -61,11 +61,17 @@ static enum v2v_status read(struct trial *trial, const char *input)
     V2V_TRY(V2V_ALLOC(trial->scratch, "heldout.views", pixels));
     V2V_TRY(v2v_recording_read(recording, trial->recorded, 0));
     v2v_scaling_apply(&scaling, trial->recorded, views * pixels);
-    V2V_TRY(v2v_fusion_create(&fusion, session->config.recon.neighbours, views, info->height,
+    V2V_TRY(v2v_fusion_create(&trial->fusion, session->config.recon.neighbours, views, info->height,
                               info->width));
-    V2V_TRY(v2v_fusion_read(fusion, trial->seen, recording, &scaling, 0));
+    V2V_TRY(v2v_fusion_read(trial->fusion, trial->seen, recording, &scaling, 0));
+    if (trial->ops->has_gain && session->config.model.homogeneous) {
+        const float level =
+            (float)v2v_scaling_level(trial->seen, trial->scratch, views, info->height, info->width);
+        for (int64_t i = 0; i < views * pixels; i++) {
+            trial->recorded[i] *= level;
+        }
+    }
 done:
-    v2v_fusion_destroy(&fusion);
     v2v_recording_close(&recording);
     return rc;
 }
@@ -82,7 +88,7 @@ static enum v2v_status leave_out(struct trial *trial, int64_t fold)
     v2v_watchdog_beat("a volume of some views");
     V2V_TRY(v2v_left_out_create(&part, trial->ops, &trial->problem, v2v_left_out_fold(views, fold),
                                 1, trial->session->world));
-    V2V_TRY(v2v_left_out_run(part, volume, trial->seen));
+    V2V_TRY(v2v_left_out_run(part, volume, trial->seen, v2v_fusion_averaging(trial->fusion)));
     v2v_left_out_predict(part, predicted, volume);
     for (int64_t k = part->used; k < views; k++) {
         judge(trial, part->view[k], predicted + (k - part->used) * pixels);
@@ -200,6 +206,7 @@ enum v2v_status v2v_heldout_of(struct v2v_heldout *heldout, const char *psf, con
     heldout->residual = v2v_match_residual(&trial.match, 1.0);
     heldout->sigmas = v2v_match_sigmas(&trial.match, 1.0);
 done:
+    v2v_fusion_destroy(&trial.fusion);
     v2v_mem_free(trial.scratch);
     v2v_mem_free(trial.seen);
     v2v_mem_free(trial.recorded);

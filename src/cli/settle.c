@@ -33,15 +33,16 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     if (rc == V2V_OK) {
         rc = v2v_fusion_read(fusion, views, recording, scaling, frame);
     }
-    v2v_fusion_destroy(&fusion);
     V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_estimator_settle(config, ops, problem, views, session->world));
+    V2V_TRY(v2v_estimator_settle(config, ops, problem, views, v2v_fusion_averaging(fusion),
+                                 session->world));
     if (config->deconv.noise != noise) {
         v2v_log(V2V_LOG_INFO, "noise %s, by the first frame%s",
                 config->deconv.noise == V2V_NOISE_MODEL_POISSON ? "poisson" : "gaussian",
                 frame > 0 ? " that shows something" : "");
     }
 done:
+    v2v_fusion_destroy(&fusion);
     v2v_mem_free(views);
     return rc;
 }

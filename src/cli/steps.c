@@ -274,28 +274,36 @@ static enum v2v_status read_weights_info(const struct v2v_session *session,
     return v2v_par_agree(session->world, rc);
 }
 
-/* The session takes over the network of a weight file, and says which of its settings go before one
- * that was given: on the command line, or in a file where it isn't the default. Local. */
-static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weights_info *info,
-                             const struct v2v_network_ops *ops, const char *path)
+/* Does a setting of the weights go before one that was given: on the command line, or in a file
+ * where it isn't the default? Then rank 0 says so. Local. */
+static enum v2v_status compare_setting(const struct v2v_session *session, const char *key,
+                                       const struct v2v_config *before, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_config defaults;
+    char given[V2V_CONFIG_TEXT_BYTES], usual[V2V_CONFIG_TEXT_BYTES], taken[V2V_CONFIG_TEXT_BYTES];
+    v2v_config_defaults(&defaults);
+    V2V_TRY(v2v_config_get(given, sizeof given, before, key));
+    V2V_TRY(v2v_config_get(usual, sizeof usual, &defaults, key));
+    V2V_TRY(v2v_config_get(taken, sizeof taken, &session->config, key));
+    const int is_given = strcmp(given, usual) != 0 || v2v_options_set(session->common, key);
+    if (is_given && strcmp(given, taken) != 0 && v2v_step_on_root(session)) {
+        v2v_log(V2V_LOG_WARNING, "%s: its network is made for %s=%s, which is taken, not %s", path,
+                key, taken, given);
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_step_adopt(struct v2v_session *session, const struct v2v_weights_info *info,
+                               const struct v2v_network_ops *ops, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_config before = session->config;
-    struct v2v_config defaults;
-    v2v_config_defaults(&defaults);
     V2V_TRY(v2v_network_adopt(&session->config, info, path));
+    V2V_TRY(compare_setting(session, "model.method", &before, path));
     for (int i = 0; ops->keys[i] != NULL; i++) {
-        const char *key = ops->keys[i];
-        char given[V2V_CONFIG_TEXT_BYTES], usual[V2V_CONFIG_TEXT_BYTES];
-        char taken[V2V_CONFIG_TEXT_BYTES];
-        V2V_TRY(v2v_config_get(given, sizeof given, &before, key));
-        V2V_TRY(v2v_config_get(usual, sizeof usual, &defaults, key));
-        V2V_TRY(v2v_config_get(taken, sizeof taken, &session->config, key));
-        const int is_given = strcmp(given, usual) != 0 || v2v_options_set(session->common, key);
-        if (is_given && strcmp(given, taken) != 0 && v2v_step_on_root(session)) {
-            v2v_log(V2V_LOG_WARNING, "%s: its network is made for %s=%s, which is taken, not %s",
-                    path, key, taken, given);
-        }
+        V2V_TRY(compare_setting(session, ops->keys[i], &before, path));
     }
 done:
     return rc;
@@ -316,7 +324,7 @@ enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_n
                          "%s: the network '%s' makes volumes (v2v3d reconstruct), no views", path,
                          (*ops)->name));
     }
-    V2V_TRY(adopt(session, &info, *ops, path));
+    V2V_TRY(v2v_step_adopt(session, &info, *ops, path));
 done:
     return rc;
 }
@@ -340,7 +348,7 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                 "otherwise: volumes are wrong where that matters",
                 path);
     }
-    V2V_TRY(adopt(session, info, ops, path));
+    V2V_TRY(v2v_step_adopt(session, info, ops, path));
 done:
     return rc;
 }

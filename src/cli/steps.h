@@ -58,6 +58,12 @@ enum v2v_status v2v_step_first_seen(const struct v2v_session *session, int64_t *
 enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
+/** The session takes over the network of a weight file; a setting of it that was given otherwise,
+ *  on the command line, or in a file where it isn't the default, is warned of.
+ *  @kind Local. @param ops info's @param path to be named @return V2V_OK | V2V_E_INPUT */
+enum v2v_status v2v_step_adopt(struct v2v_session *session, const struct v2v_weights_info *info,
+                               const struct v2v_network_ops *ops, const char *path) V2V_MUST_CHECK;
+
 /** The network that a weight file is of; the session's configuration takes it over, with a warning
  *  for every setting of it that was given otherwise. @kind Collective(world), agreed
  *  @param of_views bool: it has to make views; else volumes */

@@ -6,6 +6,7 @@
 #include "v2v3d/eval/fourier.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/eval/uncertainty.h"
+#include "v2v3d/method/fusion.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/agreement.h"
@@ -30,10 +31,12 @@ struct judge {
     struct v2v_left_out *part[VOLUMES]; /* a fold first, then both halves and all */
     struct v2v_fourier *fourier;
     struct v2v_match *match; /* [frames] of this rank's shard, folds so far */
-    float *views;            /* [v,y,x] */
-    float *predicted;        /* [most of a fold,y,x] */
-    float *scratch;          /* [y,x] */
-    float *volume[VOLUMES];  /* [slices of this rank,y,x] */
+    struct v2v_fusion *fusion;
+    float *views;           /* [v,y,x] of the frame at hand, as the method takes them .. */
+    float *recorded;        /* .. and as recorded; NULL: the same */
+    float *predicted;       /* [most of a fold,y,x] */
+    float *scratch;         /* [y,x] */
+    float *volume[VOLUMES]; /* [slices of this rank,y,x] */
     struct v2v_ring *rings;
 };
 
@@ -86,10 +89,22 @@ static enum v2v_status load(struct judge *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t samples = self->out->views * self->problem.height * self->problem.width;
-    V2V_TRY(v2v_recording_read(self->job->recording, self->views, self->out->frame[i]));
-    v2v_scaling_apply(self->job->scaling, self->views, samples);
+    const int64_t t = self->out->frame[i];
+    V2V_TRY(
+        v2v_fusion_read(self->fusion, self->views, self->job->recording, self->job->scaling, t));
+    if (self->recorded != NULL) {
+        V2V_TRY(v2v_recording_read(self->job->recording, self->recorded, t));
+        v2v_scaling_apply(self->job->scaling, self->recorded, samples);
+    }
 done:
     return rc;
+}
+
+/** Collective(shard). */
+static enum v2v_status run(struct judge *self, int k)
+{
+    return v2v_left_out_run(self->part[k], self->volume[k], self->views,
+                            v2v_fusion_averaging(self->fusion));
 }
 
 /** Local: how the views left out of frame i were predicted. */
@@ -100,7 +115,8 @@ static void judge_views(struct judge *self, int64_t i)
     const int64_t height = self->problem.height, width = self->problem.width;
     for (int64_t k = fold->used; k < fold->views; k++) {
         const int64_t v = fold->view[k], at = i * out->views + v;
-        const float *recorded = self->views + v * height * width;
+        const float *views = self->recorded != NULL ? self->recorded : self->views;
+        const float *recorded = views + v * height * width;
         const float *predicted = self->predicted + (k - fold->used) * height * width;
         const struct v2v_match match =
             v2v_match_of(self->scratch, recorded, predicted, height, width);
@@ -115,7 +131,7 @@ static void judge_views(struct judge *self, int64_t i)
 static enum v2v_status try_fold(struct judge *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_left_out_run(self->part[0], self->volume[0], self->views));
+    V2V_TRY(run(self, 0));
     v2v_left_out_predict(self->part[0], self->predicted, self->volume[0]);
     judge_views(self, i);
     self->out->heldout[i] = v2v_match_residual(&self->match[i], 1.0);
@@ -165,7 +181,7 @@ static enum v2v_status put(struct judge *self, int64_t i)
     const struct v2v_part own = self->part[ALL]->estimator->slices;
     const int64_t t = self->out->frame[i];
     float *map = self->volume[0];
-    V2V_TRY(v2v_left_out_run(self->part[ALL], self->volume[ALL], self->views));
+    V2V_TRY(run(self, ALL));
     v2v_uncertainty_of(map, self->volume[1], self->volume[ALL], self->scratch, own.count,
                        self->problem.height, self->problem.width);
     rc = v2v_volume_put(writer, V2V_VOLUME_MEAN, self->volume[ALL], t, own.first, own.count);
@@ -183,7 +199,7 @@ static enum v2v_status try_halves(struct judge *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
     for (int h = 0; h < HALVES; h++) {
-        V2V_TRY(v2v_left_out_run(self->part[h], self->volume[h], self->views));
+        V2V_TRY(run(self, h));
     }
     compare(self, i);
     if (self->job->writer != NULL) {
@@ -320,8 +336,13 @@ static enum v2v_status list_frames(struct judge *self)
     for (int64_t i = 0; i < frames; i++) {
         out->frame[i] = v2v_consistency_frame(i, frames, info->frames);
     }
-    V2V_TRY(
-        V2V_ALLOC(self->views, "eval.views", v2v_mem_product(views, info->height, info->width)));
+    const int64_t samples = v2v_mem_product(views, info->height, info->width);
+    const int64_t neighbours = self->config.recon.neighbours;
+    V2V_TRY(V2V_ALLOC(self->views, "eval.views", samples));
+    if (neighbours > 0) {
+        V2V_TRY(V2V_ALLOC(self->recorded, "eval.views", samples));
+    }
+    V2V_TRY(v2v_fusion_create(&self->fusion, neighbours, views, info->height, info->width));
 done:
     return rc;
 }
@@ -332,7 +353,8 @@ static enum v2v_status settle(struct judge *self, const struct v2v_comm *world)
     enum v2v_status rc = V2V_OK;
     if (v2v_estimator_is_open(self->ops, &self->config)) {
         V2V_TRY(v2v_par_agree(world, load(self, 0)));
-        V2V_TRY(v2v_estimator_settle(&self->config, self->ops, &self->problem, self->views, world));
+        V2V_TRY(v2v_estimator_settle(&self->config, self->ops, &self->problem, self->views,
+                                     v2v_fusion_averaging(self->fusion), world));
     }
 done:
     return rc;
@@ -361,6 +383,8 @@ static void fini(struct judge *self)
     v2v_mem_free(self->scratch);
     v2v_mem_free(self->predicted);
     v2v_mem_free(self->views);
+    v2v_mem_free(self->recorded);
+    v2v_fusion_destroy(&self->fusion);
     v2v_grid_destroy(&self->grid);
 }
 

@@ -175,7 +175,7 @@ static enum v2v_status look_at_fold(struct v2v_calibrator *self, struct v2v_left
     struct v2v_left_out *left_out = NULL;
     v2v_watchdog_beat("calibrate: views left out");
     V2V_TRY(v2v_calibrator_leave_out(self, &left_out, fold, look->iterations));
-    V2V_TRY(v2v_left_out_run(left_out, self->volume, self->undistorted));
+    V2V_TRY(v2v_left_out_run(left_out, self->volume, self->undistorted, NULL));
     weight_by_depth(self, left_out->estimator->slices);
     v2v_left_out_predict(left_out, self->predicted[0], self->volume);
     v2v_left_out_predict(left_out, self->predicted[1], self->deep);

@@ -186,8 +186,9 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     enum v2v_status rc = V2V_OK;
     struct diner *self = NULL;
     const struct v2v_config *config = problem->config;
-    V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "diner", 1)));
+    rc = V2V_ALLOC(self, "diner", 1);
     estimator->self = self;
+    V2V_TRY(v2v_par_agree(estimator->shard, rc));
     *self =
         (struct diner){.comm = estimator->shard,
                        .rates = config->diner,

@@ -71,10 +71,11 @@ struct v2v_input_settings v2v_estimator_input(const struct v2v_estimator_ops *op
 
 enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem, const float *views,
+                                     const struct v2v_averaging *averaging,
                                      const struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(ops->settle(config, problem, views, world));
+    V2V_TRY(ops->settle(config, problem, views, averaging, world));
     v2v_par_broadcast(world, &config->deconv, sizeof config->deconv, 0);
     v2v_par_broadcast(world, &config->recon, sizeof config->recon, 0);
 done:
@@ -93,6 +94,9 @@ enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
     rc = ops->describe_work(&work, problem);
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(made, "estimator", 1);
+    }
+    if (rc == V2V_OK) {
+        made->ops = ops; /* by which it is destroyed, if another rank fails */
     }
     V2V_TRY(v2v_par_agree(shard, rc));
     const unsigned all = (1u << work.most_branches) - 1;

@@ -187,12 +187,15 @@ void v2v_features_simulate(struct v2v_features *features, float *views, const fl
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < samples; i++) {
         const uint64_t index = (uint64_t)i;
-        if (noise->gain > 0.0) {
-            const double photons = fmax((double)views[i], 0.0) / noise->gain;
-            views[i] = (float)(noise->gain * (double)v2v_random_poisson(seed, stream + of_photons,
-                                                                        index, photons));
+        const double less = /* by frames beyond those that the noise is of */
+            noise->averaging != NULL ? noise->frames / (double)noise->averaging->frames[i] : 1.0;
+        const double gain = less * noise->gain;
+        if (gain > 0.0) {
+            const double photons = fmax((double)views[i], 0.0) / gain;
+            views[i] = (float)(gain * (double)v2v_random_poisson(seed, stream + of_photons, index,
+                                                                 photons));
         }
-        views[i] += (float)(noise->deviation * v2v_random_normal(seed, stream, index));
+        views[i] += (float)(sqrt(less) * noise->deviation * v2v_random_normal(seed, stream, index));
     }
 }
 

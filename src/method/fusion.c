@@ -33,6 +33,7 @@ struct v2v_fusion {
     float fine[2 * FINE_TAPS + 1], coarse[2 * COARSE_TAPS + 1];
     double smoothed; /* noise that `fine` leaves of a pixel's, as a factor on its sigma */
     struct noise noise;
+    struct v2v_averaging averaging; /* no frames: what was given last is of one frame */
     struct v2v_ratio *ratios;
     float *photons;   /* [v,y,x] of frame t: this part of the variance, in the noise's unit */
     float *sum;       /* [v,y,x] of weighted views */
@@ -218,6 +219,10 @@ static void take_noise(struct v2v_fusion *fusion, const float *views, double sig
 {
     const struct v2v_photons photons = v2v_photons_find(fusion->neighbour, views, fusion->views,
                                                         fusion->height, fusion->width, NULL);
+    fusion->averaging = (struct v2v_averaging){.sigma = sigma,
+                                               .gain = photons.gain,
+                                               .variance = photons.variance,
+                                               .is_of_photons = photons.is_clear};
     if (photons.is_clear) {
         const double of_photons = photons.gain * photons.bright;
         const double unit = of_photons + photons.variance;
@@ -241,6 +246,7 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
                                     fusion->width);
     }
     fusion->noise = (struct noise){0};
+    fusion->averaging = (struct v2v_averaging){0};
     if (sigma > 0.0) {
         take_noise(fusion, views, sigma);
     }
@@ -324,6 +330,12 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
     for (int64_t i = 0; i < samples; i++) {
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
+    fusion->averaging.frames = fusion->noise.sigma > 0.0 ? fusion->weight : NULL;
+}
+
+const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion)
+{
+    return fusion->averaging.frames != NULL ? &fusion->averaging : NULL;
 }
 
 enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
@@ -338,6 +350,7 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     const int64_t wanted = v2v_larger(t - fusion->neighbours, -info->before);
     const int64_t last = v2v_smaller(wanted + others, end);
     const int64_t first = v2v_larger(last - others, -info->before);
+    fusion->averaging = (struct v2v_averaging){0};
     V2V_TRY(v2v_recording_read(recording, views, t));
     v2v_scaling_apply(scaling, views, samples);
     if (first == last) {

@@ -25,7 +25,7 @@ static enum v2v_status show(struct v2v_calibrator *self, struct v2v_left_out *al
                             const float *seen)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_left_out_run(all, self->volume, views));
+    V2V_TRY(v2v_left_out_run(all, self->volume, views, NULL));
     v2v_left_out_predict(all, predicted, self->volume);
     for (int64_t v = 0; v < self->count; v++) {
         const int64_t at = v * self->pixels;

@@ -116,7 +116,7 @@ done:
     return rc;
 }
 
-static const char *const keys[] = {"recon.combine", NULL};
+static const char *const keys[] = {"recon.combine", "recon.precision", NULL};
 
 const struct v2v_estimator_ops v2v_estimator_learned = {
     .name = "learned",

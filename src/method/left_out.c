@@ -67,6 +67,10 @@ static enum v2v_status take_memory(struct v2v_left_out *self, const struct v2v_p
     V2V_ASSERT(self->used > 0);
     V2V_TRY(V2V_ALLOC(self->recorded, "left_out.views",
                       v2v_mem_product(self->used, self->height, self->width)));
+    if (problem->config->recon.neighbours > 0) {
+        V2V_TRY(V2V_ALLOC(self->frames, "left_out.views",
+                          v2v_mem_product(self->used, self->height, self->width)));
+    }
     V2V_TRY(choose_psf(&self->psf, problem->psf, self->view, self->used));
 done:
     return rc;
@@ -148,16 +152,30 @@ void v2v_left_out_destroy(struct v2v_left_out **left_out)
         v2v_psf_file_fini(&self->psf);
         v2v_mem_free(self->rows);
         v2v_mem_free(self->volume);
+        v2v_mem_free(self->frames);
         v2v_mem_free(self->recorded);
         v2v_mem_free(self->view);
         v2v_mem_free(self);
     }
 }
 
-enum v2v_status v2v_left_out_run(struct v2v_left_out *self, float *slices, const float *views)
+enum v2v_status v2v_left_out_run(struct v2v_left_out *self, float *slices, const float *views,
+                                 const struct v2v_averaging *averaging)
 {
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *estimator = self->estimator;
+    struct v2v_averaging used;
     gather(self->recorded, views, self->view, self->used, self->height * self->width);
-    return self->estimator->ops->run(self->estimator, &slices, self->recorded, NULL);
+    if (averaging != NULL) {
+        V2V_ASSERT(self->frames != NULL);
+        gather(self->frames, averaging->frames, self->view, self->used, self->height * self->width);
+        used = *averaging;
+        used.frames = self->frames;
+        estimator->averaging = &used;
+    }
+    rc = estimator->ops->run(estimator, &slices, self->recorded, NULL);
+    estimator->averaging = NULL;
+    return rc;
 }
 
 void v2v_left_out_predict(struct v2v_left_out *self, float *predicted, const float *slices)

@@ -22,6 +22,7 @@ struct v2v_lessons {
     struct v2v_features *features;
     struct v2v_fusion *fusion;
     float *views;            /* [v,y,x] */
+    float *frames;           /* likewise, of their averaging; NULL: there is none */
     float *volume, *flipped; /* [z,torus] */
 };
 
@@ -46,6 +47,7 @@ static void free_plan(struct v2v_lessons *lessons)
     v2v_features_destroy(&lessons->features);
     v2v_fusion_destroy(&lessons->fusion);
     v2v_mem_free(lessons->views);
+    v2v_mem_free(lessons->frames);
     v2v_mem_free(lessons->volume);
     v2v_mem_free(lessons->flipped);
     *lessons = (struct v2v_lessons){.config = lessons->config, .psf = lessons->psf};
@@ -77,6 +79,10 @@ static enum v2v_status plan(struct v2v_lessons *self, int64_t height, int64_t wi
     const struct v2v_torus torus = v2v_features_torus(self->features);
     const int64_t voxels = v2v_mem_product(psf->slices, torus.height, torus.width);
     V2V_TRY(V2V_ALLOC(self->views, "lessons.views", v2v_mem_product(psf->views, height, width)));
+    if (self->config->recon.neighbours > 0) {
+        V2V_TRY(
+            V2V_ALLOC(self->frames, "lessons.views", v2v_mem_product(psf->views, height, width)));
+    }
     V2V_TRY(V2V_ALLOC(self->volume, "lessons.volumes", voxels));
     V2V_TRY(V2V_ALLOC(self->flipped, "lessons.volumes", voxels));
     self->height = height;
@@ -112,6 +118,22 @@ static double normalize(float *images, int64_t slices, int64_t pixels)
     return error;
 }
 
+/* Where less was averaged things move, which are mirrored with the volume; views beside each other
+ * show them where they were but for parallax. */
+static void flip_frames(const struct v2v_lessons *self, const float *frames, unsigned flip)
+{
+    const int64_t height = self->height, width = self->width;
+#pragma omp parallel for schedule(static)
+    for (int64_t row = 0; row < self->psf->views * height; row++) {
+        const int64_t v = row / height, y = row % height;
+        const float *from =
+            frames + (v * height + (flip & V2V_FLIP_Y ? height - 1 - y : y)) * width;
+        for (int64_t x = 0; x < width; x++) {
+            self->frames[row * width + x] = from[flip & V2V_FLIP_X ? width - 1 - x : x];
+        }
+    }
+}
+
 enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
                                  struct v2v_recording *recording, const struct v2v_scaling *scaling,
                                  int64_t t, int64_t number)
@@ -120,20 +142,32 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
     struct v2v_lessons *self = lessons;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t slices = self->psf->slices, pixels = info->height * info->width;
+    const unsigned flip = flips[number % FLIPS];
     struct v2v_tv_noise noise = {0}, again = {0};
+    struct v2v_averaging averaging;
     V2V_TRY(plan(self, info->height, info->width));
     V2V_TRY(v2v_fusion_read(self->fusion, self->views, recording, scaling, t));
+    struct v2v_estimator *tv = v2v_features_tv(self->features);
+    tv->averaging = v2v_fusion_averaging(self->fusion);
     V2V_TRY(v2v_features_of_views(self->features, images, self->volume, &noise, self->views));
     if (noise.deviation == 0.0 && noise.gain == 0.0) {
         v2v_log(V2V_LOG_WARNING, "frame %lld is dark: there is nothing to learn from it",
                 (long long)t);
     }
-    v2v_features_flip(self->features, self->flipped, self->volume, flips[number % FLIPS]);
+    v2v_features_flip(self->features, self->flipped, self->volume, flip);
     v2v_features_cut(self->features, images + V2V_FEATURES * slices * pixels, self->flipped);
+    if (noise.averaging != NULL) {
+        flip_frames(self, noise.averaging->frames, flip);
+        averaging = *noise.averaging;
+        averaging.frames = self->frames;
+        tv->averaging = noise.averaging = &averaging;
+    }
     v2v_features_simulate(self->features, self->views, self->flipped, &noise,
                           (uint64_t)self->config->train.seed,
                           v2v_random_fnv1a64("lessons") + (uint64_t)number);
-    V2V_TRY(v2v_features_of_views(self->features, images, NULL, &again, self->views));
+    rc = v2v_features_of_views(self->features, images, NULL, &again, self->views);
+    tv->averaging = NULL;
+    V2V_TRY(rc);
     const double error = normalize(images, slices, pixels);
     v2v_log(V2V_LOG_DEBUG,
             "lesson %lld, from frame %lld: noise %.3g, of photons %.3g of the light, error %.3g",

@@ -79,8 +79,17 @@ struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t 
     return found;
 }
 
+struct v2v_photons v2v_photons_averaged(float *scratch, const float *views, int64_t samples,
+                                        const struct v2v_averaging *averaging)
+{
+    return (struct v2v_photons){.bright = v2v_photons_bright(scratch, views, samples),
+                                .gain = averaging->gain,
+                                .variance = averaging->variance,
+                                .is_clear = averaging->is_of_photons};
+}
+
 enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_problem *problem,
-                                   const float *views)
+                                   const float *views, const struct v2v_averaging *averaging)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_camera camera = v2v_camera_of(config);
@@ -92,7 +101,10 @@ enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_p
     V2V_TRY(V2V_ALLOC(scratch, "photons.settle",
                       v2v_mem_product(count, problem->height, problem->width)));
     const struct v2v_photons found =
-        v2v_photons_find(scratch, views, count, problem->height, problem->width, &camera);
+        averaging != NULL
+            ? v2v_photons_averaged(scratch, views, count * problem->height * problem->width,
+                                   averaging)
+            : v2v_photons_find(scratch, views, count, problem->height, problem->width, &camera);
     const int is_known = camera.gain > 0.0; /* whether or not the frame has light */
     const int is_of_photons = is_known || found.is_clear;
     config->deconv.noise = is_of_photons ? V2V_NOISE_MODEL_POISSON : V2V_NOISE_MODEL_GAUSSIAN;

@@ -36,9 +36,15 @@ double v2v_photons_bright(float *scratch, const float *views, int64_t samples);
 struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t count,
                                     int64_t height, int64_t width, const struct v2v_camera *camera);
 
+/** The noise of one frame of views that are means of several.
+ *  @kind Local. @param scratch as large as views */
+struct v2v_photons v2v_photons_averaged(float *scratch, const float *views, int64_t samples,
+                                        const struct v2v_averaging *averaging);
+
 /** deconv.noise, where it is auto, as the views [v,y,x] of a whole frame show; logs which.
- *  @kind Local. @return V2V_OK | V2V_E_MEMORY */
+ *  @kind Local. @param averaging of views; may be NULL @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_photons_settle(struct v2v_config *config, const struct v2v_problem *problem,
-                                   const float *views) V2V_MUST_CHECK;
+                                   const float *views,
+                                   const struct v2v_averaging *averaging) V2V_MUST_CHECK;
 
 #endif

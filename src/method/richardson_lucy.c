@@ -134,8 +134,9 @@ enum v2v_status v2v_richardson_lucy_create(struct v2v_estimator *estimator,
     struct v2v_richardson_lucy *self = NULL;
     const struct v2v_richardson_lucy_variant *variant = estimator->ops->variant;
     const int64_t iterations = problem->config->deconv.iterations;
-    V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "rld", 1)));
+    rc = V2V_ALLOC(self, "rld", 1);
     estimator->self = self;
+    V2V_TRY(v2v_par_agree(estimator->shard, rc));
     *self = (struct v2v_richardson_lucy){.variant = variant,
                                          .estimator = estimator,
                                          .comm = estimator->shard,

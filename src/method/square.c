@@ -1,6 +1,7 @@
 #include "method/square.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
 
 #include <string.h>
 
@@ -77,4 +78,25 @@ void v2v_square_cut(const struct v2v_square *square, float *to, const float *ima
         memcpy(to + row * columns, images + y * width + square->columns.first,
                (size_t)columns * sizeof *to);
     }
+}
+
+enum v2v_status v2v_square_cut_averaging(const struct v2v_square *square,
+                                         struct v2v_averaging *part, float **frames,
+                                         const struct v2v_averaging *averaging,
+                                         const struct v2v_problem *problem)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t views = problem->psf->views;
+    *frames = NULL;
+    *part = (struct v2v_averaging){0};
+    if (averaging == NULL) {
+        return V2V_OK;
+    }
+    V2V_TRY(V2V_ALLOC(*frames, "square.averaging",
+                      v2v_mem_product(views, square->rows.count, square->columns.count)));
+    v2v_square_cut(square, *frames, averaging->frames, views, problem->height, problem->width);
+    *part = *averaging;
+    part->frames = *frames;
+done:
+    return rc;
 }

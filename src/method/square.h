@@ -1,7 +1,7 @@
 #ifndef V2V_METHOD_SQUARE_H
 #define V2V_METHOD_SQUARE_H
 
-#include "v2v3d/par/slicing.h"
+#include "v2v3d/method/estimator.h"
 
 /** Part of an image. */
 struct v2v_square {
@@ -22,5 +22,14 @@ struct v2v_square v2v_square_of_image(const float *image, int64_t height, int64_
  *  @param to [count,square] out */
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
                     int64_t height, int64_t width);
+
+/** The averaging of a frame's views cut likewise, where there is one.
+ *  @kind Local. @param part out, with the frames [v,square] @param frames out: those, to be freed;
+ *  NULL: there is none @param averaging of the problem's whole frame; may be NULL
+ *  @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_square_cut_averaging(const struct v2v_square *square,
+                                         struct v2v_averaging *part, float **frames,
+                                         const struct v2v_averaging *averaging,
+                                         const struct v2v_problem *problem) V2V_MUST_CHECK;
 
 #endif

@@ -18,11 +18,13 @@ enum { SIDE = 256 };
 enum { REACH = 13 };
 
 struct chooser {
-    int64_t height, width;        /* of the square */
-    float *views;                 /* [v,height,width] */
-    float *after;                 /* [z,height,width] */
-    float *predicted, *corrected; /* [left out,height,width] */
-    float *scratch, *smooth;      /* [height,width] */
+    int64_t height, width;          /* of the square */
+    float *views;                   /* [v,height,width] */
+    float *frames;                  /* likewise, of .. */
+    struct v2v_averaging averaging; /* .. theirs; no frames: they are of one frame */
+    float *after;                   /* [z,height,width] */
+    float *predicted, *corrected;   /* [left out,height,width] */
+    float *scratch, *smooth;        /* [height,width] */
     struct v2v_strength_sums all,
         fine; /* of a choice; of the latter, what is finer than 8 pixels */
 };
@@ -74,7 +76,8 @@ static enum v2v_status try_choice(struct chooser *self, const struct v2v_problem
     struct v2v_left_out *fold = NULL;
     v2v_watchdog_beat("the strength of a correction");
     V2V_TRY(v2v_left_out_choose(&fold, &v2v_estimator_unrolled, problem, choice, NULL));
-    V2V_TRY(v2v_left_out_run(fold, self->after, self->views));
+    V2V_TRY(v2v_left_out_run(fold, self->after, self->views,
+                             self->frames != NULL ? &self->averaging : NULL));
     v2v_left_out_predict(fold, self->corrected, self->after);
     v2v_left_out_predict(fold, self->predicted, v2v_unrolled_start(fold->estimator));
     for (int64_t i = fold->used; i < fold->views; i++) {
@@ -88,7 +91,7 @@ done:
 }
 
 static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *problem,
-                               const float *views)
+                               const float *views, const struct v2v_averaging *averaging)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = problem->psf;
@@ -111,6 +114,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
             V2V_ALLOC(*memory[i].images, "strength", v2v_mem_product(memory[i].count, pixels, 1)));
     }
     v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
+    V2V_TRY(v2v_square_cut_averaging(&square, &self->averaging, &self->frames, averaging, problem));
 done:
     return rc;
 }
@@ -166,7 +170,8 @@ double v2v_strength_of(const struct v2v_strength_sums *fine, const struct v2v_st
 }
 
 enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
-                                    const float *views, const struct v2v_comm *comm)
+                                    const float *views, const struct v2v_averaging *averaging,
+                                    const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct chooser self = {0};
@@ -177,7 +182,7 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     if (problem->psf->views <= CHOICES) {
         goto done;
     }
-    V2V_TRY(v2v_par_agree(comm, prepare(&self, problem, views)));
+    V2V_TRY(v2v_par_agree(comm, prepare(&self, problem, views, averaging)));
     config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
     own.config = &config;
     own.height = self.height;
@@ -195,6 +200,7 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
             "more by it up to %.2f",
             *strength, best_of(&of_fine), most_of(&of_all));
 done:
+    v2v_mem_free(self.frames);
     v2v_mem_free(self.views);
     v2v_mem_free(self.after);
     v2v_mem_free(self.predicted);

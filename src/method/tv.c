@@ -2,6 +2,7 @@
 
 #include "method/photons.h"
 #include "method/tv_lambda.h"
+#include "method/tv_level.h"
 #include "method/tv_planes.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
@@ -61,20 +62,6 @@ static const double most_light = 1e15;
 /* Sizes of a step, of a factor of two. */
 #define SIZES 2.0
 
-/* Views of less noise than this part of their brightness count as this noisy. */
-static const double least_noise = 1e-4;
-
-/* What a frame's iterations are scaled by; all 0 without light. */
-struct level {
-    double brightness; /* of the views */
-    double deepest;    /* of their negative samples, over it */
-    double sigma;      /* of their noise; of photons: where they are that bright */
-    double gain;  /* its variance over the light, both in units of sigma; 0: the same for all */
-    double floor; /* the variance where there is no light, likewise, as weights take it .. */
-    double dark;  /* .. and as found, its root, in units of the views */
-    double mean_variance; /* of all samples, in units of sigma^2 */
-};
-
 struct tv {
     const struct v2v_comm *comm;
     struct v2v_data_step *step;
@@ -87,9 +74,10 @@ struct tv {
     double lambda, depth, curvature, tolerance;
     enum v2v_noise_model model;
     struct v2v_camera camera;
+    int may_average;           /* bool: views may be means of frames */
     double light;              /* sum of a view's PSF, mean of all views */
     int is_told;               /* bool: `level` is that of a larger frame, for all runs */
-    struct level level;        /* of the last run, or of all */
+    struct v2v_tv_level level; /* of the last run, or of all */
     float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
     float *scratch;            /* [v,height,width] or [v,rows of the torus, its width] */
     struct v2v_tv_steps steps; /* of the last run */
@@ -103,15 +91,16 @@ static int is_open(const struct v2v_config *config)
 
 /* The noise first: lambda is in units of it. */
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views, const struct v2v_comm *comm)
+                              const float *views, const struct v2v_averaging *averaging,
+                              const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     rc = v2v_camera_check(problem);
     if (rc == V2V_OK) {
-        rc = v2v_photons_settle(config, problem, views);
+        rc = v2v_photons_settle(config, problem, views, averaging);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views, comm));
+    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views, averaging, comm));
 done:
     return rc;
 }
@@ -180,7 +169,7 @@ static enum v2v_status take_memory(struct tv *self)
     V2V_TRY(V2V_ALLOC(self->scratch, "tv.noise",
                       v2v_mem_product(self->views, v2v_larger(self->height, self->torus.rows.count),
                                       self->torus.width)));
-    if (self->model != V2V_NOISE_MODEL_GAUSSIAN) {
+    if (self->model != V2V_NOISE_MODEL_GAUSSIAN || self->may_average) {
         V2V_TRY(v2v_data_step_take_weights(self->step));
     }
 done:
@@ -200,8 +189,9 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                          "--normalize view makes it 1",
                          light));
     }
-    V2V_TRY(v2v_par_agree(estimator->shard, V2V_ALLOC(self, "tv", 1)));
+    rc = V2V_ALLOC(self, "tv", 1);
     estimator->self = self;
+    V2V_TRY(v2v_par_agree(estimator->shard, rc));
     *self = (struct tv){.comm = estimator->shard,
                         .views = problem->psf->views,
                         .slices = problem->psf->slices,
@@ -214,6 +204,7 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .tolerance = config->deconv.tolerance,
                         .model = config->deconv.noise,
                         .camera = v2v_camera_of(config),
+                        .may_average = config->recon.neighbours > 0 || problem->skip > 0.0,
                         .light = light};
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
     const int ranks = v2v_comm_size(self->comm);
@@ -250,69 +241,18 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
-/* Of the brightest pixel, the least brightness. A deep negative one is no brightness: in steps as
- * long as that, 500 iterations left half of it as light. It raises the noise, so that float32 holds
- * it. */
-static const double least_of_brightest = 1e-3;
-
-/* The variance counts as at least this part of that in the light, so that few dark samples don't
- * outweigh all others; and what isn't of photons twice, or the dark would have more of it in the
- * volume than the light. */
-static const double least_variance = 0.05, dark_twice = 2.0;
-
-/* The mean variance is at least this part of that in the light. */
-static const double least_mean = 1e-6;
-
-/** The noise of photons, where it isn't too small; else the level stays.
- *  Local. @param light mean of the samples @param least noise that float32 holds */
-static void of_photons(struct level *level, const struct v2v_photons *photons, double light,
-                       double least)
-{
-    const double variance = photons->gain * photons->bright + photons->variance;
-    const double unit = sqrt(variance);
-    if (photons->gain > 0.0 && unit > least) {
-        level->sigma = unit;
-        level->gain = photons->gain / unit;
-        level->floor = fmax(dark_twice * photons->variance / variance, least_variance);
-        level->dark = sqrt(photons->variance);
-        level->mean_variance =
-            fmax((photons->gain * light + photons->variance) / variance, least_mean);
-    }
-}
-
 /** Local. */
-static struct level measure(const struct tv *self, const float *views)
+static struct v2v_tv_level measure(const struct tv *self, const float *views,
+                                   const struct v2v_averaging *averaging)
 {
-    const int64_t count = self->views * self->height * self->width;
-    float most = 0.0f, least = 0.0f;
-#pragma omp parallel for simd schedule(static) reduction(max : most) reduction(min : least)
-    for (int64_t i = 0; i < count; i++) {
-        most = views[i] > most ? views[i] : most;
-        least = views[i] < least ? views[i] : least;
-    }
-    const double brightest = (double)most, deepest = -(double)least;
-    if (brightest == 0.0) {
-        return (struct level){0};
-    }
-    const double sigma =
-        v2v_noise_of_images(self->scratch, views, self->views, self->height, self->width);
-    const int is_plain = self->model == V2V_NOISE_MODEL_GAUSSIAN;
-    const struct v2v_photons photons =
-        is_plain ? (struct v2v_photons){.bright = v2v_photons_bright(self->scratch, views, count)}
-                 : v2v_photons_find(self->scratch, views, self->views, self->height, self->width,
-                                    &self->camera);
-    const double brightness = fmax(photons.bright, least_of_brightest * brightest);
-    const double noisy = fmax(brightness, least_of_brightest * fmax(brightest, deepest));
-    struct level level = {.brightness = brightness,
-                          .deepest = deepest / brightness,
-                          .sigma = fmax(sigma, least_noise * noisy),
-                          .mean_variance = 1.0};
-    level.dark = level.sigma;
-    if (self->model == V2V_NOISE_MODEL_POISSON ||
-        (self->model == V2V_NOISE_MODEL_AUTO && photons.is_clear)) {
-        of_photons(&level, &photons, v2v_sum(views, count) / (double)count, least_noise * noisy);
-    }
-    return level;
+    const struct v2v_tv_views taken = {.views = views,
+                                       .count = self->views,
+                                       .height = self->height,
+                                       .width = self->width,
+                                       .averaging = averaging,
+                                       .model = self->model,
+                                       .camera = &self->camera};
+    return v2v_tv_level_of(&taken, self->scratch);
 }
 
 static double weight_of(const struct tv *self)
@@ -325,7 +265,7 @@ static double weight_of(const struct tv *self)
  * factors. */
 static double step_of(const struct tv *self)
 {
-    const struct level *level = &self->level;
+    const struct v2v_tv_level *level = &self->level;
     const double weight = weight_of(self) * (1.0 + self->curvature);
     const double wanted = step_factor * level->sigma * weight / level->brightness *
                           sqrt(fmax(level->deepest / deep, 1.0));
@@ -372,9 +312,10 @@ void v2v_tv_torus_volume(const struct v2v_estimator *estimator, float *volume)
 
 struct v2v_tv_noise v2v_tv_noise(const struct v2v_estimator *estimator)
 {
-    const struct level *level = &((const struct tv *)estimator->self)->level;
+    const struct v2v_tv_level *level = &((const struct tv *)estimator->self)->level;
     const double part = level->sigma > 0.0 ? level->sigma / level->brightness : 0.0;
-    return (struct v2v_tv_noise){level->gain * level->sigma, level->dark, part};
+    return (struct v2v_tv_noise){level->gain * level->sigma, level->dark, part,
+                                 level->frames > 0.0 ? estimator->averaging : NULL, level->frames};
 }
 
 static void to_slices(struct v2v_estimator *estimator, float *slices, const float *volume)
@@ -427,7 +368,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
 {
     enum v2v_status rc = V2V_OK;
     struct tv *self = estimator->self;
-    const struct level *level = &self->level;
+    const struct v2v_tv_level *level = &self->level;
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
     const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;
@@ -492,7 +433,7 @@ static void begin(struct v2v_estimator *estimator, const float *views)
 {
     struct tv *self = estimator->self;
     const struct v2v_surroundings *around = estimator->around;
-    const struct level *level = &self->level;
+    const struct v2v_tv_level *level = &self->level;
     const double scale = 1.0 / level->sigma;
     v2v_data_step_begin(self->step, views, scale);
     if (around != NULL) {
@@ -501,8 +442,11 @@ static void begin(struct v2v_estimator *estimator, const float *views)
         v2v_data_step_surround(self->step, self->planes.volume, self->scratch);
         v2v_data_step_know(self->step, &around->rows, &around->columns);
     }
-    if (level->gain > 0.0) {
+    if (level->gain > 0.0 || estimator->averaging != NULL) {
         v2v_data_step_weigh(self->step, level->gain, level->floor);
+    }
+    if (estimator->averaging != NULL) {
+        v2v_data_step_average(self->step, estimator->averaging->frames, level->frames);
     }
 }
 
@@ -513,9 +457,9 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     struct tv *self = estimator->self;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
     if (!self->is_told) {
-        self->level = measure(self, views);
+        self->level = measure(self, views, estimator->averaging);
     }
-    const struct level *level = &self->level;
+    const struct v2v_tv_level *level = &self->level;
     const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
     estimator->iterations = 0;
     estimator->misfit =
@@ -547,7 +491,7 @@ static void plane(struct v2v_estimator *whole, float *volume, float *views)
 static void look_at_frame(struct v2v_estimator *whole, const float *views)
 {
     struct tv *self = whole->self;
-    self->level = measure(self, views);
+    self->level = measure(self, views, whole->averaging);
 }
 
 static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)

@@ -26,6 +26,9 @@ struct v2v_tv_noise {
     double gain; /**< of photons; 0: the same for all samples */
     double deviation;
     double part; /**< of the views' brightness that it is where they are so bright */
+    const struct v2v_averaging *averaging; /**< NULL: of all samples alike; else of those that are
+                                                the mean of so many .. */
+    double frames;                         /**< .. frames */
 };
 
 /** Of the views last run or looked at; all 0: a dark frame. @kind Local. */

@@ -46,10 +46,12 @@ static const double noise_alone = 1.05;
 enum { FIRST_LOOK = 6 };
 
 struct chooser {
-    int64_t height, width; /* of the square */
-    float *views;          /* [v,height,width] */
-    float *volume;         /* [z,height,width] */
-    float *predicted;      /* [left out,height,width] */
+    int64_t height, width;          /* of the square */
+    float *views;                   /* [v,height,width] */
+    float *frames;                  /* likewise, of .. */
+    struct v2v_averaging averaging; /* .. theirs; no frames: they are of one frame */
+    float *volume;                  /* [z,height,width] */
+    float *predicted;               /* [left out,height,width] */
     struct v2v_config config;
     struct v2v_problem problem; /* of the square */
     struct v2v_comm *comm;      /* of the ranks that share the work .. */
@@ -58,6 +60,11 @@ struct chooser {
     struct v2v_left_out *fold[FOLDS];
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
+
+static const struct v2v_averaging *averaging_of(const struct chooser *self)
+{
+    return self->frames != NULL ? &self->averaging : NULL;
+}
 
 /* Squares that the volume misses the views left out by. */
 static double miss(struct chooser *self, struct v2v_left_out *fold)
@@ -88,7 +95,7 @@ static enum v2v_status try_folds(double squares[FOLDS], struct chooser *self, do
         struct v2v_left_out *fold = self->fold[f];
         v2v_watchdog_beat("trying a weight of the total variation");
         v2v_tv_set_lambda(fold->estimator, weight);
-        V2V_TRY(v2v_left_out_run(fold, self->volume, self->views));
+        V2V_TRY(v2v_left_out_run(fold, self->volume, self->views, averaging_of(self)));
         const double missed = miss(self, fold);
         squares[f] = v2v_comm_rank(self->sharing) == 0 ? missed : 0.0;
     }
@@ -152,7 +159,7 @@ static int tells_nothing(const double missed[WEIGHTS], int best)
 
 /** Local. */
 static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *problem,
-                               const float *views)
+                               const float *views, const struct v2v_averaging *averaging)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_square square =
@@ -175,6 +182,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
         V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * self->height * self->width));
     v2v_square_cut(&square, self->views, views, problem->psf->views, problem->height,
                    problem->width);
+    V2V_TRY(v2v_square_cut_averaging(&square, &self->averaging, &self->frames, averaging, problem));
 done:
     return rc;
 }
@@ -203,6 +211,8 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     const struct v2v_monitor monitor = {is_noise_alone, NULL};
     v2v_watchdog_beat("what total variation misses");
     V2V_TRY(v2v_estimator_create(&estimator, &v2v_estimator_tv, &self->problem, self->comm));
+    estimator->averaging = averaging_of(self);
+    estimator->averaging = averaging_of(self);
     estimator->ops->look(estimator, self->views);
     estimator->ops->tell(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, *weight);
@@ -280,7 +290,8 @@ done:
 }
 
 enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v_problem *problem,
-                                     const float *views, const struct v2v_comm *world)
+                                     const float *views, const struct v2v_averaging *averaging,
+                                     const struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
     struct chooser *self = NULL;
@@ -297,7 +308,7 @@ enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v
         return V2V_OK;
     }
     V2V_TRY(v2v_par_agree(world, V2V_ALLOC(self, "tv.lambda", 1)));
-    V2V_TRY(v2v_par_agree(world, prepare(self, problem, views)));
+    V2V_TRY(v2v_par_agree(world, prepare(self, problem, views, averaging)));
     V2V_TRY(share(self, world));
     V2V_TRY(v2v_par_agree(world, settle(lambda, self)));
 done:
@@ -309,6 +320,7 @@ done:
         v2v_comm_destroy(&self->comm);
         v2v_mem_free(self->predicted);
         v2v_mem_free(self->volume);
+        v2v_mem_free(self->frames);
         v2v_mem_free(self->views);
         v2v_mem_free(self);
     }

@@ -12,11 +12,12 @@
  *  share the volumes, never the answer.
  *  @kind Collective(world). @param lambda in and out, then of mode V2V_NUMBER_GIVEN
  *  @param problem of the whole frame; its deconv.lambda is not read @param views [v,y,x], no offset
+ *  @param averaging of views; may be NULL
  *  @return V2V_OK | V2V_E_CONFIG (auto: fewer than three views) | V2V_E_MEMORY | V2V_E_NUMERIC (NaN
  *  or Inf)
  *  @source REFERENCE.md 10 */
 enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v_problem *problem,
-                                     const float *views,
+                                     const float *views, const struct v2v_averaging *averaging,
                                      const struct v2v_comm *world) V2V_MUST_CHECK;
 
 #endif

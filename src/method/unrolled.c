@@ -25,13 +25,14 @@ static int is_open(const struct v2v_config *config)
 }
 
 static enum v2v_status settle(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views, const struct v2v_comm *comm)
+                              const float *views, const struct v2v_averaging *averaging,
+                              const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     double strength = 1.0;
-    V2V_TRY(v2v_estimator_tv.settle(config, problem, views, comm));
+    V2V_TRY(v2v_estimator_tv.settle(config, problem, views, averaging, comm));
     if (config->recon.strength.mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(v2v_strength_choose(&strength, problem, views, comm));
+        V2V_TRY(v2v_strength_choose(&strength, problem, views, averaging, comm));
         config->recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, strength};
     }
 done:
@@ -126,8 +127,10 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     tv->frame = estimator->frame;
     tv->most_iterations = estimator->most_iterations;
     tv->around = estimator->around;
+    tv->averaging = estimator->averaging;
     rc = v2v_features_of_views(self->features, self->found, NULL, &noise, views);
     tv->around = NULL;
+    tv->averaging = NULL;
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     estimator->iterations = tv->iterations;
     estimator->misfit = tv->misfit;
@@ -144,7 +147,9 @@ done:
 static void look(struct v2v_estimator *whole, const float *views)
 {
     struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
+    tv->averaging = whole->averaging;
     tv->ops->look(tv, views);
+    tv->averaging = NULL;
 }
 
 static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
@@ -163,7 +168,7 @@ static void plane(struct v2v_estimator *whole, float *volume, float *views)
     tv->ops->plane(tv, volume, views);
 }
 
-static const char *const keys[] = {"recon.strength", "recon.refresh", NULL};
+static const char *const keys[] = {"recon.strength", "recon.refresh", "recon.precision", NULL};
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",

@@ -30,7 +30,10 @@ struct v2v_data_step {
     float *recorded;            /* [v,rows,torus width]: y */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
     float *missed;              /* [v,rows,torus width]: y - A x */
-    float gain, floor;          /* of the noise's variance over A x; gain 0: no weights */
+    int is_weighed;             /* bool */
+    float gain, floor;          /* of the noise's variance over A x */
+    const float *frames;        /* [v,height,width]: weights go by these as well, .. */
+    float frames_unit;          /* .. as parts of this; NULL: they don't */
     float *kept;     /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
     float *light;    /* [v,rows,torus width]: A x, by which weights go */
     int64_t weighed; /* times that weights were taken */
@@ -267,7 +270,7 @@ static void transform_views(struct v2v_data_step *step)
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale)
 {
     const struct v2v_torus *torus = &step->torus;
-    step->gain = 0.0f;
+    step->is_weighed = 0;
     step->known_rows = (struct v2v_part){0, step->height};
     step->known_columns = (struct v2v_part){0, step->width};
     if (step->around != NULL) {
@@ -285,7 +288,7 @@ void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double 
 
 void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views)
 {
-    step->gain = 0.0f;
+    step->is_weighed = 0;
     memcpy(step->recorded, views, (size_t)samples_of(step) * sizeof *views);
     transform_views(step);
 }
@@ -371,12 +374,21 @@ done:
 
 void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor)
 {
-    V2V_ASSERT(step->kept != NULL && step->split != NULL && gain > 0.0 && floor > 0.0);
+    V2V_ASSERT(step->kept != NULL && step->split != NULL && gain >= 0.0 && floor > 0.0);
+    step->is_weighed = 1;
     step->gain = (float)gain;
     step->floor = (float)floor;
+    step->frames = NULL;
     step->weighed = 0;
     memcpy(step->kept, step->recorded, (size_t)samples_of(step) * sizeof *step->kept);
     memset(step->split, 0, (size_t)samples_of(step) * sizeof *step->split);
+}
+
+void v2v_data_step_average(struct v2v_data_step *step, const float *frames, double unit)
+{
+    V2V_ASSERT(step->is_weighed && unit > 0.0);
+    step->frames = frames;
+    step->frames_unit = (float)unit;
 }
 
 static void restore(const struct v2v_data_step *step, float *volume)
@@ -498,9 +510,17 @@ static float part_of_way(int64_t weighed)
     return weighed < FREELY ? 1.0f : FREELY / (float)(weighed + 1);
 }
 
-/* Likewise with weights, which make other samples of them. */
-static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first, int64_t end)
+/* Row `whole` of a view's frames; NULL: it has none. */
+static const float *frames_of(const struct v2v_data_step *step, int64_t v, int64_t whole)
 {
+    return step->frames == NULL ? NULL : step->frames + (v * step->height + whole) * step->width;
+}
+
+/* Likewise with weights, which make other samples of them. */
+static double weigh(const struct v2v_data_step *step, int64_t at, const float *frames,
+                    int64_t first, int64_t end)
+{
+    const float part_of_frames = frames != NULL ? 1.0f / step->frames_unit : 1.0f;
     float *recorded = step->recorded + at, *split = step->split + at, *lights = step->light + at;
     const float part = part_of_way(step->weighed);
     const float *kept = step->kept + at, *missed = step->missed + at, *around = step->around + at;
@@ -509,7 +529,8 @@ static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first,
         const float projected = recorded[x] - missed[x];
         const float light = fmaxf(projected + around[x], 0.0f);
         lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
-        const float weight = 1.0f / (step->gain * lights[x] + step->floor);
+        const float averaged = frames != NULL ? part_of_frames * frames[x] : 1.0f;
+        const float weight = averaged / (step->gain * lights[x] + step->floor);
         const float moved = projected + split[x];
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);
         const double d = (double)kept[x] - (double)projected;
@@ -520,16 +541,20 @@ static double weigh(const struct v2v_data_step *step, int64_t at, int64_t first,
     return squares;
 }
 
-/* A row of the residual of one view, which begins at `at`. @return squares of what is known */
-static double take_row(const struct v2v_data_step *step, int64_t at, int is_known)
+/* A row of the residual of one view, `y` of this rank's. @return squares of what is known */
+static double take_row(const struct v2v_data_step *step, int64_t v, int64_t y)
 {
+    const int64_t at = (v * step->torus.rows.count + y) * step->torus.width;
+    const int64_t whole = step->torus.rows.first + y;
+    const int is_known =
+        whole >= step->known_rows.first && whole < step->known_rows.first + step->known_rows.count;
     const int64_t width = step->torus.width;
     const int64_t first = is_known ? step->known_columns.first : width;
     const int64_t end = is_known ? first + step->known_columns.count : width;
     follow(step->recorded + at, step->missed + at, 0, first);
     follow(step->recorded + at, step->missed + at, end, width);
-    return step->gain > 0.0f ? weigh(step, at, first, end)
-                             : squares_of(step->missed + at, first, end);
+    return step->is_weighed && is_known ? weigh(step, at, frames_of(step, v, whole), first, end)
+                                        : squares_of(step->missed + at, first, end);
 }
 
 double v2v_data_step_extend(struct v2v_data_step *step)
@@ -543,12 +568,8 @@ double v2v_data_step_extend(struct v2v_data_step *step)
     memset(step->sums, 0, (size_t)torus->height * sizeof *step->sums);
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < torus->rows.count; y++) {
-        const int64_t whole = torus->rows.first + y;
-        const int is_known = whole >= step->known_rows.first &&
-                             whole < step->known_rows.first + step->known_rows.count;
         for (int64_t v = 0; v < step->views; v++) {
-            step->sums[whole] +=
-                take_row(step, (v * torus->rows.count + y) * torus->width, is_known);
+            step->sums[torus->rows.first + y] += take_row(step, v, y);
         }
     }
     step->weighed++;
@@ -563,8 +584,8 @@ double v2v_data_step_extend(struct v2v_data_step *step)
 /* y - A x, by the light that weights go by where there are any. */
 static double left_at(const struct v2v_data_step *step, int64_t at)
 {
-    return step->gain > 0.0f ? (double)(step->kept[at] - (step->light[at] - step->around[at]))
-                             : (double)step->missed[at];
+    return step->is_weighed ? (double)(step->kept[at] - (step->light[at] - step->around[at]))
+                            : (double)step->missed[at];
 }
 
 /* Sums over what a rank has of each square; then over ranks, since squares lie across them. */

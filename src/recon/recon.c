@@ -346,6 +346,7 @@ static enum v2v_status load(struct v2v_recon *recon, struct v2v_fusion *fusion, 
     V2V_TRY(V2V_FAULT_POINT("reconstruct.frame"));
     V2V_TRY(heed_stop(recon));
     V2V_TRY(v2v_fusion_read(fusion, recon->recorded, recon->recording, recon->scaling, t));
+    recon->estimator->averaging = v2v_fusion_averaging(fusion);
     if (recon->is_homogeneous) {
         recon->level = v2v_scaling_level(recon->recorded, recon->padded, recon->views,
                                          recon->height, recon->width);
@@ -371,6 +372,7 @@ static enum v2v_status run_frame(struct v2v_recon *recon, int64_t t, int is_whol
         V2V_TRY(v2v_still_run(recon->still, &part, recon->output[0], recon->padded));
     }
     recon->parts[0] += part;
+    recon->parts[1] += 1.0;
 done:
     return rc;
 }
@@ -385,7 +387,6 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
     if (recon->still == NULL) {
         recon->misfit[t] = recon->estimator->misfit;
     }
-    recon->parts[1] += 1.0;
     V2V_TRY(v2v_volume_wait(recon->writer)); /* the frame before has left these volumes */
     for (int o = 0; o < recon->outputs; o++) {
         if (v2v_estimator_holds(recon->estimator, o)) {

@@ -48,6 +48,7 @@ struct v2v_still {
     float *light;       /* [all slices,torus]: of the key frame .. */
     float *seen;        /* [v,torus]: .. and what views it gives */
     float *views;       /* [v,y,x]: the change, then those of a window */
+    float *frames;      /* likewise, of a window's averaging; NULL: there is none */
     float *volume;      /* [slices,y,x] of a window */
     float *light_here;  /* [all slices,y,x] of a window: as light .. */
     float *seen_here;   /* [v,y,x] of a window: .. and seen */
@@ -61,7 +62,7 @@ enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_est
     if (ops->tell == NULL) {
         return V2V_FAIL(V2V_E_CONFIG, "method '%s' skips nothing (--skip off)", ops->name);
     }
-    enum { VOLUMES = 2, VIEWS = 3 }; /* of the torus, on every rank */
+    enum { VOLUMES = 2, VIEWS = 4 }; /* of the torus, on every rank */
     const struct v2v_psf_file *psf = problem->psf;
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, problem->height, problem->width);
     const int64_t floats =
@@ -109,6 +110,9 @@ static enum v2v_status take_memory(struct v2v_still *still)
     V2V_TRY(v2v_carve_create(&still->carve, &shifts, problem->height, problem->width));
     V2V_TRY(V2V_ALLOC(still->key_views, "still.views", still->samples));
     V2V_TRY(V2V_ALLOC(still->views, "still.views", samples));
+    if (problem->config->recon.neighbours > 0) {
+        V2V_TRY(V2V_ALLOC(still->frames, "still.views", samples));
+    }
     V2V_TRY(V2V_ALLOC(still->seen, "still.views", samples));
     V2V_TRY(V2V_ALLOC(still->seen_here, "still.views", samples));
     V2V_TRY(V2V_ALLOC(still->key, "still.volume", voxels_of(still)));
@@ -151,6 +155,7 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_carve_destroy(&old->carve);
         v2v_mem_free(old->key_views);
         v2v_mem_free(old->views);
+        v2v_mem_free(old->frames);
         v2v_mem_free(old->key);
         v2v_mem_free(old->volume);
         v2v_mem_free(old->light);
@@ -184,9 +189,11 @@ static void subtract(struct v2v_still *still, const float *from, const float *wh
     }
 }
 
-/** Local: mark the tiles whose light changed, by any slice's. */
-static void find_changed(struct v2v_still *still, const float *views)
+/** Local: mark the tiles whose light changed, by any slice's.
+ *  @return the largest change of the others, of the brightest light */
+static double find_changed(struct v2v_still *still, const float *views)
 {
+    double left = 0.0;
     const int64_t tiles = still->tiles;
     float *gained = still->change, *lost = still->change + tiles;
     subtract(still, views, still->key_views);
@@ -198,9 +205,10 @@ static void find_changed(struct v2v_still *still, const float *views)
         const double change = fmax((double)gained[i], (double)lost[i]);
         still->changed[i] = change > least;
         if (!still->changed[i] && still->brightest > 0.0) {
-            still->left = fmax(still->left, change / still->brightest);
+            left = fmax(left, change / still->brightest);
         }
     }
+    return left;
 }
 
 /* ---- windows ---- */
@@ -224,9 +232,9 @@ done:
     return rc;
 }
 
-/** Local: the views in a window; beyond the frame, those of the key frame's light. */
-static void take_views(struct v2v_still *still, const float *views, const struct v2v_window *window,
-                       const struct v2v_part *known)
+/** Local: what there is of planes [v,y,x] in a window, else as it is there. */
+static void take_known(const struct v2v_still *still, float *to, const float *planes,
+                       const struct v2v_window *window, const struct v2v_part *known)
 {
     const int64_t height = still->plan.height, width = still->plan.width;
     const int64_t rows = window->rows.count, columns = window->columns.count;
@@ -234,10 +242,8 @@ static void take_views(struct v2v_still *still, const float *views, const struct
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < still->problem.psf->views * rows; i++) {
         const int64_t v = i / rows, y = i % rows + window->rows.first;
-        float *to = still->views + i * columns;
-        memcpy(to, still->seen_here + i * columns, (size_t)columns * sizeof *to);
         if (y >= 0 && y < height) {
-            memcpy(to + known->first, views + (v * height + y) * width + left,
+            memcpy(to + i * columns + known->first, planes + (v * height + y) * width + left,
                    (size_t)known->count * sizeof *to);
         }
     }
@@ -265,6 +271,7 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = still->problem.psf;
+    struct v2v_averaging averaging;
     const struct v2v_surroundings around = {
         still->light_here, still->seen_here,
         v2v_windows_in_frame(&window->rows, still->plan.height),
@@ -272,13 +279,23 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
     V2V_TRY(make_window(still, window->rows.count, window->columns.count));
     v2v_windows_cut(still->light_here, still->light, psf->slices, window, &still->plan);
     v2v_windows_cut(still->seen_here, still->seen, psf->views, window, &still->plan);
-    take_views(still, views, window, &around.columns);
+    /* beyond the frame, views of the key frame's light */
+    memcpy(still->views, still->seen_here,
+           (size_t)(psf->views * window->rows.count * window->columns.count) * sizeof(float));
+    take_known(still, still->views, views, window, &around.columns);
+    if (still->whole->averaging != NULL) {
+        averaging = *still->whole->averaging;
+        take_known(still, still->frames, averaging.frames, window, &around.columns);
+        averaging.frames = still->frames;
+        still->window->averaging = &averaging;
+    }
     still->window->frame = still->whole->frame;
     still->window->most_iterations = still->iterations;
     still->window->around = &around;
     still->window->ops->tell(still->window, still->whole);
     rc = still->window->ops->run(still->window, &still->volume, still->views, NULL);
     still->window->around = NULL;
+    still->window->averaging = NULL;
     V2V_TRY(rc);
     put(still, volume, window);
 done:
@@ -293,7 +310,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
     struct v2v_window windows[V2V_WINDOWS_MOST];
     rc = v2v_estimator_check_views(whole, views, still->problem.psf->views);
     V2V_TRY(v2v_par_agree(whole->shard, rc));
-    find_changed(still, views);
+    const double left = find_changed(still, views);
     /* one answer for all: ranks on other processors may round another way */
     v2v_par_broadcast(whole->shard, still->changed, still->tiles, 0);
     const int64_t count = v2v_windows_cover(windows, still->changed, &still->plan);
@@ -305,6 +322,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
         V2V_TRY(whole->ops->run(whole, &volume, views, NULL));
         goto done;
     }
+    still->left = fmax(still->left, left);
     memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
     if (count > 0) {
         whole->ops->look(whole, views);

@@ -42,13 +42,25 @@ static double noise_of(float *scratch, const float *images, int64_t count, int64
     return n > 0 ? v2v_noise_of_differences(scratch, n) : 0.0;
 }
 
+/* The least step above the base: of few photons, which most pixels have none of, one. */
+static double quantum_of(const float *samples, int64_t count, double base)
+{
+    double least = INFINITY;
+    for (int64_t i = 0; i < count; i++) {
+        const double step = (double)samples[i] - base;
+        least = step > 0.0 && step < least ? step : least;
+    }
+    return isfinite(least) ? least : 0.0;
+}
+
 static struct level level_of(float *scratch, const float *images, int64_t count, int64_t height,
                              int64_t width)
 {
-    const double noise = noise_of(scratch, images, count, height, width);
+    double noise = noise_of(scratch, images, count, height, width);
     const int64_t n = sample(scratch, images, count * height * width);
     const double bright = (double)v2v_select(scratch, n, n - 1 - n / OF_BRIGHT);
     const double base = (double)v2v_select(scratch, n, n / 2);
+    noise = noise > 0.0 ? noise : quantum_of(scratch, n, base);
     return (struct level){base, bright > base ? least_part * (bright - base) + least_noises * noise
                                               : INFINITY};
 }

@@ -8,9 +8,12 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#define CONFIG "config.yaml"
 #define METRICS "metrics.jsonl"
+#define LOCK "lock"
 
 static enum v2v_status path_in(char *path, const struct v2v_run_folder *folder, const char *name)
 {
@@ -22,7 +25,7 @@ static enum v2v_status lock(struct v2v_run_folder *folder)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    V2V_TRY(path_in(path, folder, "lock"));
+    V2V_TRY(path_in(path, folder, LOCK));
     rc = v2v_file_lock(&folder->lock, path);
     if (rc == V2V_E_BUSY) {
         rc = V2V_FAIL(rc, "%s: another run works in this folder", folder->path);
@@ -51,6 +54,7 @@ static enum v2v_status enter_on_main_rank(struct v2v_run_folder *folder,
     if (v2v_file_exists(job->folder) && !v2v_file_is_folder(job->folder)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: is a file, not a folder", job->folder));
     }
+    folder->is_new = !v2v_file_exists(job->folder);
     V2V_TRY(v2v_file_make_folder(job->folder));
     V2V_TRY(lock(folder));
     if (v2v_checkpoint_exists(job->folder) && !job->resume && !job->force) {
@@ -84,7 +88,7 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
     if (step == 0) {
         V2V_TRY(v2v_checkpoint_forget(folder->path));
     }
-    V2V_TRY(path_in(path, folder, "config.yaml"));
+    V2V_TRY(path_in(path, folder, CONFIG));
     V2V_TRY(v2v_file_write_text(path, folder->config_text));
     V2V_TRY(path_in(path, folder, METRICS));
     V2V_TRY(v2v_json_lines_cut(path, step));
@@ -121,10 +125,33 @@ enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
     return v2v_json_print(folder->log, items, count);
 }
 
-void v2v_run_folder_leave(struct v2v_run_folder *folder)
+static int is_empty(const struct v2v_run_folder *folder)
+{
+    char path[V2V_PATH_BYTES];
+    struct stat state;
+    return path_in(path, folder, METRICS) == V2V_OK &&
+           !(stat(path, &state) == 0 && state.st_size > 0) && !v2v_checkpoint_exists(folder->path);
+}
+
+static void discard(const struct v2v_run_folder *folder)
+{
+    static const char *const names[] = {CONFIG, METRICS, LOCK};
+    char path[V2V_PATH_BYTES];
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (path_in(path, folder, names[i]) == V2V_OK) {
+            unlink(path);
+        }
+    }
+    rmdir(folder->path); /* fails, and should, when there is more in it */
+}
+
+void v2v_run_folder_leave(struct v2v_run_folder *folder, int has_failed)
 {
     if (folder->log != NULL) {
         (void)fclose(folder->log);
+    }
+    if (has_failed && folder->is_new && folder->lock >= 0 && is_empty(folder)) {
+        discard(folder);
     }
     if (folder->lock >= 0) {
         (void)close(folder->lock);

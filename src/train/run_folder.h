@@ -9,6 +9,7 @@
 
 struct v2v_run_folder {
     const char *path;
+    int is_new;        /* bool: there was none before */
     int lock;          /* descriptor of the locked file, -1: none */
     FILE *log;         /* metrics.jsonl, rank 0 only */
     char *config_text; /* resolved configuration, rank 0 only; of v2v_text_open */
@@ -29,6 +30,9 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
 enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
                                    const struct v2v_step_result *result,
                                    const struct v2v_par_time *began) V2V_MUST_CHECK;
-void v2v_run_folder_leave(struct v2v_run_folder *folder);
+
+/* A run that failed before its first step leaves no folder behind that was not there; one that does
+ * not hold the lock, nothing of another's. Local; rank 0 works. */
+void v2v_run_folder_leave(struct v2v_run_folder *folder, int has_failed);
 
 #endif

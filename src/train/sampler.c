@@ -214,7 +214,7 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
     sampler->width = crop > 0 ? crop : v2v_round_up(info->width, unit);
     int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
     size_t most = (size_t)KEPT_BYTES;
-    if (kind != NULL && v2v_mem_room() / 2 < most) { /* the rest is for the network */
+    if (v2v_mem_room() / 2 < most) { /* the rest is for the network */
         most = v2v_mem_room() / 2;
     }
     int64_t fit = (int64_t)most / bytes;

@@ -206,7 +206,7 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
                               struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    struct run run = {.job = job, .comm = comm, .checkpointed = -1};
+    struct run run = {.job = job, .comm = comm, .checkpointed = -1, .folder.lock = -1};
     *report = (struct v2v_train_report){0};
     run.started = run.last_checkpoint = v2v_clock_now();
     V2V_TRY(v2v_alike_processors(job->config, comm));
@@ -230,6 +230,6 @@ done:
     report->steps = run.step;
     report->seconds = v2v_clock_now() - run.started;
     v2v_trainer_destroy(&run.trainer);
-    v2v_run_folder_leave(&run.folder);
+    v2v_run_folder_leave(&run.folder, rc != V2V_OK);
     return rc;
 }

@@ -51,6 +51,15 @@ struct v2v_problem {
 struct v2v_estimator_ops;
 struct v2v_projector_share;
 
+/** Views that are means of several frames, of more where less changed (method/fusion.h), and the
+ *  noise of one frame. */
+struct v2v_averaging {
+    const float *frames;   /**< [v,y,x]: 1 or more; a frame's variance over it is left, or less */
+    double sigma;          /**< of a frame's noise, where it is the same for all samples .. */
+    double gain, variance; /**< .. and of photons, of variance gain * level + variance */
+    int is_of_photons;     /**< bool: it shows that it is */
+};
+
 /** What is known about the part of a frame that views are of: light of the frame, as it is outside
  *  of the part. */
 struct v2v_surroundings {
@@ -79,6 +88,8 @@ struct v2v_estimator {
                                           earliest, where the method knows it */
     int64_t most_iterations;         /**< of the runs from here on; 0: as configured */
     const struct v2v_surroundings *around; /**< of the next runs of a part; borrowed */
+    const struct v2v_averaging *averaging; /**< of the views looked at or run next; NULL: they are
+                                                of one frame; borrowed */
     int64_t frame; /**< under way, as users count: set by the caller, for monitors and messages */
     double units;  /**< volume * units is in the recording's: set by the caller, else 1 */
     void *self;    /**< the method's own */
@@ -117,10 +128,11 @@ struct v2v_estimator_ops {
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
     int (*is_open)(const struct v2v_config *config);
     /** Decide it, by the views [v,y,x] of a whole frame, the same on all ranks.
-     *  @kind Collective(comm). @param config problem's own
+     *  @kind Collective(comm). @param config problem's own @param averaging of views; may be NULL
      *  @return V2V_OK | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC; agreed */
     enum v2v_status (*settle)(struct v2v_config *config, const struct v2v_problem *problem,
-                              const float *views, const struct v2v_comm *comm);
+                              const float *views, const struct v2v_averaging *averaging,
+                              const struct v2v_comm *comm);
 
     /** What a frame takes: rows, unit of its sides, cuts, memory, ranks that may share it
      *  (most_shards), outputs (most_branches), the mean of which is the result. @kind Local.
@@ -173,9 +185,11 @@ struct v2v_input_settings v2v_estimator_input(const struct v2v_estimator_ops *op
  *  @kind   Collective(world)
  *  @param  config problem's own; deconv and recon are settled
  *  @param  views [v,y,x] of a whole frame, the same on all ranks
+ *  @param  averaging of views; NULL: they are of one frame
  *  @return as ops->settle; agreed */
 enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem, const float *views,
+                                     const struct v2v_averaging *averaging,
                                      const struct v2v_comm *world) V2V_MUST_CHECK;
 
 /** The one that a network's weights are for. @kind Local. */

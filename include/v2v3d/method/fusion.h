@@ -4,6 +4,7 @@
 #include "v2v3d/base/status.h"
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/scaling.h"
+#include "v2v3d/method/estimator.h"
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -41,6 +42,10 @@ void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *
 
 /** The weighted mean. @kind Local, no allocation. @param views [v,y,x] out */
 void v2v_fusion_end(struct v2v_fusion *fusion, float *views);
+
+/** Of the views that _end or _read gave last, until the next begin or read; NULL: they are of one
+ *  frame. @kind Local. */
+const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion);
 
 /** Frame t of a recording, scaled, and fused with `neighbours` frames on either side, at the ends
  *  of a recording with more on the other one; also with those beyond a cut. The watchdog is

@@ -20,6 +20,7 @@ struct v2v_left_out {
     struct v2v_projector *projector; /**< onto these; NULL: nothing is predicted */
     struct v2v_psf_file psf;         /**< of those that are used */
     float *recorded;                 /**< [used,y,x] */
+    float *frames;                   /**< likewise, of their averaging; NULL: they have none */
     float *volume, *rows;            /**< the projector's share of both */
 };
 
@@ -55,9 +56,10 @@ void v2v_left_out_destroy(struct v2v_left_out **left_out);
 
 /** The volume of the views that are used. @kind Collective(shard), no allocation.
  *  @param slices [estimator->slices,y,x] out @param views [v,y,x], all of the frame
+ *  @param averaging of the views, by recon.neighbours of the problem; may be NULL
  *  @return V2V_OK | V2V_STOPPED | V2V_E_NUMERIC; agreed by the shard */
-enum v2v_status v2v_left_out_run(struct v2v_left_out *left_out, float *slices,
-                                 const float *views) V2V_MUST_CHECK;
+enum v2v_status v2v_left_out_run(struct v2v_left_out *left_out, float *slices, const float *views,
+                                 const struct v2v_averaging *averaging) V2V_MUST_CHECK;
 
 /** What a volume shows in the views left out, in their order, or in all where none is.
  *  @kind Collective(shard), no allocation. @param predicted [predicted,y,x] out, whole on all ranks

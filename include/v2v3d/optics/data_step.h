@@ -112,8 +112,13 @@ enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step) V2V_MUST_
  *      u = (weight * y + A x + p) / (weight + 1),   p <- A x + p - u,   y' = u - p
  *  so that runs and extends in turn end at the minimum of the weighted squares, whatever the
  *  weights' size. After some extends A x is that of all of them, the newest counting less and
- *  less (REFERENCE.md 10). @kind Local, after take_weights and begin. */
+ *  less (REFERENCE.md 10). @kind Local, after take_weights and begin. @param gain 0: of all light
+ *  alike */
 void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
+
+/** From here to the next begin the weights are those times frames / unit: samples are means of more
+ *  frames than others. @kind Local, after weigh. @param frames [v,height,width], borrowed */
+void v2v_data_step_average(struct v2v_data_step *step, const float *frames, double unit);
 
 /** x from v, in place. @kind Collective(comm), no allocation.
  *  @param  volume [slices, torus rows of this rank, torus width]: v on entry, x on return

@@ -502,7 +502,7 @@ static enum v2v_status settle(struct v2v_config *settled, enum v2v_number_mode l
     settled->deconv.lambda.mode = lambda;
     assert_ok(v2v_estimator_find(&tv, "tv"));
     assert_true(v2v_estimator_is_open(tv, settled));
-    return v2v_estimator_settle(settled, tv, &problem, recorded, world);
+    return v2v_estimator_settle(settled, tv, &problem, recorded, NULL, world);
 }
 
 static void make_noisy(float *recorded, double light, double noise)

@@ -301,7 +301,7 @@ static double settled_strength(const float *views, const struct v2v_comm *world)
         .config = &settled, .psf = &psf, .weights = weights, .height = HEIGHT, .width = WIDTH};
     settled.recon.strength.mode = V2V_NUMBER_AUTO;
     assert_true(v2v_estimator_is_open(method, &settled));
-    assert_ok(v2v_estimator_settle(&settled, method, &problem, views, world));
+    assert_ok(v2v_estimator_settle(&settled, method, &problem, views, NULL, world));
     assert_int_equal(settled.recon.strength.mode, V2V_NUMBER_GIVEN);
     return settled.recon.strength.value;
 }

@@ -394,6 +394,47 @@ static void what_moved_is_that_of_the_frame_itself(void **state)
     }
 }
 
+/* Frames that fused samples say they are means of: all where nothing changed, one where a spot came
+ * or went. Where nothing changed as much of the variance is left as that says, or, since noise
+ * takes some weight from some, a little less. And nothing of views of one frame. */
+static void samples_say_how_many_frames_they_are_of(void **state)
+{
+    (void)state;
+    struct v2v_fusion *fusion = NULL;
+    double squares = 0.0, expected = 0.0, count = 0.0;
+    make_frames(20.0 * noise);
+    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH));
+    assert_null(v2v_fusion_averaging(fusion));
+    v2v_fusion_begin(fusion, frames[0]);
+    for (int u = 1; u < FRAMES; u++) {
+        v2v_fusion_add(fusion, frames[0], frames[u]);
+    }
+    v2v_fusion_end(fusion, fused);
+    const struct v2v_averaging *averaging = v2v_fusion_averaging(fusion);
+    assert_non_null(averaging);
+    assert_true(averaging->sigma == sigma_of(frames[0]));
+    assert_false(averaging->is_of_photons);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const double of = (double)averaging->frames[i];
+        const int is_spot = spot(1.0, i, 30, 20) > 0.6 || spot(1.0, i, 30, 50) > 0.6;
+        assert_true(of >= 1.0 && of <= FRAMES + 1e-5);
+        assert_true(!is_spot || of < 1.1);
+        if (spot(1.0, i, 30, 20) < 1e-6 && spot(1.0, i, 30, 50) < 1e-6) {
+            squares += pow((double)fused[i] - 100.0, 2.0);
+            expected += noise * noise / of;
+            count += 1.0;
+        }
+    }
+    if (!(squares / expected > 0.85 && squares / expected < 1.0 + 5.0 * sqrt(2.0 / count))) {
+        fail_msg("variance %g of what frames say", squares / expected);
+    }
+    memset(frames[0], 0, sizeof frames[0]); /* no noise: nothing is averaged */
+    v2v_fusion_begin(fusion, frames[0]);
+    v2v_fusion_end(fusion, fused);
+    assert_null(v2v_fusion_averaging(fusion));
+    v2v_fusion_destroy(&fusion);
+}
+
 static void weights_do_not_depend_on_the_unit(void **state)
 {
     (void)state;
@@ -556,6 +597,7 @@ int main(void)
         cmocka_unit_test(a_uniform_change_weighs_as_the_formula_says),
         cmocka_unit_test(brightness_of_a_frame_is_kept),
         cmocka_unit_test(what_moved_is_that_of_the_frame_itself),
+        cmocka_unit_test(samples_say_how_many_frames_they_are_of),
         cmocka_unit_test(weights_do_not_depend_on_the_unit),
         cmocka_unit_test(without_noise_or_finite_samples_a_frame_stays_as_it_is),
         cmocka_unit_test(what_is_not_finite_in_a_neighbour_is_left_out),

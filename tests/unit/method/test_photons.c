@@ -69,7 +69,7 @@ static void assert_settles(int noise)
         config.deconv.noise = V2V_NOISE_MODEL_AUTO;
         config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 0.5};
         assert_true(ops->is_open(&config));
-        assert_ok(ops->settle(&config, &problem, views, NULL));
+        assert_ok(ops->settle(&config, &problem, views, NULL, NULL));
         assert_int_equal(config.deconv.noise, noise);
         assert_false(ops->is_open(&config));
     }
@@ -193,7 +193,7 @@ static void a_camera_that_cannot_be_meant_is_refused(void **state)
     assert_ok(v2v_camera_check(&problem));
     config.deconv.noise = V2V_NOISE_MODEL_AUTO;
     problem.skip = 0.02;
-    assert_int_equal(tv->settle(&config, &problem, views, NULL), V2V_E_CONFIG);
+    assert_int_equal(tv->settle(&config, &problem, views, NULL, NULL), V2V_E_CONFIG);
     assert_non_null(strstr(v2v_status_message(), "recon.skip averages"));
 }
 

@@ -103,7 +103,7 @@ static double strength_of(const struct small_depth_net *net, const struct v2v_ps
                                      NULL, NULL));
     const struct v2v_problem problem = {
         .config = &config, .psf = psf, .weights = path, .height = SIDE, .width = SIDE};
-    assert_ok(v2v_strength_choose(&strength, &problem, views, NULL));
+    assert_ok(v2v_strength_choose(&strength, &problem, views, NULL, NULL));
     return strength;
 }
 

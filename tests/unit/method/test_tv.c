@@ -330,8 +330,8 @@ static void small_frames_and_few_views_work(void **state)
 static double settled(int mode, const struct v2v_problem *problem, const float *views)
 {
     struct v2v_number lambda = {mode, 0.03}, again = lambda;
-    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL));
-    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL));
+    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL, NULL));
+    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL, NULL));
     assert_int_equal(lambda.mode, V2V_NUMBER_GIVEN);
     assert_true(lambda.value == again.value);
     return lambda.value;
@@ -376,7 +376,7 @@ static void the_weight_is_found_by_views_left_out(void **state)
     const double moved = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(moved != usual && moved == settled(V2V_NUMBER_AUTO, &problem, views));
     psf.views = 2;
-    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL), V2V_E_CONFIG);
+    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL, NULL), V2V_E_CONFIG);
     assert_true(settled(V2V_NUMBER_NONE, &problem, views) == 0.03); /* too few to leave some out */
     v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
@@ -431,6 +431,62 @@ static void noise_of_photons_is_weighted(void **state)
     (void)error_by(V2V_NOISE_MODEL_GAUSSIAN, even, 0.0, 0.05);
     (void)error_by(V2V_NOISE_MODEL_AUTO, found, 0.0, 0.05);
     assert_memory_equal(found, even, sizeof found);
+}
+
+/* Error of the volume of views of which every other 6 rows are means of `frames` frames, told so or
+ * not. */
+static double error_of_averages(float frames, int is_told, double photons)
+{
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    static float sum[VIEWS * PIXELS], of[VIEWS * PIXELS];
+    const double read = photons > 0.0 ? 0.0 : 0.05;
+    const struct v2v_estimator_ops *ops = NULL;
+    struct v2v_estimator *estimator = NULL;
+    struct v2v_psf_file psf = small_psf();
+    float *to = volume;
+    config.deconv.noise = V2V_NOISE_MODEL_AUTO;
+    config.recon.neighbours = 1;
+    box_views(sum, truth, &psf, 0.0, 0.0);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        of[i] = i / SIDE % 12 < 6 ? 1.0f : frames;
+        const double light = fmax(0.0, (double)sum[i]);
+        const double counts = photons * (double)of[i];
+        const double made =
+            photons > 0.0 ? (double)v2v_random_poisson(61, 0, (uint64_t)i, light * counts) / counts
+                          : light;
+        views[i] =
+            (float)(made + read / sqrt((double)of[i]) * v2v_random_normal(61, 1, (uint64_t)i));
+    }
+    const struct v2v_averaging averaging = {of, read, photons > 0.0 ? 1.0 / photons : 0.0, 0.0,
+                                            photons > 0.0};
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    assert_ok(v2v_estimator_find(&ops, "tv"));
+    assert_ok(v2v_estimator_create(&estimator, ops, &problem, NULL));
+    estimator->averaging = is_told ? &averaging : NULL;
+    assert_ok(ops->run(estimator, &to, views, NULL));
+    if (is_told) { /* and the noise is found where it is known */
+        const double missed = estimator->misfit.missed;
+        print_message("frames %g, photons %g: missed by %g\n", (double)frames, photons, missed);
+        assert_true(missed > 0.8 && missed < 1.2);
+    }
+    v2v_estimator_destroy(&estimator);
+    v2v_psf_file_fini(&psf);
+    return test_relative_l2(volume, truth, SLICES * PIXELS);
+}
+
+/* Samples of less noise count for more. */
+static void averages_count_by_their_frames(void **state)
+{
+    (void)state;
+    for (int of_photons = 0; of_photons < 2; of_photons++) {
+        const double photons = of_photons ? 30.0 : 0.0;
+        const double told = error_of_averages(9.0f, 1, photons);
+        const double untold = error_of_averages(9.0f, 0, photons);
+        if (!(told < 0.97 * untold)) {
+            fail_msg("photons %g: error %g, %g untold", photons, told, untold);
+        }
+    }
 }
 
 /* Weights go by the volume's light and the volume by weights: where views contradict each other,
@@ -558,6 +614,7 @@ int main(void)
         cmocka_unit_test_setup(noise_of_the_views_is_found, setup),
         cmocka_unit_test_setup(noise_of_photons_is_found, setup),
         cmocka_unit_test_setup(noise_of_photons_is_weighted, setup),
+        cmocka_unit_test_setup(averages_count_by_their_frames, setup),
         cmocka_unit_test_setup(views_at_any_brightness_give_the_volume_at_that, setup),
         cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
         cmocka_unit_test_setup(a_deep_sample_gives_no_light, setup),

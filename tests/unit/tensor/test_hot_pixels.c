@@ -72,6 +72,28 @@ static void what_light_can_make_stays(void **state)
     assert_memory_equal(images, whole, sizeof images);
 }
 
+/* Of few photons most pixels have none, and one alone is no hot pixel; one of 40 counts is. */
+static void single_photons_stay(void **state)
+{
+    (void)state;
+    static const double scales[] = {1.0, 7.5, 1e-6};
+    for (size_t k = 0; k < sizeof scales / sizeof *scales; k++) {
+        int64_t photons = 0;
+        draw(0.0, 0.0);
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const int64_t n =
+                v2v_random_poisson(5, 1, (uint64_t)i, 0.01 + 0.005 * (double)whole[i]);
+            images[i] = whole[i] = (float)(scales[k] * (double)n);
+            photons += n;
+        }
+        assert_true(photons > SAMPLES / 100 && photons < SAMPLES / 5);
+        assert_int_equal(mend(0.31), 0);
+        assert_memory_equal(images, whole, sizeof images);
+        set(0, 8, 8, 40.0 * scales[k]);
+        assert_int_equal(mend(0.31), 1);
+    }
+}
+
 /* A frame that is dark but for a pixel has no light to compare it with. */
 static void nothing_is_compared_with_the_dark(void **state)
 {
@@ -88,6 +110,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hot_pixels_become_their_neighbours_median),
+        cmocka_unit_test(single_photons_stay),
         cmocka_unit_test(what_light_can_make_stays),
         cmocka_unit_test(nothing_is_compared_with_the_dark),
     };
