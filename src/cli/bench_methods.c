@@ -84,16 +84,20 @@ struct row {
     struct v2v_heldout heldout;
 };
 
-static int is_method(const char *name)
+/* Is there a row of this name? */
+static enum v2v_status check_row(const char *name)
 {
+    char rows[512] = "";
     for (int i = 0; i < DECONVOLVERS + NETWORKS; i++) {
         const struct method *method =
             i < DECONVOLVERS ? &deconvolvers[i] : &networks[i - DECONVOLVERS];
+        const size_t used = strlen(rows);
         if (strcmp(name, method->name) == 0) {
-            return 1;
+            return V2V_OK;
         }
+        snprintf(rows + used, sizeof rows - used, "%s%s", i > 0 ? ", " : "", method->name);
     }
-    return 0;
+    return V2V_FAIL(V2V_E_USAGE, "--only: there is no row '%s'; there are %s", name, rows);
 }
 
 static int is_wanted(const struct v2v_words *only, const char *name)
@@ -215,9 +219,7 @@ static enum v2v_status prepare(struct bench *bench)
     struct v2v_psf_file psf = {0};
     struct v2v_recording *recording = NULL;
     for (int64_t i = 0; i < given->only.count; i++) {
-        if (!is_method(given->only.item[i])) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--only: there is no row '%s'", given->only.item[i]));
-        }
+        V2V_TRY(check_row(given->only.item[i]));
     }
     V2V_TRY(v2v_step_psf(bench->session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(bench->session, &recording, given->input, &psf));

@@ -20,6 +20,9 @@ static const double certain = 8.0;
 /* Of a view's brightness, beside the others'; and of what is missed of it, what this explains. */
 static const double least_odd = 1.05, most_of_it = 0.75;
 
+/* Of a view's structure, less of which away from the border are tails of what lies there. */
+static const double least_inside = 0.02;
+
 /* Of a sum of squares that rounding made negative; NaN stays. */
 static double positive(double x)
 {
@@ -38,6 +41,27 @@ static double mixed_difference(const float *at, int64_t width)
     return ((double)at[0] - (double)at[1]) - ((double)at[width] - (double)at[width + 1]);
 }
 
+/* Noise of a square, by the light p that the projection has there. */
+static void add_light(struct v2v_structure *to, const float *recorded, const float *projected,
+                      int64_t width, double p)
+{
+    double yy = 0.0, yp = 0.0, pp = 0.0;
+    for (int64_t i = 0; i < SIDE - 1; i++) {
+        for (int64_t j = 0; j < SIDE - 1; j++) {
+            const double a = mixed_difference(recorded + i * width + j, width);
+            const double b = mixed_difference(projected + i * width + j, width);
+            yy += a * a;
+            yp += a * b;
+            pp += b * b;
+        }
+    }
+    const double weight = p * p / ((SIDE - 1) * (SIDE - 1));
+    to->light += p * p;
+    to->lyy += weight * yy;
+    to->lyp += weight * yp;
+    to->lpp += weight * pp;
+}
+
 /* Sums of products of means, and less the products of their sums. */
 static void add_squares(struct v2v_structure *to, const float *recorded, const float *projected,
                         int64_t width, struct v2v_part rows, struct v2v_part columns)
@@ -54,6 +78,7 @@ static void add_squares(struct v2v_structure *to, const float *recorded, const f
             y += a;
             p += b;
             to->squares += 1.0;
+            add_light(to, recorded + at, projected + at, width, b);
         }
     }
     to->yy = positive(to->yy - y * y / to->squares);
@@ -91,7 +116,12 @@ static struct v2v_structure structure_of(const float *recorded, const float *pro
 struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
                                       int64_t width)
 {
-    return structure_of(recorded, projected, width, inside(height), inside(width));
+    const struct v2v_structure found =
+        structure_of(recorded, projected, width, inside(height), inside(width));
+    struct v2v_structure whole = {0};
+    add_squares(&whole, recorded, projected, width, (struct v2v_part){0, height},
+                (struct v2v_part){0, width});
+    return found.yy >= least_inside * whole.yy ? found : (struct v2v_structure){0};
 }
 
 void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *structure)
@@ -104,6 +134,10 @@ void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *st
     sum->dpp += structure->dpp;
     sum->squares += structure->squares;
     sum->differences += structure->differences;
+    sum->light += structure->light;
+    sum->lyy += structure->lyy;
+    sum->lyp += structure->lyp;
+    sum->lpp += structure->lpp;
 }
 
 static double scale_of(const struct v2v_structure *structure)
@@ -116,6 +150,13 @@ static double variance_of(const struct v2v_structure *structure, double scale)
 {
     const double left = structure->dyy - scale * (2.0 * structure->dyp - scale * structure->dpp);
     return positive(left) / (4.0 * structure->differences * SIDE * SIDE);
+}
+
+/* The same where it counts for brightness: by the light. */
+static double variance_in_light(const struct v2v_structure *structure, double scale)
+{
+    const double left = structure->lyy - scale * (2.0 * structure->lyp - scale * structure->lpp);
+    return positive(left) / (4.0 * structure->light * SIDE * SIDE);
 }
 
 /* Squares missed, the noise's and what exceeds it. */
@@ -166,8 +207,11 @@ double v2v_structure_brightness(const struct v2v_structure *view,
 {
     const double scale = scale_of(others), own = positive(scale_of(view));
     const double times = own / scale;
-    const double variance = variance_of(view, scale);
-    const double missed = squares_missed(view, scale) - view->squares * variance;
+    if (!(view->light > 0.0)) { /* its light isn't known */
+        return 1.0;
+    }
+    const double variance = variance_in_light(view, scale);
+    const double missed = squares_missed(view, scale) - view->squares * variance_of(view, scale);
     const double by_brightness = (own - scale) * (own - scale) * view->pp;
     const int is_odd = scale > 0.0 && fmax(times, 1.0 / times) > least_odd &&
                        by_brightness > certain * certain * variance &&
@@ -195,6 +239,11 @@ enum v2v_status v2v_structure_shifts(double *shift, const float *recorded, const
     V2V_TRY(V2V_ALLOC(images, "eval.shifts", v2v_mem_product(2, pixels, 1)));
     V2V_TRY(v2v_fourier_create(&fourier, rows.count, columns.count));
     for (int64_t v = 0; v < count; v++) {
+        const float *one = recorded + v * height * width;
+        if (v2v_structure_of(one, one, height, width).squares == 0.0) {
+            shift[2 * v] = shift[2 * v + 1] = NAN;
+            continue;
+        }
         cut(images, recorded + v * height * width, width, rows, columns);
         cut(images + pixels, projected + v * height * width, width, rows, columns);
         v2v_fourier_shift(fourier, shift + 2 * v, images, images + pixels);

@@ -260,12 +260,12 @@ static enum v2v_status minimise(double *value, struct search *search, double *x,
         nlopt_set_lower_bounds(optimiser, low) < 0 || nlopt_set_upper_bounds(optimiser, high) < 0 ||
         nlopt_set_initial_step(optimiser, steps) < 0 || nlopt_set_maxeval(optimiser, most) < 0 ||
         nlopt_set_ftol_abs(optimiser, 1e-8) < 0 || nlopt_set_xtol_rel(optimiser, 1e-7) < 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "psf fit: the optimiser refuses its settings"));
+        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "the optimiser refuses its settings"));
     }
     const nlopt_result end = nlopt_optimize(optimiser, x, value);
     V2V_TRY(search->fit->failed);
     if (end < 0 && end != NLOPT_ROUNDOFF_LIMITED) {
-        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "psf fit: the optimiser fails with %d", (int)end));
+        V2V_TRY(V2V_FAIL(V2V_E_INTERNAL, "the optimiser fails with %d", (int)end));
     }
     take(search, x); /* whatever else ended it, x is the best that it tried */
 done:
@@ -338,13 +338,12 @@ static enum v2v_status prepare(struct fit *fit)
     struct v2v_optics_settings *settings = &fit->settings;
     if (psf->height != psf->width) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "psf fit: slices of %" PRId64 " x %" PRId64
+                         "slices of %" PRId64 " x %" PRId64
                          " pixels; only square ones are simulated",
                          psf->height, psf->width));
     }
     if (psf->views * LETTERS_OF_TILT > (int64_t)sizeof settings->tilts) { /* before hours of it */
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "psf fit: the tilts of %" PRId64 " views do not fit into optics.tilts",
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the tilts of %" PRId64 " views do not fit into optics.tilts",
                          psf->views));
     }
     V2V_TRY(V2V_ALLOC(fit->slope, "psf.fit", psf->views));

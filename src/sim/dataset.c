@@ -91,14 +91,19 @@ static enum v2v_status compare_settings(const struct workplace *workplace,
     return V2V_OK;
 }
 
-/* Is it NNNNNN_truth.h5, _clean.h5 or _noisy.h5? */
+/* A scene's files are NNNNNN_truth.h5 and so on. */
+static const char *const whats[] = {"truth", "clean", "noisy"};
+enum { WHATS = sizeof whats / sizeof whats[0] };
+
 static int is_scene_file(const char *name)
 {
-    static const char *const whats[] = {"_truth.h5", "_clean.h5", "_noisy.h5"};
     const size_t digits = strspn(name, "0123456789");
     int is_one = 0;
-    for (size_t i = 0; i < sizeof whats / sizeof whats[0]; i++) {
-        is_one |= digits >= 6 && strcmp(name + digits, whats[i]) == 0;
+    for (size_t i = 0; i < WHATS; i++) {
+        const size_t length = strlen(whats[i]);
+        is_one |= digits >= 6 && name[digits] == '_' &&
+                  strncmp(name + digits + 1, whats[i], length) == 0 &&
+                  strcmp(name + digits + 1 + length, ".h5") == 0;
     }
     return is_one;
 }
@@ -174,9 +179,14 @@ done:
 /* Is the scene to be made? What a data set with these settings has of it is complete. */
 static enum v2v_status check_missing(int *is_missing, const struct v2v_dataset *dataset, int64_t n)
 {
+    enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    const enum v2v_status rc = path_of(path, dataset, n, "noisy");
-    *is_missing = rc != V2V_OK || !v2v_file_exists(path);
+    *is_missing = 0;
+    for (size_t i = 0; i < WHATS; i++) {
+        V2V_TRY(path_of(path, dataset, n, whats[i]));
+        *is_missing |= !v2v_file_exists(path);
+    }
+done:
     return rc;
 }
 

@@ -15,9 +15,13 @@ struct v2v_structure {
     double yy, yp, pp;    /**< sums over the squares .. */
     double dyy, dyp, dpp; /**< .. and over the differences: 4 sigma^2 each, of white noise */
     double squares, differences;
+    double light;         /**< sum of p^2 of the squares .. */
+    double lyy, lyp, lpp; /**< .. and of p^2 times the mean of their differences: noise as it counts
+                               for brightness, that of photons being where the light is */
 };
 
-/** One view, of zeros where it has fewer than four squares. Add the members for several.
+/** One view, of zeros where it has fewer than four squares, or only tails of a structure that lies
+ *  at the border. Add the members for several.
  *  @kind Local. @param recorded, projected [y,x] */
 struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
                                       int64_t width);
@@ -35,8 +39,9 @@ double v2v_structure_missed(const struct v2v_structure *structure);
 int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int64_t width);
 
 /** How many times as bright as the volume has it a view's structure is, beside the other views:
- *  1 unless that is beyond 5 % and the noise, and most of what the volume misses of the view. As of
- *  one that was blocked, or of another gain. @kind Local. @param others their sum */
+ *  1 unless that is known, beyond 5 % and the noise where the light is, and most of what the volume
+ *  misses of the view. As of one that was blocked, or of another gain.
+ *  @kind Local. @param others their sum */
 double v2v_structure_brightness(const struct v2v_structure *view,
                                 const struct v2v_structure *others);
 

@@ -33,8 +33,8 @@ struct v2v_calibration_report {
  *  @kind   Collective(comm); any number of ranks finds the same to the bit
  *  @param  problem   config, psf, height, width
  *  @param  views     [v,height,width] less their offset, the same on all ranks
- *  @return V2V_OK | V2V_E_INPUT (one view alone, a dark frame) | V2V_E_CONFIG | V2V_E_MEMORY |
- *          V2V_STOPPED | V2V_E_NUMERIC; agreed
+ *  @return V2V_OK | V2V_E_INPUT (fewer than three views, a dark frame) | V2V_E_CONFIG |
+ *          V2V_E_MEMORY | V2V_STOPPED | V2V_E_NUMERIC; agreed
  *  @cost   of deconvolve's frames without other options: 30 to 50; tells how far it is
  *  @source REFERENCE.md 13 */
 enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,

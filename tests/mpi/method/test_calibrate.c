@@ -111,7 +111,7 @@ static void views_come_back_into_register(void **state)
     v2v_psf_file_fini(&psf);
 }
 
-static void a_view_alone_has_nothing_to_be_compared_with(void **state)
+static void two_views_cannot_be_compared(void **state)
 {
     (void)state;
     static const float views[PIXELS];
@@ -120,7 +120,7 @@ static void a_view_alone_has_nothing_to_be_compared_with(void **state)
     struct v2v_calibration found;
     struct v2v_calibration_report report;
     v2v_config_defaults(&config);
-    psf.views = 1;
+    psf.views = 2;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
     assert_int_equal(v2v_calibrate(&found, &report, &problem, views, test_world()), V2V_E_INPUT);
@@ -131,7 +131,7 @@ int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_come_back_into_register),
-        cmocka_unit_test(a_view_alone_has_nothing_to_be_compared_with),
+        cmocka_unit_test(two_views_cannot_be_compared),
     };
     return test_mpi_main(tests, argc, argv);
 }

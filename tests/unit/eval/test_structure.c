@@ -92,6 +92,56 @@ static void another_brightness_is_told_beyond_the_noise(void **state)
     assert_true(v2v_structure_brightness(&none, &none) == 1.0);
 }
 
+static void draw_at_border(void)
+{
+    for (int i = 0; i < PIXELS; i++) {
+        const double y = (double)(i / WIDTH) - 5.0, x = (double)(i % WIDTH) - 5.0;
+        projected[i] = (float)(100.0 * exp(-(y * y + x * x) / 200.0));
+        recorded[i] = projected[i] * (y > 20.0 || x > 20.0 ? 0.5f : 1.0f);
+    }
+}
+
+/* A bright spot at the border, of which tails alone are inside: nothing is known of them. */
+static void tails_of_what_lies_at_the_border_tell_nothing(void **state)
+{
+    (void)state;
+    double shift[2];
+    draw_at_border();
+    const struct v2v_structure found = v2v_structure_of(recorded, projected, HEIGHT, WIDTH);
+    const struct v2v_structure others = structure(0.0, 3.0, 0.5);
+    assert_true(found.squares == 0.0 && isnan(v2v_structure_missed(&found)));
+    assert_true(v2v_structure_brightness(&found, &others) == 1.0);
+    draw_at_border();
+    assert_ok(v2v_structure_shifts(shift, recorded, projected, 1, HEIGHT, WIDTH));
+    assert_true(isnan(shift[0]) && isnan(shift[1]));
+}
+
+/* Ten views of few photons, in one bright spot that most of them lie in: none is odd. */
+static void noise_of_photons_makes_no_view_odd(void **state)
+{
+    (void)state;
+    enum { VIEWS = 10, SEEDS = 20 };
+    struct v2v_structure of[VIEWS];
+    for (int seed = 0; seed < SEEDS; seed++) {
+        struct v2v_structure all = {0};
+        for (int v = 0; v < VIEWS; v++) {
+            for (int i = 0; i < PIXELS; i++) {
+                const double y = (double)(i / WIDTH) - HEIGHT / 2.0;
+                const double x = (double)(i % WIDTH) - WIDTH / 2.0;
+                const double light = 0.002 + 1.5 * exp(-(y * y + x * x) / 18.0);
+                projected[i] = (float)light;
+                recorded[i] =
+                    (float)v2v_random_poisson((uint64_t)seed, (uint64_t)v, (uint64_t)i, light);
+            }
+            of[v] = v2v_structure_of(recorded, projected, HEIGHT, WIDTH);
+            v2v_structure_add(&all, &of[v]);
+        }
+        for (int v = 0; v < VIEWS; v++) {
+            assert_true(v2v_structure_brightness(&of[v], &all) == 1.0);
+        }
+    }
+}
+
 static void a_view_that_moved_is_found_where_it_is(void **state)
 {
     (void)state;
@@ -117,6 +167,8 @@ int main(void)
         cmocka_unit_test(what_the_volume_lacks_is_seen_through_noise),
         cmocka_unit_test(views_without_structure_miss_nothing_that_is_known),
         cmocka_unit_test(another_brightness_is_told_beyond_the_noise),
+        cmocka_unit_test(tails_of_what_lies_at_the_border_tell_nothing),
+        cmocka_unit_test(noise_of_photons_makes_no_view_odd),
         cmocka_unit_test(a_view_that_moved_is_found_where_it_is),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
