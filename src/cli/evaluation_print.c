@@ -94,11 +94,6 @@ void v2v_evaluation_print(const struct v2v_evaluation *evaluation, int fit_scale
     }
 }
 
-static struct v2v_json_item number(const char *name, double value)
-{
-    return (struct v2v_json_item){.name = name, .number = value, .count = -1};
-}
-
 enum { NAME = 40 };
 
 /* Items of the JSON object as they are added. */
@@ -131,20 +126,20 @@ enum v2v_status v2v_evaluation_json(const struct v2v_evaluation *evaluation, int
     struct items items = {0};
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         if (evaluation->value[f] != NULL) {
-            add(&items, number(v2v_figure_names[f], evaluation->mean[f]));
+            add(&items, v2v_json_number(v2v_figure_names[f], evaluation->mean[f]));
         }
     }
     if (evaluation->value[V2V_FIGURE_FLUX] == NULL) {
-        add(&items, number(v2v_figure_names[V2V_FIGURE_FLUX], NAN));
+        add(&items, v2v_json_number(v2v_figure_names[V2V_FIGURE_FLUX], NAN));
     }
-    add(&items, number("heldout_residual", evaluation->heldout));
-    add(&items, number("heldout_sigmas", evaluation->heldout_sigmas));
-    add(&items, number("disagreement", evaluation->disagreement));
-    add(&items, number("resolution_um", evaluation->resolution_um));
-    add(&items, number("resolution_pixels", evaluation->resolution));
-    add(&items, number("frames", (double)evaluation->frames));
-    add(&items, number("heldout_frames", (double)evaluation->consistency.frames));
-    add(&items, number("fit_scale", fit_scale));
+    add(&items, v2v_json_number("heldout_residual", evaluation->heldout));
+    add(&items, v2v_json_number("heldout_sigmas", evaluation->heldout_sigmas));
+    add(&items, v2v_json_number("disagreement", evaluation->disagreement));
+    add(&items, v2v_json_number("resolution_um", evaluation->resolution_um));
+    add(&items, v2v_json_number("resolution_pixels", evaluation->resolution));
+    add(&items, v2v_json_number("frames", (double)evaluation->frames));
+    add(&items, v2v_json_number("heldout_frames", (double)evaluation->consistency.frames));
+    add(&items, v2v_json_number("fit_scale", fit_scale));
     add(&items, (struct v2v_json_item){.name = "warnings", .text = evaluation->warnings});
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         if (evaluation->value[f] != NULL) {

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/fft/fft2.h"
 
 #include <math.h>
@@ -28,7 +29,7 @@ static void fill_window(double *window, int64_t size)
     for (int64_t i = 0; i < size; i++) {
         const int64_t edge = v2v_smaller(i, size - 1 - i);
         window[i] =
-            edge < fade ? 0.5 - 0.5 * cos(acos(-1.0) * ((double)edge + 0.5) / (double)fade) : 1.0;
+            edge < fade ? 0.5 - 0.5 * cos(V2V_PI * ((double)edge + 0.5) / (double)fade) : 1.0;
     }
 }
 

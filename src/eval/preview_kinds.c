@@ -1,4 +1,5 @@
 #include "eval/preview_kinds.h"
+#include "v2v3d/base/pi.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -56,7 +57,7 @@ static double encode(double light)
 uint32_t v2v_preview_hue(int64_t z, int64_t slices, double level)
 {
     const double part = slices > 1 ? (double)z / (double)(slices - 1) : 0.0;
-    const double hue = (25.0 + part * 240.0) * acos(-1.0) / 180.0;
+    const double hue = (25.0 + part * 240.0) * V2V_PI / 180.0;
     const double lightness = 0.76, a = 0.125 * cos(hue), b = 0.125 * sin(hue);
     const double l = pow(lightness + 0.3963377774 * a + 0.2158037573 * b, 3.0);
     const double m = pow(lightness - 0.1055613458 * a - 0.0638541728 * b, 3.0);

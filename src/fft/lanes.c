@@ -1,6 +1,7 @@
 #include "fft/lanes.h"
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include <math.h>
 
 /* 3^39 < 2^63: no length has more. */
@@ -20,7 +21,7 @@ static const int radices[] = {7, 5, 3, 4, 2};
 
 static struct v2v_complex twiddle_of(int64_t part, int64_t whole)
 {
-    const double angle = -2.0 * acos(-1.0) * (double)(part % whole) / (double)whole;
+    const double angle = -2.0 * V2V_PI * (double)(part % whole) / (double)whole;
     return (struct v2v_complex){(float)cos(angle), (float)sin(angle)};
 }
 

@@ -5,6 +5,7 @@
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/nn/adam.h"
 #include "v2v3d/optics/cost.h"
 #include "v2v3d/optics/projector.h"
@@ -273,7 +274,7 @@ static void differentiate(struct diner *self, const float *volume, const float *
 /** Of the learning rates, in step `i` of `steps`: half a cosine from 1 on. */
 static double decay(int64_t i, int64_t steps)
 {
-    const double turn = cos(3.14159265358979323846 * (double)(i - 1) / (double)steps);
+    const double turn = cos(V2V_PI * (double)(i - 1) / (double)steps);
     return last_rate + (1.0 - last_rate) * 0.5 * (1.0 + turn);
 }
 

@@ -1,4 +1,4 @@
-#include "v2v3d/method/lessons.h"
+#include "method/lessons.h"
 
 #include "method/features.h"
 #include "method/tv.h"

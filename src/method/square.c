@@ -62,13 +62,6 @@ struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_
     return best;
 }
 
-struct v2v_square v2v_square_of_image(const float *image, int64_t height, int64_t width,
-                                      int64_t side)
-{
-    return v2v_square_find(image, width, (struct v2v_part){0, height}, (struct v2v_part){0, width},
-                           side);
-}
-
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
                     int64_t height, int64_t width)
 {
@@ -80,23 +73,36 @@ void v2v_square_cut(const struct v2v_square *square, float *to, const float *ima
     }
 }
 
-enum v2v_status v2v_square_cut_averaging(const struct v2v_square *square,
-                                         struct v2v_averaging *part, float **frames,
-                                         const struct v2v_averaging *averaging,
-                                         const struct v2v_problem *problem)
+enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
+                                      const struct v2v_problem *problem, const float *views,
+                                      const struct v2v_averaging *averaging, int64_t side)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t views = problem->psf->views;
-    *frames = NULL;
-    *part = (struct v2v_averaging){0};
-    if (averaging == NULL) {
-        return V2V_OK;
+    const int64_t count = problem->psf->views, height = problem->height, width = problem->width;
+    const struct v2v_part rows = {0, height}, columns = {0, width};
+    const struct v2v_square place = v2v_square_find(views, width, rows, columns, side);
+    *square = (struct v2v_square_views){.height = place.rows.count, .width = place.columns.count};
+    const int64_t samples = v2v_mem_product(count, square->height, square->width);
+    V2V_TRY(V2V_ALLOC(square->views, "square.views", samples));
+    v2v_square_cut(&place, square->views, views, count, height, width);
+    if (averaging != NULL) {
+        V2V_TRY(V2V_ALLOC(square->frames, "square.views", samples));
+        v2v_square_cut(&place, square->frames, averaging->frames, count, height, width);
+        square->averaging = *averaging;
+        square->averaging.frames = square->frames;
     }
-    V2V_TRY(V2V_ALLOC(*frames, "square.averaging",
-                      v2v_mem_product(views, square->rows.count, square->columns.count)));
-    v2v_square_cut(square, *frames, averaging->frames, views, problem->height, problem->width);
-    *part = *averaging;
-    part->frames = *frames;
 done:
     return rc;
+}
+
+void v2v_square_views_fini(struct v2v_square_views *square)
+{
+    v2v_mem_free(square->views);
+    v2v_mem_free(square->frames);
+    *square = (struct v2v_square_views){0};
+}
+
+const struct v2v_averaging *v2v_square_averaging(const struct v2v_square_views *square)
+{
+    return square->frames != NULL ? &square->averaging : NULL;
 }

@@ -14,22 +14,28 @@ struct v2v_square {
 struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
                                   struct v2v_part columns, int64_t side);
 
-/** Likewise, anywhere in the image. @kind Local. @param image [height,width] */
-struct v2v_square v2v_square_of_image(const float *image, int64_t height, int64_t width,
-                                      int64_t side);
-
 /** Images [count,height,width] cut to a square of theirs. @kind Local.
  *  @param to [count,square] out */
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
                     int64_t height, int64_t width);
 
-/** The averaging of a frame's views cut likewise, where there is one.
- *  @kind Local. @param part out, with the frames [v,square] @param frames out: those, to be freed;
- *  NULL: there is none @param averaging of the problem's whole frame; may be NULL
- *  @return V2V_OK | V2V_E_MEMORY */
-enum v2v_status v2v_square_cut_averaging(const struct v2v_square *square,
-                                         struct v2v_averaging *part, float **frames,
-                                         const struct v2v_averaging *averaging,
-                                         const struct v2v_problem *problem) V2V_MUST_CHECK;
+/** The views of a frame in the square of it where the first of them varies most. */
+struct v2v_square_views {
+    int64_t height, width;          /**< of the square */
+    float *views;                   /**< [v,height,width] */
+    float *frames;                  /**< likewise, of .. */
+    struct v2v_averaging averaging; /**< .. theirs; NULL: they are of one frame */
+};
+
+/** @kind Local. @param views [v,y,x] of the problem's whole frame @param averaging theirs, or NULL
+ *  @param side of the square, pixels @return V2V_OK | V2V_E_MEMORY; _fini after both */
+enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
+                                      const struct v2v_problem *problem, const float *views,
+                                      const struct v2v_averaging *averaging,
+                                      int64_t side) V2V_MUST_CHECK;
+void v2v_square_views_fini(struct v2v_square_views *square);
+
+/** Of its views; NULL: there is none. @kind Local. */
+const struct v2v_averaging *v2v_square_averaging(const struct v2v_square_views *square);
 
 #endif

@@ -18,13 +18,10 @@ enum { SIDE = 256 };
 enum { REACH = 13 };
 
 struct chooser {
-    int64_t height, width;          /* of the square */
-    float *views;                   /* [v,height,width] */
-    float *frames;                  /* likewise, of .. */
-    struct v2v_averaging averaging; /* .. theirs; no frames: they are of one frame */
-    float *after;                   /* [z,height,width] */
-    float *predicted, *corrected;   /* [left out,height,width] */
-    float *scratch, *smooth;        /* [height,width] */
+    struct v2v_square_views square;
+    float *after;                 /* [z,height,width] */
+    float *predicted, *corrected; /* [left out,height,width] */
+    float *scratch, *smooth;      /* [height,width] */
     struct v2v_strength_sums all,
         fine; /* of a choice; of the latter, what is finer than 8 pixels */
 };
@@ -34,8 +31,9 @@ enum { CHOICES = V2V_LEFT_OUT_CHOICES };
 
 static void keep_fine(const struct chooser *self, float *image)
 {
-    v2v_smooth_image(self->smooth, self->scratch, image, self->height, self->width, REACH);
-    for (int64_t i = 0; i < self->height * self->width; i++) {
+    v2v_smooth_image(self->smooth, self->scratch, image, self->square.height, self->square.width,
+                     REACH);
+    for (int64_t i = 0; i < self->square.height * self->square.width; i++) {
         image[i] -= self->smooth[i];
     }
 }
@@ -44,10 +42,10 @@ static void keep_fine(const struct chooser *self, float *image)
 static void add(const struct chooser *self, struct v2v_strength_sums *sums, const float *missed,
                 const float *correction)
 {
-    const struct v2v_part rows = v2v_registration_judged(self->height);
-    const struct v2v_part columns = v2v_registration_judged(self->width);
+    const struct v2v_part rows = v2v_registration_judged(self->square.height);
+    const struct v2v_part columns = v2v_registration_judged(self->square.width);
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
-        const int64_t first = y * self->width + columns.first;
+        const int64_t first = y * self->square.width + columns.first;
         for (int64_t i = first; i < first + columns.count; i++) {
             sums->product += (double)missed[i] * (double)correction[i];
             sums->square += (double)correction[i] * (double)correction[i];
@@ -58,7 +56,7 @@ static void add(const struct chooser *self, struct v2v_strength_sums *sums, cons
 /* One view left out: what was missed of it before, and what the correction does about it. */
 static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
 {
-    for (int64_t i = 0; i < self->height * self->width; i++) {
+    for (int64_t i = 0; i < self->square.height * self->square.width; i++) {
         correction[i] -= missed[i];
         missed[i] = recorded[i] - missed[i];
     }
@@ -72,17 +70,17 @@ static enum v2v_status try_choice(struct chooser *self, const struct v2v_problem
                                   int64_t choice)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t pixels = self->height * self->width;
+    const int64_t pixels = self->square.height * self->square.width;
     struct v2v_left_out *fold = NULL;
     v2v_watchdog_beat("the strength of a correction");
     V2V_TRY(v2v_left_out_choose(&fold, &v2v_estimator_unrolled, problem, choice, NULL));
-    V2V_TRY(v2v_left_out_run(fold, self->after, self->views,
-                             self->frames != NULL ? &self->averaging : NULL));
+    V2V_TRY(v2v_left_out_run(fold, self->after, self->square.views,
+                             v2v_square_averaging(&self->square)));
     v2v_left_out_predict(fold, self->corrected, self->after);
     v2v_left_out_predict(fold, self->predicted, v2v_unrolled_start(fold->estimator));
     for (int64_t i = fold->used; i < fold->views; i++) {
         const int64_t at = (i - fold->used) * pixels;
-        judge(self, self->views + fold->view[i] * pixels, self->predicted + at,
+        judge(self, self->square.views + fold->view[i] * pixels, self->predicted + at,
               self->corrected + at);
     }
 done:
@@ -95,16 +93,12 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = problem->psf;
-    const struct v2v_square square =
-        v2v_square_of_image(views, problem->height, problem->width, SIDE);
-    self->height = square.rows.count;
-    self->width = square.columns.count;
-    const int64_t pixels = v2v_mem_product(self->height, self->width, 1);
+    V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
+    const int64_t pixels = v2v_mem_product(self->square.height, self->square.width, 1);
     const struct {
         float **images;
         int64_t count;
-    } memory[] = {{&self->views, psf->views},
-                  {&self->after, psf->slices},
+    } memory[] = {{&self->after, psf->slices},
                   {&self->predicted, V2V_LEFT_OUT_MOST},
                   {&self->corrected, V2V_LEFT_OUT_MOST},
                   {&self->scratch, 1},
@@ -113,8 +107,6 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
         V2V_TRY(
             V2V_ALLOC(*memory[i].images, "strength", v2v_mem_product(memory[i].count, pixels, 1)));
     }
-    v2v_square_cut(&square, self->views, views, psf->views, problem->height, problem->width);
-    V2V_TRY(v2v_square_cut_averaging(&square, &self->averaging, &self->frames, averaging, problem));
 done:
     return rc;
 }
@@ -185,8 +177,8 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
     V2V_TRY(v2v_par_agree(comm, prepare(&self, problem, views, averaging)));
     config.recon.strength = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
     own.config = &config;
-    own.height = self.height;
-    own.width = self.width;
+    own.height = self.square.height;
+    own.width = self.square.width;
     V2V_TRY(v2v_par_agree(comm, try_choices(fine, all, &self, &own, comm)));
     const struct v2v_strength_sums of_fine = sum_of(fine, comm), of_all = sum_of(all, comm);
     if (!(of_fine.square > 0.0)) {
@@ -200,8 +192,7 @@ enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *
             "more by it up to %.2f",
             *strength, best_of(&of_fine), most_of(&of_all));
 done:
-    v2v_mem_free(self.frames);
-    v2v_mem_free(self.views);
+    v2v_square_views_fini(&self.square);
     v2v_mem_free(self.after);
     v2v_mem_free(self.predicted);
     v2v_mem_free(self.corrected);

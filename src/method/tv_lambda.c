@@ -46,12 +46,9 @@ static const double noise_alone = 1.05;
 enum { FIRST_LOOK = 6 };
 
 struct chooser {
-    int64_t height, width;          /* of the square */
-    float *views;                   /* [v,height,width] */
-    float *frames;                  /* likewise, of .. */
-    struct v2v_averaging averaging; /* .. theirs; no frames: they are of one frame */
-    float *volume;                  /* [z,height,width] */
-    float *predicted;               /* [left out,height,width] */
+    struct v2v_square_views square;
+    float *volume;    /* [z,height,width] */
+    float *predicted; /* [left out,height,width] */
     struct v2v_config config;
     struct v2v_problem problem; /* of the square */
     struct v2v_comm *comm;      /* of the ranks that share the work .. */
@@ -61,23 +58,19 @@ struct chooser {
     double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
 
-static const struct v2v_averaging *averaging_of(const struct chooser *self)
-{
-    return self->frames != NULL ? &self->averaging : NULL;
-}
-
 /* Squares that the volume misses the views left out by. */
 static double miss(struct chooser *self, struct v2v_left_out *fold)
 {
-    const int64_t pixels = self->height * self->width;
-    const struct v2v_part rows = v2v_registration_judged(self->height);
-    const struct v2v_part columns = v2v_registration_judged(self->width);
+    const int64_t pixels = self->square.height * self->square.width;
+    const struct v2v_part rows = v2v_registration_judged(self->square.height);
+    const struct v2v_part columns = v2v_registration_judged(self->square.width);
     double squares = 0.0;
     v2v_left_out_predict(fold, self->predicted, self->volume);
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
-        const float *recorded = self->views + fold->view[i] * pixels;
-        squares += v2v_registration_missed(recorded, predicted, self->width, rows, columns).squares;
+        const float *recorded = self->square.views + fold->view[i] * pixels;
+        squares +=
+            v2v_registration_missed(recorded, predicted, self->square.width, rows, columns).squares;
     }
     return squares;
 }
@@ -95,7 +88,8 @@ static enum v2v_status try_folds(double squares[FOLDS], struct chooser *self, do
         struct v2v_left_out *fold = self->fold[f];
         v2v_watchdog_beat("trying a weight of the total variation");
         v2v_tv_set_lambda(fold->estimator, weight);
-        V2V_TRY(v2v_left_out_run(fold, self->volume, self->views, averaging_of(self)));
+        V2V_TRY(v2v_left_out_run(fold, self->volume, self->square.views,
+                                 v2v_square_averaging(&self->square)));
         const double missed = miss(self, fold);
         squares[f] = v2v_comm_rank(self->sharing) == 0 ? missed : 0.0;
     }
@@ -162,27 +156,19 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
                                const float *views, const struct v2v_averaging *averaging)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_square square =
-        v2v_square_of_image(views, problem->height, problem->width, SIDE);
-    self->height = square.rows.count;
-    self->width = square.columns.count;
+    V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
+    const int64_t height = self->square.height, width = self->square.width;
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
     self->problem = (struct v2v_problem){
-        .config = &self->config, .psf = problem->psf, .height = self->height, .width = self->width};
+        .config = &self->config, .psf = problem->psf, .height = height, .width = width};
     for (int i = 0; i < WEIGHTS; i++) {
         self->missed[i] = -1.0;
     }
-    V2V_TRY(V2V_ALLOC(self->views, "tv.lambda",
-                      v2v_mem_product(problem->psf->views, self->height, self->width)));
-    V2V_TRY(V2V_ALLOC(self->volume, "tv.lambda",
-                      v2v_mem_product(problem->psf->slices, self->height, self->width)));
     V2V_TRY(
-        V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * self->height * self->width));
-    v2v_square_cut(&square, self->views, views, problem->psf->views, problem->height,
-                   problem->width);
-    V2V_TRY(v2v_square_cut_averaging(&square, &self->averaging, &self->frames, averaging, problem));
+        V2V_ALLOC(self->volume, "tv.lambda", v2v_mem_product(problem->psf->slices, height, width)));
+    V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * height * width));
 done:
     return rc;
 }
@@ -211,13 +197,13 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     const struct v2v_monitor monitor = {is_noise_alone, NULL};
     v2v_watchdog_beat("what total variation misses");
     V2V_TRY(v2v_estimator_create(&estimator, &v2v_estimator_tv, &self->problem, self->comm));
-    estimator->averaging = averaging_of(self);
-    estimator->averaging = averaging_of(self);
-    estimator->ops->look(estimator, self->views);
+    estimator->averaging = v2v_square_averaging(&self->square);
+    estimator->averaging = v2v_square_averaging(&self->square);
+    estimator->ops->look(estimator, self->square.views);
     estimator->ops->tell(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, *weight);
     v2v_tv_set_lambda(estimator, *weight);
-    V2V_TRY(estimator->ops->run(estimator, &self->volume, self->views, &monitor));
+    V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));
     *missed = estimator->misfit.missed;
 done:
     v2v_estimator_destroy(&estimator);
@@ -320,8 +306,7 @@ done:
         v2v_comm_destroy(&self->comm);
         v2v_mem_free(self->predicted);
         v2v_mem_free(self->volume);
-        v2v_mem_free(self->frames);
-        v2v_mem_free(self->views);
+        v2v_square_views_fini(&self->square);
         v2v_mem_free(self);
     }
     return rc;

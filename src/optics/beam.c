@@ -2,13 +2,12 @@
 #include "optics/zernike.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/optics/psf.h"
 #include <math.h>
 #include <omp.h>
 #include <string.h>
-
-static const double PI = 3.14159265358979323846;
 
 /* Samples of a side that are still reasonable: 300 MB a thread. */
 enum { GRID_LIMIT = 4096 };
@@ -126,7 +125,7 @@ static double illumination(const struct v2v_optics_settings *settings, double rh
 static void open_aperture(struct v2v_beam *beam)
 {
     const double radius = beam->band;
-    const double height = beam->frequency * beam->frequency / (PI * radius * radius);
+    const double height = beam->frequency * beam->frequency / (V2V_PI * radius * radius);
     for (int64_t ky = 0; ky < beam->n; ky++) {
         for (int64_t kx = 0; kx < beam->n; kx++) {
             const double q = hypot(frequency_of(beam, ky), frequency_of(beam, kx));
@@ -150,9 +149,9 @@ static void field_in_pinhole(double field[2], const struct v2v_optics_settings *
     for (int step = 0; step < STEPS; step++) {
         const double rho = (step + 0.5) / STEPS;
         const double phase =
-            2 * PI * settings->pinhole_defocus_um * (sqrt(k * k - a * a * rho * rho) - k);
+            2 * V2V_PI * settings->pinhole_defocus_um * (sqrt(k * k - a * a * rho * rho) - k);
         const double weight =
-            2 * j0(2 * PI * a * r * rho) * illumination(settings, rho) * rho / STEPS;
+            2 * j0(2 * V2V_PI * a * r * rho) * illumination(settings, rho) * rho / STEPS;
         field[0] += weight * cos(phase);
         field[1] += weight * sin(phase);
     }
@@ -217,8 +216,8 @@ static void move_origin(struct v2v_beam *beam)
 {
     const double offset = -0.5 * (1 - 1 / (double)beam->per_pixel) * beam->settings.pixel_size_um;
     for (int64_t i = 0; beam->per_pixel > 1 && i < beam->n * beam->n; i++) {
-        const double angle =
-            2 * PI * offset * (frequency_of(beam, i / beam->n) + frequency_of(beam, i % beam->n));
+        const double angle = 2 * V2V_PI * offset *
+                             (frequency_of(beam, i / beam->n) + frequency_of(beam, i % beam->n));
         const struct v2v_complex a = beam->aperture[i];
         beam->aperture[i].re = (float)(a.re * cos(angle) - a.im * sin(angle));
         beam->aperture[i].im = (float)(a.re * sin(angle) + a.im * cos(angle));
@@ -291,7 +290,7 @@ static struct v2v_complex propagated(const struct v2v_beam *beam, struct v2v_com
     if (beam->zernike.last > 0) {
         turns += v2v_zernike_at(&beam->zernike, fy / beam->pupil, fx / beam->pupil);
     }
-    const double angle = 2 * PI * (turns - floor(turns));
+    const double angle = 2 * V2V_PI * (turns - floor(turns));
     const double c = cos(angle), s = sin(angle);
     return (struct v2v_complex){(float)(a.re * c - a.im * s), (float)(a.re * s + a.im * c)};
 }

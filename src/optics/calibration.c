@@ -3,6 +3,7 @@
 #include "optics/moments.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/tensor/warp.h"
@@ -17,12 +18,6 @@ enum { SIDE_LOBES = 2 };
 
 /* Of 64 bytes, in complex numbers too. */
 enum { ALIGNED_FLOATS = 32 };
-
-/* Depth of a slice: -1 for the first, 1 for the last. */
-static double depth_of(int64_t z, int64_t slices)
-{
-    return v2v_line_place(z, slices);
-}
 
 /* How far the window must grow on every side. */
 static int64_t margin_of(const struct v2v_calibration *calibration)
@@ -74,7 +69,7 @@ static void turn(struct v2v_complex *spectrum, const struct shifter *shifter, co
                  double scale)
 {
     const int64_t ny = shifter->ny, nx = shifter->nx, columns = nx / 2 + 1;
-    const double turn_of = -2.0 * acos(-1.0);
+    const double turn_of = -2.0 * V2V_PI;
     for (int64_t ky = 0; ky < ny; ky++) {
         const double fy = (double)(2 * ky < ny ? ky : ky - ny) / (double)ny;
         for (int64_t kx = 0; kx < columns; kx++) {
@@ -149,7 +144,7 @@ enum v2v_status v2v_calibration_apply_to_psf(struct v2v_psf_file *psf,
 #pragma omp parallel for schedule(static)
     for (int64_t k = 0; k < kernels; k++) {
         const struct v2v_view_calibration *view = &calibration->view[k / psf->slices];
-        const double depth = depth_of(k % psf->slices, psf->slices);
+        const double depth = v2v_line_place(k % psf->slices, psf->slices);
         const double shift[2] = {view->shift[0] + view->slope[0] * depth,
                                  view->shift[1] + view->slope[1] * depth};
         displace(data + k * to_size, psf->data + k * from_size, psf, margin, &shifter, shift,

@@ -294,7 +294,7 @@ static double carve_views(struct v2v_carve *carve, float *light, const float *vi
                           int has_background)
 {
     int64_t pixels = carve->height * carve->width, count = carve->shifts.views;
-    int64_t rows = (carve->height + TILE - 1) / TILE, columns = (carve->width + TILE - 1) / TILE;
+    int64_t rows = v2v_parts(carve->height, TILE), columns = v2v_parts(carve->width, TILE);
     double squares = 0.0;
 #pragma omp parallel for schedule(dynamic) num_threads(carve->threads)
     for (int64_t v = 0; v < count; v++) {

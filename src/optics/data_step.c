@@ -4,6 +4,7 @@
 #include "optics/spectrum_block.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/optics/psf.h"
 #include <math.h>
 #include <omp.h>
@@ -190,7 +191,7 @@ static double penalty_at(const struct v2v_data_step *step, const struct v2v_pena
 {
     const struct v2v_fft_shape *shape = &step->projector->layout.shape;
     const int64_t kx = step->projector->columns.first + at / shape->ny, ky = at % shape->ny;
-    const double turn = 2.0 * acos(-1.0);
+    const double turn = 2.0 * V2V_PI;
     const double along_x = 2.0 - 2.0 * cos(turn * (double)kx / (double)shape->nx);
     const double along_y = 2.0 - 2.0 * cos(turn * (double)ky / (double)shape->ny);
     const double laplacian = (4.0 - along_x) * (4.0 - along_y) / 4.0 - 4.0;

@@ -6,6 +6,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
@@ -13,8 +14,6 @@
 #include <math.h>
 #include <nlopt.h>
 #include <omp.h>
-
-static const double PI = 3.14159265358979323846;
 
 enum {
     SLICES = 13,     /* of a view that are compared */
@@ -112,7 +111,7 @@ static enum v2v_status sum_slices(double (*sums)[3], const struct search *search
     enum v2v_status rc = V2V_OK;
     const struct fit *fit = search->fit;
     const int64_t slices = fit->psf->slices, pixels = fit->psf->height * fit->psf->width;
-    const int64_t compared = (slices + step - 1) / step;
+    const int64_t compared = v2v_parts(slices, step);
     const int threads = omp_get_max_threads();
     struct v2v_optics_settings settings;
     struct v2v_beam *beam = NULL;
@@ -144,7 +143,7 @@ static enum v2v_status unlikeness(double *value, const struct search *search)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t slices = search->fit->psf->slices;
-    const int64_t step = (slices + SLICES - 1) / SLICES, compared = (slices + step - 1) / step;
+    const int64_t step = v2v_parts(slices, SLICES), compared = v2v_parts(slices, step);
     double(*sums)[3] = NULL;
     *value = 0;
     V2V_TRY(V2V_ALLOC(sums, "psf.fit", search->view_count * compared));
@@ -171,14 +170,14 @@ static double edge_phase(const struct v2v_optics_settings *settings)
 {
     const double a = settings->needle_aperture / settings->wavelength_um;
     const double k = settings->refractive_index / settings->wavelength_um;
-    return 2 * PI * settings->pinhole_defocus_um * (sqrt(k * k - a * a) - k);
+    return 2 * V2V_PI * settings->pinhole_defocus_um * (sqrt(k * k - a * a) - k);
 }
 
 static double defocus_for(const struct v2v_optics_settings *settings, double phase)
 {
     const double a = settings->needle_aperture / settings->wavelength_um;
     const double k = settings->refractive_index / settings->wavelength_um;
-    return phase / (2 * PI * (sqrt(k * k - a * a) - k));
+    return phase / (2 * V2V_PI * (sqrt(k * k - a * a) - k));
 }
 
 static void put_beam(double *x, const struct fit *fit)

@@ -1,12 +1,11 @@
 #include "optics/tilts.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/base/text.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-
-static const double PI = 3.14159265358979323846;
 
 static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings, int64_t v)
 {
@@ -17,7 +16,7 @@ static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings
         const double outermost = settings->numerical_aperture - settings->needle_aperture;
         const double frequency =
             outermost * (double)ring / (double)settings->rings / settings->wavelength_um;
-        const double azimuth = 2 * PI * (double)around / (double)settings->views_per_ring;
+        const double azimuth = 2 * V2V_PI * (double)around / (double)settings->views_per_ring;
         tilt[0] = frequency * sin(azimuth);
         tilt[1] = frequency * cos(azimuth);
     }

@@ -234,7 +234,7 @@ done:
 
 /** Local: what there is of planes [v,y,x] in a window, else as it is there. */
 static void take_known(const struct v2v_still *still, float *to, const float *planes,
-                       const struct v2v_window *window, const struct v2v_part *known)
+                       const struct v2v_core_window *window, const struct v2v_part *known)
 {
     const int64_t height = still->plan.height, width = still->plan.width;
     const int64_t rows = window->rows.count, columns = window->columns.count;
@@ -250,7 +250,7 @@ static void take_known(const struct v2v_still *still, float *to, const float *pl
 }
 
 /** Local: what a window gives, to its place. */
-static void put(const struct v2v_still *still, float *volume, const struct v2v_window *window)
+static void put(const struct v2v_still *still, float *volume, const struct v2v_core_window *window)
 {
     const struct v2v_part *rows = &window->core_rows, *columns = &window->core_columns;
     const int64_t top = rows->first - window->rows.first;
@@ -267,7 +267,7 @@ static void put(const struct v2v_still *still, float *volume, const struct v2v_w
 
 /** Collective(shard): reconstruct a window and put its core in its place. */
 static enum v2v_status fill(struct v2v_still *still, float *volume, const float *views,
-                            const struct v2v_window *window)
+                            const struct v2v_core_window *window)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_psf_file *psf = still->problem.psf;
@@ -307,7 +307,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_estimator *whole = still->whole;
-    struct v2v_window windows[V2V_WINDOWS_MOST];
+    struct v2v_core_window windows[V2V_WINDOWS_MOST];
     rc = v2v_estimator_check_views(whole, views, still->problem.psf->views);
     V2V_TRY(v2v_par_agree(whole->shard, rc));
     const double left = find_changed(still, views);

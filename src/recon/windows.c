@@ -56,9 +56,9 @@ static struct v2v_part surround(const struct v2v_part *core, int64_t whole, int6
     return (struct v2v_part){first - (first % 2 != 0), count};
 }
 
-static struct v2v_window window_of(const struct box *box, const struct v2v_windows_plan *plan)
+static struct v2v_core_window window_of(const struct box *box, const struct v2v_windows_plan *plan)
 {
-    struct v2v_window window;
+    struct v2v_core_window window;
     const int64_t tile = plan->tile;
     window.core_rows = widen(box->top * tile, box->bottom * tile, plan->halo, plan->height);
     window.core_columns = widen(box->left * tile, box->right * tile, plan->halo, plan->width);
@@ -67,14 +67,14 @@ static struct v2v_window window_of(const struct box *box, const struct v2v_windo
     return window;
 }
 
-static int64_t pixels_of(const struct v2v_window *window)
+static int64_t pixels_of(const struct v2v_core_window *window)
 {
     return window->rows.count * window->columns.count;
 }
 
 static int64_t cost_of(const struct box *box, const struct v2v_windows_plan *plan)
 {
-    const struct v2v_window window = window_of(box, plan);
+    const struct v2v_core_window window = window_of(box, plan);
     return pixels_of(&window);
 }
 
@@ -107,7 +107,7 @@ static int cut(struct box *first, struct box *second, const uint8_t *changed, in
     return found;
 }
 
-int64_t v2v_windows_cover(struct v2v_window *windows, const uint8_t *changed,
+int64_t v2v_windows_cover(struct v2v_core_window *windows, const uint8_t *changed,
                           const struct v2v_windows_plan *plan)
 {
     struct box boxes[V2V_WINDOWS_MOST];
@@ -148,7 +148,7 @@ static void cut_row(float *to, const float *row, const struct v2v_part *columns,
 }
 
 void v2v_windows_cut(float *out, const float *planes, int64_t count,
-                     const struct v2v_window *window, const struct v2v_windows_plan *plan)
+                     const struct v2v_core_window *window, const struct v2v_windows_plan *plan)
 {
     const int64_t height = plan->torus_height, width = plan->torus_width;
     const int64_t rows = window->rows.count;
@@ -160,7 +160,7 @@ void v2v_windows_cut(float *out, const float *planes, int64_t count,
     }
 }
 
-double v2v_windows_part(const struct v2v_window *windows, int64_t count,
+double v2v_windows_part(const struct v2v_core_window *windows, int64_t count,
                         const struct v2v_windows_plan *plan)
 {
     double pixels = 0.0;

@@ -8,7 +8,7 @@
 enum { V2V_WINDOWS_MOST = 16 };
 
 /** Rows and columns of the torus, the frame at its origin: those before 0 are the torus' last. */
-struct v2v_window {
+struct v2v_core_window {
     struct v2v_part rows, columns;           /**< what it reconstructs .. */
     struct v2v_part core_rows, core_columns; /**< .. and what of it, in the frame, it gives */
 };
@@ -28,7 +28,7 @@ struct v2v_windows_plan {
  *  transforms, or the whole torus'.
  *  @kind  Local, no allocation @param windows [V2V_WINDOWS_MOST] out
  *  @param changed [tile rows, tile columns] bool @return how many */
-int64_t v2v_windows_cover(struct v2v_window *windows, const uint8_t *changed,
+int64_t v2v_windows_cover(struct v2v_core_window *windows, const uint8_t *changed,
                           const struct v2v_windows_plan *plan);
 
 /** Those of a window's rows (columns) that are in a frame of so many, counted from the window's
@@ -37,10 +37,10 @@ struct v2v_part v2v_windows_in_frame(const struct v2v_part *part, int64_t whole)
 
 /** What of [count,torus] planes is in a window. @kind Local. @param out [count,rows,columns] */
 void v2v_windows_cut(float *out, const float *planes, int64_t count,
-                     const struct v2v_window *window, const struct v2v_windows_plan *plan);
+                     const struct v2v_core_window *window, const struct v2v_windows_plan *plan);
 
 /** Pixels that windows compute, of those that the whole frame does. @kind Local. */
-double v2v_windows_part(const struct v2v_window *windows, int64_t count,
+double v2v_windows_part(const struct v2v_core_window *windows, int64_t count,
                         const struct v2v_windows_plan *plan);
 
 #endif

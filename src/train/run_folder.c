@@ -100,11 +100,6 @@ done:
     return rc;
 }
 
-static struct v2v_json_item number(const char *name, double value)
-{
-    return (struct v2v_json_item){.name = name, .number = value, .count = -1};
-}
-
 enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
                                    const struct v2v_step_result *result,
                                    const struct v2v_par_time *began)
@@ -115,13 +110,13 @@ enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
     if (folder->log == NULL) {
         return V2V_OK;
     }
-    items[count++] = number("step", (double)step);
+    items[count++] = v2v_json_number("step", (double)step);
     for (int t = 0; t < V2V_LOSS_TERMS; t++) {
-        items[count++] = number(v2v_loss_name(t), result->terms[t]);
+        items[count++] = v2v_json_number(v2v_loss_name(t), result->terms[t]);
     }
-    items[count++] = number("grad_norm", result->grad_norm);
-    items[count++] = number("seconds", now.clock - began->clock);
-    items[count++] = number("communication", v2v_par_spent_between(began, &now));
+    items[count++] = v2v_json_number("grad_norm", result->grad_norm);
+    items[count++] = v2v_json_number("seconds", now.clock - began->clock);
+    items[count++] = v2v_json_number("communication", v2v_par_spent_between(began, &now));
     return v2v_json_print(folder->log, items, count);
 }
 

@@ -236,8 +236,7 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     V2V_TRY(v2v_network_find(&trainer->ops, job->config->model.method));
     trainer->psf_sum = v2v_psf_file_sum(job->psf);
     V2V_TRY(lay_out(trainer, comm));
-    trainer->rounds =
-        (job->config->train.batch + trainer->grid.data_size - 1) / trainer->grid.data_size;
+    trainer->rounds = v2v_parts(job->config->train.batch, trainer->grid.data_size);
     struct v2v_network_spec spec = describe(trainer, job);
     trainer->ops->describe_work(&work, &spec, 1, 1);
     V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, trainer->ops->examples, comm));

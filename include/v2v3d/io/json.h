@@ -20,6 +20,13 @@ struct v2v_json_item {
     int64_t count;
 };
 
+/** A number. @kind Local. @param name borrowed */
+static inline struct v2v_json_item v2v_json_number(const char *name, double number)
+{
+    const struct v2v_json_item item = {name, NULL, number, NULL, -1};
+    return item;
+}
+
 /** Print one object on one line, flushed. @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY */
 enum v2v_status v2v_json_print(FILE *stream, const struct v2v_json_item *items,
                                int64_t count) V2V_MUST_CHECK;

@@ -411,7 +411,8 @@ static void cut_part(float *out, const float *planes, int64_t count, const struc
 {
     const struct v2v_windows_plan plan = {.torus_height = torus->height,
                                           .torus_width = torus->width};
-    const struct v2v_window window = {{of->y, PART_HEIGHT}, {of->x, PART_WIDTH}, {0, 0}, {0, 0}};
+    const struct v2v_core_window window = {
+        {of->y, PART_HEIGHT}, {of->x, PART_WIDTH}, {0, 0}, {0, 0}};
     v2v_windows_cut(out, planes, count, &window, &plan);
 }
 

@@ -156,9 +156,12 @@ static void the_oddest_view_is_told(void **state)
     double times = 0.0;
     for (int v = 0; v < VIEWS; v++) {
         const double gain = v == 1 ? 1.2 : v == 2 ? 0.5 : 1.0;
-        of_view[v] = (struct v2v_match){
-            .structure = {
-                .yy = gain * gain, .yp = gain, .pp = 1.0, .squares = 100.0, .differences = 6400.0}};
+        of_view[v] = (struct v2v_match){.structure = {.yy = gain * gain,
+                                                      .yp = gain,
+                                                      .pp = 1.0,
+                                                      .squares = 100.0,
+                                                      .differences = 6400.0,
+                                                      .light = 1.0}};
     }
     assert_int_equal(v2v_match_odd_view(&times, of_view, VIEWS), 2);
     assert_true(times > 0.4 && times < 0.5); /* the others together are brighter than 1 */

@@ -1,10 +1,10 @@
 /* Frames of which the volume is known, made of a recording. */
+#include "method/lessons.h"
 #include "small_draw.h"
 #include "small_optics.h"
 
 #include "v2v3d/io/recording.h"
 #include "v2v3d/method/estimator.h"
-#include "v2v3d/method/lessons.h"
 #include "v2v3d/optics/projector.h"
 
 #include <stdio.h>

@@ -18,7 +18,7 @@ static const struct v2v_windows_plan plan = {.height = HEIGHT,
                                              .least = 128};
 
 static uint8_t changed[ROWS * COLUMNS];
-static struct v2v_window windows[V2V_WINDOWS_MOST];
+static struct v2v_core_window windows[V2V_WINDOWS_MOST];
 
 static void mark(int64_t top, int64_t bottom, int64_t left, int64_t right)
 {
@@ -164,7 +164,7 @@ static void a_window_is_cut_from_the_torus(void **state)
         planes[i] = (float)i;
     }
     for (int k = 0; k < 5; k++) {
-        const struct v2v_window window = {
+        const struct v2v_core_window window = {
             {at[k][0], ROWS_OF_IT}, {at[k][1], COLUMNS_OF_IT}, {0}, {0}};
         v2v_windows_cut(out, planes, COUNT, &window, &plan);
         for (int64_t i = 0; i < COUNT * ROWS_OF_IT * COLUMNS_OF_IT; i++) {

@@ -2,9 +2,9 @@
  * order of their steps. */
 #include "small_run.h"
 
+#include "method/lessons.h"
 #include "train/sampler.h"
 #include "v2v3d/base/log.h"
-#include "v2v3d/method/lessons.h"
 
 #include <string.h>
 

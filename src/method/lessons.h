@@ -8,8 +8,8 @@
  *  Invariants: the same bits for the same (frame, number, train.seed) on any rank; divided by the
  *  error of total variation, so that recordings of any brightness teach the same.
  *  @source REFERENCE.md 14 */
-#ifndef V2V3D_METHOD_LESSONS_H
-#define V2V3D_METHOD_LESSONS_H
+#ifndef METHOD_LESSONS_H
+#define METHOD_LESSONS_H
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
@@ -17,10 +17,6 @@
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/scaling.h"
 #include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 struct v2v_lessons;
 
@@ -42,9 +38,5 @@ void v2v_lessons_destroy(struct v2v_lessons **lessons);
 enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
                                  struct v2v_recording *recording, const struct v2v_scaling *scaling,
                                  int64_t t, int64_t number) V2V_MUST_CHECK;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif
