@@ -21,7 +21,7 @@ static const double certain = 8.0;
 static const double least_odd = 1.05, most_of_it = 0.75;
 
 /* Of a view's structure, less of which away from the border are tails of what lies there. */
-static const double least_inside = 0.02;
+static const double least_inside = 1e-3;
 
 /* Of a sum of squares that rounding made negative; NaN stays. */
 static double positive(double x)

@@ -96,6 +96,15 @@ works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
 
+# Views left out are predicted by averages of frames where volumes are made of such.
+works deconvolve --psf one/psf.h5 --input still.h5 -o still_tv.h5 --iterations 5 --frames 0:1
+heldout() { # OPTIONS
+    works evaluate --volume still_tv.h5 --psf one/psf.h5 --input still.h5 --json "$@"
+    sed 's/.*"heldout_residual": \([0-9.]*\),.*/\1/' stdout
+}
+awk -v "one=$(heldout)" -v "four=$(heldout --set recon.neighbours=3)" 'BEGIN { exit !(four < one) }' ||
+    fail "averages predict no better: $(heldout), $(heldout --set recon.neighbours=3)"
+
 # A camera's zero that nothing states is noticed, once a command, unless an offset is given.
 works convert --input moving.h5 -o bare.tif
 grep -q 'bare.tif cannot say that its zero is 100: read it with --offset 100' stderr ||
@@ -183,9 +192,11 @@ works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o rld_fftw.h5 --i
     --set parallel.split=slabs --set parallel.transform=fftw3-mpi
 same rld_fftw.h5 rld_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o frl.h5 --method frl --iterations 2 \
-    --weight 0.5 --set deconv.depth=1
-[ "$(grep -c 'deconv.depth is not a setting of --method frl' stderr)" -eq 1 ] ||
-    fail "no word on a setting of another method: $(cat stderr)"
+    --weight 0.5 --set deconv.depth=1 --set recon.precision=bf16 --set input.gain=3
+for key in deconv.depth recon.precision input.gain; do
+    [ "$(grep -c "$key is not a setting of --method frl" stderr)" -eq 1 ] ||
+        fail "no word on $key, of another method: $(cat stderr)"
+done
 grep -q 'deconv.weight is' stderr && fail "its own setting is said to be another's: $(cat stderr)"
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv.h5 --method tv
 grep -q 'frame 0: residual of the views .*flux' stderr || fail "no line of quality: $(cat stderr)"

@@ -87,6 +87,9 @@ for words in --dataset=views '--set input.dataset=views'; do
     refuses 2 '--dataset is of the recording: --input FILE is missing' \
         evaluate --volume v.h5 --truth t.h5 $words
 done
+refuses 2 '--weights needs --psf and --input' evaluate --volume v.h5 --truth t.h5 --weights w.h5
+refuses 2 '--fit-scale needs --truth' evaluate --volume v.h5 --psf p --input r.h5 --fit-scale
+refuses 2 '--truth-dataset needs --truth' evaluate --volume v.h5 --psf p --input r.h5 --truth-dataset x
 refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5
 refuses 2 '--uncertainty needs an HDF5' evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.tif
 refuses 2 'end in .h5, .tif, .xml or .safetensors' convert --input a.tif -o out.xyz
