@@ -530,7 +530,7 @@ static double weigh(const struct v2v_data_step *step, int64_t at, const float *f
         const float projected = recorded[x] - missed[x];
         const float light = fmaxf(projected + around[x], 0.0f);
         lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
-        const float averaged = frames != NULL ? part_of_frames * frames[x] : 1.0f;
+        const float averaged = frames != NULL ? sqrtf(part_of_frames * frames[x]) : 1.0f;
         const float weight = averaged / (step->gain * lights[x] + step->floor);
         const float moved = projected + split[x];
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);

@@ -116,8 +116,10 @@ enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step) V2V_MUST_
  *  alike */
 void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor);
 
-/** From here to the next begin the weights are those times frames / unit: samples are means of more
- *  frames than others. @kind Local, after weigh. @param frames [v,height,width], borrowed */
+/** From here to the next begin the weights are those times sqrt(frames / unit): samples are means
+ *  of more frames than others. The root, not the inverse of the variance: what is weighed against
+ *  the squares is then a part of each sample's own noise (REFERENCE.md 12).
+ *  @kind Local, after weigh. @param frames [v,height,width], borrowed */
 void v2v_data_step_average(struct v2v_data_step *step, const float *frames, double unit);
 
 /** x from v, in place. @kind Collective(comm), no allocation.

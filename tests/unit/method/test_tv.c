@@ -481,8 +481,8 @@ static void averages_count_by_their_frames(void **state)
     (void)state;
     for (int of_photons = 0; of_photons < 2; of_photons++) {
         const double photons = of_photons ? 30.0 : 0.0;
-        const double told = error_of_averages(9.0f, 1, photons);
-        const double untold = error_of_averages(9.0f, 0, photons);
+        const double told = error_of_averages(25.0f, 1, photons);
+        const double untold = error_of_averages(25.0f, 0, photons);
         if (!(told < 0.97 * untold)) {
             fail_msg("photons %g: error %g, %g untold", photons, told, untold);
         }
