@@ -157,7 +157,8 @@ static const struct set sets[] = {
     {"recording_dark.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 2},
     {"recording_late.h5", "/views", 4, {2, VIEWS, SIDE, SIDE}, 0, 0, 1}, /* frame 0 is dark */
     {"recording_vast.h5", "/views", 4, {1, VIEWS, SIDE, SIDE}, 3e38, 3e38, 0},
-    {"recording_dark_view.h5", "/views", 4, {1, 2, SIDE, SIDE}, 0, 0, 1},
+    {"recording_dark_view.h5", "/views", 4, {1, 3, SIDE, SIDE}, 0, 0, 1},
+    {"recording_two_views.h5", "/views", 4, {1, 2, SIDE, SIDE}, 0, 0, 0},
     {"recording_small.h5", "/views", 4, {2, VIEWS, 24, 40}, 0, 0, 0},
     {"recording_odd.h5", "/views", 4, {2, VIEWS, 47, 61}, 0, 0, 0},
     {"recording_pixel.h5", "/views", 4, {1, VIEWS, 1, 1}, 0, 0, 0},
@@ -169,6 +170,7 @@ static const struct set sets[] = {
     {"psf_dark_view.h5", "/psf", 4, {2, SLICES, KERNEL, KERNEL}, 0, 0, 1},
     {"psf_one_view.h5", "/psf", 4, {1, SLICES, KERNEL, KERNEL}, 0, 0, 0},
     {"psf_two_views.h5", "/psf", 4, {2, SLICES, KERNEL, KERNEL}, 0, 0, 0},
+    {"psf_three_views.h5", "/psf", 4, {3, SLICES, KERNEL, KERNEL}, 0, 0, 0},
     {"psf_large.h5", "/psf", 4, {VIEWS, SLICES, SIDE + 17, SIDE + 17}, 0, 0, 0},
     {"psf_3d.h5", "/psf", 3, {SLICES, KERNEL, KERNEL}, 0, 0, 0},
     {"psf_8_slices.h5", "/psf", 4, {VIEWS, SLICES + 1, KERNEL, KERNEL}, 0, 0, 0},
