@@ -60,7 +60,8 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
 
 /** The session takes over the network of a weight file; a setting of it that was given otherwise,
  *  on the command line, or in a file where it isn't the default, is warned of.
- *  @kind Local. @param ops info's @param path to be named @return V2V_OK | V2V_E_INPUT */
+ *  @kind Local. @param ops info's @param path to be named @return V2V_OK | V2V_E_INPUT |
+ *  V2V_E_CONFIG (a value that is too long to be compared) */
 enum v2v_status v2v_step_adopt(struct v2v_session *session, const struct v2v_weights_info *info,
                                const struct v2v_network_ops *ops, const char *path) V2V_MUST_CHECK;
 

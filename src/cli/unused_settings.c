@@ -37,7 +37,7 @@ void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
         const int length = (int)strcspn(key, "=");
         if (is_of_a_method(ops, key, length) && !is_among(ops->keys, key, length)) {
             v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of %s%s", length, key,
-                    ops->is_learned ? "the network of these weights" : "--method ",
+                    ops->is_learned ? "this network" : "--method ",
                     ops->is_learned ? "" : ops->name);
         }
     }

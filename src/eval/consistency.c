@@ -282,6 +282,19 @@ done:
     return rc;
 }
 
+/** What averaging takes beside the estimators: on every rank the fusion, the views as recorded, and
+ *  the frames that those used are means of. */
+static int64_t averaging_bytes(const struct judge *self)
+{
+    enum { MAPS = 1 + VOLUMES };
+    const struct v2v_problem *problem = &self->problem;
+    const int64_t views = problem->psf->views, neighbours = self->config.recon.neighbours;
+    const int64_t floats =
+        v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+        (neighbours > 0 ? v2v_mem_product(MAPS * views, problem->height, problem->width) : 0);
+    return v2v_mem_bytes(floats, 0);
+}
+
 /** Collective(world): ranks take frames; where there are too few of them, parts of a frame. */
 static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
 {
@@ -293,6 +306,9 @@ static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
     work.items = self->out->frames;
     work.bytes *= self->job->writer != NULL ? 2 : 1; /* the halves' and that of all views */
     work.most_bytes = (int64_t)(config->parallel.max_mem_gb * 1e9);
+    if (work.most_bytes > 0) {
+        work.most_bytes = v2v_larger(work.most_bytes - averaging_bytes(self), 1);
+    }
     work.most_shards = config->parallel.reproducible
                            ? 1
                            : (int)v2v_smaller(work.most_shards, v2v_comm_size(world));

@@ -1,5 +1,6 @@
 #include "io/h5_common.h"
 #include "io/stack.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
@@ -82,6 +83,7 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
     recording->first_page = settings->first_view;
     recording->stride = stride;
     recording->info.frames = (pages - views) / stride + 1;
+    recording->info.apart = v2v_parts(views, stride);
     recording->info.height = stack->height;
     recording->info.width = stack->width;
 done:

@@ -19,6 +19,10 @@ static const float steepness = 2.0f;
 /* Of the variance in the light, the least of photons. */
 static const double least_variance = 0.01;
 
+/* Variance of the mean over that of as many frames of their own noise, from which on frames share
+ * it: structure, too, makes some difference. */
+static const double least_shared = 1.5;
+
 /* Of a pixel of frame t, in units of the variance in its light: of photons, by the level about it,
  * and what is the same everywhere. */
 struct noise {
@@ -323,6 +327,26 @@ void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *
     }
 }
 
+/* Frames that were filtered over time, or are there twice, share noise: then more is left of it
+ * than of as many of their own. By the noise that is found in the mean, which the root of its
+ * frames brings back to that of one; not of photons, whose noise is small where structure is not.
+ * `sum` is written over. */
+static void find_shared_noise(struct v2v_fusion *fusion, const float *views)
+{
+    const int64_t samples = fusion->views * fusion->height * fusion->width;
+    struct v2v_averaging *averaging = &fusion->averaging;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < samples; i++) {
+        fusion->sum[i] = views[i] * sqrtf(fusion->weight[i]);
+    }
+    const double left = v2v_noise_of_images(fusion->neighbour, fusion->sum, fusion->views,
+                                            fusion->height, fusion->width);
+    const double times = left / averaging->sigma;
+    if (times * times > least_shared) {
+        averaging->sigma = left;
+    }
+}
+
 void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
@@ -330,7 +354,12 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
     for (int64_t i = 0; i < samples; i++) {
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
-    fusion->averaging.frames = fusion->noise.sigma > 0.0 ? fusion->weight : NULL;
+    if (fusion->noise.sigma > 0.0) {
+        fusion->averaging.frames = fusion->weight;
+        if (!fusion->averaging.is_of_photons) {
+            find_shared_noise(fusion, views);
+        }
+    }
 }
 
 const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion)
@@ -345,22 +374,24 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t samples = fusion->views * fusion->height * fusion->width;
-    /* at the ends as many frames as in the middle: more on one side */
-    const int64_t others = 2 * fusion->neighbours, end = info->frames + info->after - 1;
-    const int64_t wanted = v2v_larger(t - fusion->neighbours, -info->before);
-    const int64_t last = v2v_smaller(wanted + others, end);
-    const int64_t first = v2v_larger(last - others, -info->before);
+    /* at the ends as many frames as in the middle: more on one side; none that shares pages */
+    const int64_t others = 2 * fusion->neighbours, apart = v2v_larger(info->apart, 1);
+    const int64_t earlier = (t + info->before) / apart;
+    const int64_t later = (info->frames + info->after - 1 - t) / apart;
+    const int64_t wanted = v2v_smaller(fusion->neighbours, earlier);
+    const int64_t after = v2v_smaller(others - wanted, later);
+    const int64_t before = v2v_smaller(others - after, earlier);
     fusion->averaging = (struct v2v_averaging){0};
     V2V_TRY(v2v_recording_read(recording, views, t));
     v2v_scaling_apply(scaling, views, samples);
-    if (first == last) {
+    if (before + after == 0) {
         goto done;
     }
     v2v_fusion_begin(fusion, views);
-    for (int64_t u = first; u <= last; u++) {
-        if (u != t) {
+    for (int64_t i = -before; i <= after; i++) {
+        if (i != 0) {
             v2v_watchdog_beat("reading a neighbouring frame");
-            V2V_TRY(v2v_recording_read(recording, fusion->neighbour, u));
+            V2V_TRY(v2v_recording_read(recording, fusion->neighbour, t + i * apart));
             v2v_scaling_apply(scaling, fusion->neighbour, samples);
             v2v_fusion_add(fusion, views, fusion->neighbour);
         }

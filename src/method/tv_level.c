@@ -50,37 +50,37 @@ struct noise {
     double frames; /* as in the level */
 };
 
-/* If all samples were means of so many frames, their variances would have the same sum.
- * @param bright brightness of the views */
+/* If all samples were means of so many frames, their variances would have the same sum. Noise that
+ * doesn't grow with the light is the same for all. */
 static double frames_of(const struct v2v_tv_views *taken, float *scratch, double bright)
 {
     const struct v2v_averaging *averaging = taken->averaging;
     const int64_t samples = taken->count * taken->height * taken->width;
-    const int is_of_photons = takes_photons(taken, averaging->is_of_photons);
+    const int is_of_photons =
+        takes_photons(taken, averaging->is_of_photons) && averaging->gain > 0.0 && bright > 0.0;
     const double gain = is_of_photons ? averaging->gain * bright : 0.0;
     const double even = is_of_photons ? averaging->variance : 1.0;
     double sum[2] = {0.0};
     for (int is_left = 0; is_left < 2; is_left++) {
 #pragma omp parallel for simd schedule(static)
         for (int64_t i = 0; i < samples; i++) {
-            const double light = taken->views[i] > 0.0f ? (double)taken->views[i] / bright : 0.0;
-            const double variance = (gain * light + even) / (gain + even);
+            const double light = taken->views[i] > 0.0f ? (double)taken->views[i] : 0.0;
+            const double of_photons = is_of_photons ? gain * light / bright : 0.0;
+            const double variance = (of_photons + even) / (gain + even);
             scratch[i] = (float)(is_left ? variance / (double)averaging->frames[i] : variance);
         }
         sum[is_left] = v2v_sum(scratch, samples);
     }
-    return sum[1] > 0.0 ? sum[0] / sum[1] : 1.0;
+    return fmax(sum[0] / sum[1], 1.0); /* of no light, and no noise in the dark: 1 */
 }
 
 static struct noise noise_of_averages(const struct v2v_tv_views *taken, float *scratch)
 {
     const int64_t samples = taken->count * taken->height * taken->width;
     const struct v2v_averaging *averaging = taken->averaging;
-    struct noise noise = {.frames = 1.0};
-    noise.photons = v2v_photons_averaged(scratch, taken->views, samples, averaging);
-    if (noise.photons.bright > 0.0) {
-        noise.frames = frames_of(taken, scratch, noise.photons.bright);
-    }
+    struct noise noise = {.photons =
+                              v2v_photons_averaged(scratch, taken->views, samples, averaging)};
+    noise.frames = frames_of(taken, scratch, noise.photons.bright);
     noise.photons.gain /= noise.frames;
     noise.photons.variance /= noise.frames;
     noise.sigma = averaging->sigma / sqrt(noise.frames);

@@ -48,8 +48,9 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views);
 const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion);
 
 /** Frame t of a recording, scaled, and fused with `neighbours` frames on either side, at the ends
- *  of a recording with more on the other one; also with those beyond a cut. The watchdog is
- *  re-armed for every neighbour.
+ *  of a recording with more on the other one; also with those beyond a cut; in a sliding window
+ *  with every so many-th, which shares no page with the next. The watchdog is re-armed for every
+ *  neighbour.
  *  @kind   Local, no allocation @param views [v,y,x] out
  *  @return V2V_OK | V2V_E_INPUT (as v2v_recording_read, of any of these frames) */
 enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,

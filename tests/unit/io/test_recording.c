@@ -437,6 +437,7 @@ static void a_written_recording_is_read_back_to_the_bit(void **state)
                                             .height = 4,
                                             .width = 5,
                                             .pixel_size_um = 0.65,
+                                            .apart = 1,
                                             .frame_interval_s = 0.1,
                                             .offset = 100.0};
     struct v2v_recording_writer *writer = NULL;
