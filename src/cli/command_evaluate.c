@@ -60,22 +60,10 @@ static const struct v2v_option options[] = {
      .help = "HDF5: of the truth, not /volume"},
     {0}};
 
-static enum v2v_status run(const void *arguments, struct v2v_session *session)
+/* Do the words fit together? Local: the same on all ranks. */
+static enum v2v_status check_words(const struct arguments *given)
 {
-    const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
-    const struct v2v_network_ops *network = NULL;
-    struct v2v_evaluation evaluation = {0};
-    struct v2v_evaluation_job job = {.volume = given->volume,
-                                     .truth = given->truth,
-                                     .volume_dataset = given->volume_dataset,
-                                     .truth_dataset = given->truth_dataset,
-                                     .psf = given->psf,
-                                     .input = given->input,
-                                     .weights = given->weights,
-                                     .heldout_frames = given->frames,
-                                     .uncertainty = given->uncertainty,
-                                     .fit_scale = given->fit_scale};
     if ((given->psf == NULL) != (given->input == NULL)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--psf and --input go together"));
     }
@@ -101,6 +89,27 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",
                          given->uncertainty));
     }
+done:
+    return rc;
+}
+
+static enum v2v_status run(const void *arguments, struct v2v_session *session)
+{
+    const struct arguments *given = arguments;
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_network_ops *network = NULL;
+    struct v2v_evaluation evaluation = {0};
+    struct v2v_evaluation_job job = {.volume = given->volume,
+                                     .truth = given->truth,
+                                     .volume_dataset = given->volume_dataset,
+                                     .truth_dataset = given->truth_dataset,
+                                     .psf = given->psf,
+                                     .input = given->input,
+                                     .weights = given->weights,
+                                     .heldout_frames = given->frames,
+                                     .uncertainty = given->uncertainty,
+                                     .fit_scale = given->fit_scale};
+    V2V_TRY(check_words(given));
     if (given->uncertainty != NULL) {
         const char *const inputs[] = {given->volume,      given->truth, given->psf,
                                       given->calibration, given->input, given->weights};

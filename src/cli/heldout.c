@@ -83,8 +83,11 @@ static enum v2v_status leave_out(struct trial *trial, int64_t fold)
     const int64_t views = trial->psf.views, pixels = trial->problem.height * trial->problem.width;
     struct v2v_left_out *part = NULL;
     float *volume = NULL, *predicted = NULL;
-    V2V_TRY(V2V_ALLOC(volume, "heldout.volume", v2v_mem_product(trial->psf.slices, pixels, 1)));
-    V2V_TRY(V2V_ALLOC(predicted, "heldout.views", v2v_mem_product(views, pixels, 1)));
+    rc = V2V_ALLOC(volume, "heldout.volume", v2v_mem_product(trial->psf.slices, pixels, 1));
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(predicted, "heldout.views", v2v_mem_product(views, pixels, 1));
+    }
+    V2V_TRY(v2v_par_agree(trial->session->world, rc));
     v2v_watchdog_beat("a volume of some views");
     V2V_TRY(v2v_left_out_create(&part, trial->ops, &trial->problem, v2v_left_out_fold(views, fold),
                                 1, trial->session->world));
@@ -137,11 +140,12 @@ static enum v2v_status judge_outputs(struct trial *trial)
     v2v_watchdog_beat("the volumes of halves");
     V2V_TRY(v2v_estimator_create(&estimator, trial->ops, &trial->problem, trial->session->world));
     const int64_t rows = estimator->height, columns = estimator->width;
-    V2V_TRY(V2V_ALLOC(padded, "heldout.views", v2v_mem_product(views, rows, columns)));
-    v2v_pad_reflect(padded, trial->seen, views, height, width, rows, columns);
-    for (int o = 0; o < MOST && v2v_estimator_holds(estimator, o); o++) {
-        V2V_TRY(V2V_ALLOC(volume[o], "heldout.volume", v2v_mem_product(slices, rows, columns)));
+    rc = V2V_ALLOC(padded, "heldout.views", v2v_mem_product(views, rows, columns));
+    for (int o = 0; o < MOST && rc == V2V_OK && v2v_estimator_holds(estimator, o); o++) {
+        rc = V2V_ALLOC(volume[o], "heldout.volume", v2v_mem_product(slices, rows, columns));
     }
+    V2V_TRY(v2v_par_agree(trial->session->world, rc));
+    v2v_pad_reflect(padded, trial->seen, views, height, width, rows, columns);
     V2V_TRY(trial->ops->run(estimator, volume, padded, NULL));
     V2V_TRY(v2v_projection_init(&projection, trial->session, &trial->psf, height, width));
     for (int o = 0; o < MOST && volume[o] != NULL; o++) {
@@ -187,7 +191,7 @@ enum v2v_status v2v_heldout_of(struct v2v_heldout *heldout, const char *psf, con
                                          .psf = &trial.psf,
                                          .weights = weights,
                                          .precision = V2V_PRECISION_F32};
-    V2V_TRY(read(&trial, input));
+    V2V_TRY(v2v_par_agree(session->world, read(&trial, input)));
     if (ops->has_gain) {
         int saw_all = 0;
         V2V_TRY(settle_network(&trial, &saw_all));

@@ -3,7 +3,7 @@
 #include "v2v3d/base/log.h"
 #include <string.h>
 
-static const char *const gain[] = {"input.gain", NULL};
+static const char *const gain[] = {"input.gain", NULL}, *const method[] = {"deconv.method", NULL};
 
 /* Of section recon; the others are every method's, or are refused where a method can't do it. */
 static const char *const of_some[] = {"recon.strength", "recon.combine", "recon.refresh",
@@ -19,10 +19,9 @@ static int is_among(const char *const *keys, const char *key, int length)
 
 static int is_of_a_method(const struct v2v_estimator_ops *ops, const char *key, int length)
 {
-    static const char section[] = "deconv.", method[] = "deconv.method";
-    const int names_method =
-        length == (int)strlen(method) && strncmp(key, method, strlen(method)) == 0;
-    const int is_deconv = strncmp(key, section, strlen(section)) == 0 && !names_method;
+    static const char section[] = "deconv.";
+    const int is_deconv =
+        strncmp(key, section, strlen(section)) == 0 && !is_among(method, key, length);
     const int is_gain = !ops->has_gain && is_among(gain, key, length);
     return (is_deconv && !ops->is_learned) || is_gain || is_among(of_some, key, length);
 }

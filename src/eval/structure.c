@@ -41,10 +41,11 @@ static double mixed_difference(const float *at, int64_t width)
     return ((double)at[0] - (double)at[1]) - ((double)at[width] - (double)at[width + 1]);
 }
 
-/* Noise of a square, by the light p that the projection has there. */
+/* Noise of a square, by the light that the projection has there. */
 static void add_light(struct v2v_structure *to, const float *recorded, const float *projected,
-                      int64_t width, double p)
+                      int64_t width)
 {
+    const double p = v2v_mean_of_square(projected, width, SIDE);
     double yy = 0.0, yp = 0.0, pp = 0.0;
     for (int64_t i = 0; i < SIDE - 1; i++) {
         for (int64_t j = 0; j < SIDE - 1; j++) {
@@ -78,7 +79,6 @@ static void add_squares(struct v2v_structure *to, const float *recorded, const f
             y += a;
             p += b;
             to->squares += 1.0;
-            add_light(to, recorded + at, projected + at, width, b);
         }
     }
     to->yy = positive(to->yy - y * y / to->squares);
@@ -113,15 +113,31 @@ static struct v2v_structure structure_of(const float *recorded, const float *pro
     return structure;
 }
 
+/* Is a view's structure more than tails of what lies at the border? */
+static int has_structure_inside(const float *view, int64_t height, int64_t width)
+{
+    struct v2v_structure found = {0}, whole = {0};
+    add_squares(&found, view, view, width, inside(height), inside(width));
+    add_squares(&whole, view, view, width, (struct v2v_part){0, height},
+                (struct v2v_part){0, width});
+    return found.yy >= least_inside * whole.yy;
+}
+
 struct v2v_structure v2v_structure_of(const float *recorded, const float *projected, int64_t height,
                                       int64_t width)
 {
-    const struct v2v_structure found =
-        structure_of(recorded, projected, width, inside(height), inside(width));
-    struct v2v_structure whole = {0};
-    add_squares(&whole, recorded, projected, width, (struct v2v_part){0, height},
-                (struct v2v_part){0, width});
-    return found.yy >= least_inside * whole.yy ? found : (struct v2v_structure){0};
+    const struct v2v_part rows = inside(height), columns = inside(width);
+    struct v2v_structure found = {0};
+    if (has_structure_inside(recorded, height, width)) {
+        found = structure_of(recorded, projected, width, rows, columns);
+    }
+    for (int64_t i = 0; found.squares > 0.0 && i < rows.count / SIDE; i++) {
+        for (int64_t j = 0; j < columns.count / SIDE; j++) {
+            const int64_t at = (rows.first + i * SIDE) * width + columns.first + j * SIDE;
+            add_light(&found, recorded + at, projected + at, width);
+        }
+    }
+    return found;
 }
 
 void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *structure)
@@ -239,8 +255,7 @@ enum v2v_status v2v_structure_shifts(double *shift, const float *recorded, const
     V2V_TRY(V2V_ALLOC(images, "eval.shifts", v2v_mem_product(2, pixels, 1)));
     V2V_TRY(v2v_fourier_create(&fourier, rows.count, columns.count));
     for (int64_t v = 0; v < count; v++) {
-        const float *one = recorded + v * height * width;
-        if (v2v_structure_of(one, one, height, width).squares == 0.0) {
+        if (!has_structure_inside(recorded + v * height * width, height, width)) {
             shift[2 * v] = shift[2 * v + 1] = NAN;
             continue;
         }
