@@ -2,6 +2,7 @@
 #include "optics/hermitian.h"
 #include "optics/projector_plan.h"
 #include "optics/spectrum_block.h"
+#include "optics/torus_views.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/pi.h"
@@ -10,16 +11,11 @@
 #include <omp.h>
 #include <string.h>
 
-/* Times that weights go by the light of the moment. */
-enum { FREELY = 8 };
-
 struct v2v_data_step {
     struct v2v_projector *projector; /* on the torus */
     const struct v2v_comm *comm;     /* borrowed */
     int64_t views, slices;
-    int64_t height, width; /* of a frame */
-    struct v2v_torus torus;
-    struct v2v_part known_rows, known_columns; /* of the torus */
+    struct v2v_torus_views seen;
 
     struct v2v_penalty penalty; /* of the factors; all 0: none yet */
     float *penalties;           /* [block,V2V_BLOCK]: by frequency */
@@ -28,33 +24,22 @@ struct v2v_data_step {
     float *change;              /* [block,2,V2V_BLOCK]: squares of what it moved by, and of x' */
     float relax;                /* of the advance under way */
     float unit;                 /* of its squares: as bright as the views, a pixel */
-    float *recorded;            /* [v,rows,torus width]: y */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
-    float *missed;              /* [v,rows,torus width]: y - A x */
-    int is_weighed;             /* bool */
-    float gain, floor;          /* of the noise's variance over A x */
-    const float *frames;        /* [v,height,width]: weights go by these as well, .. */
-    float frames_unit;          /* .. as parts of this; NULL: they don't */
-    float *kept;     /* [v,rows,torus width]: y, where `recorded` is what weights make of it */
-    float *light;    /* [v,rows,torus width]: A x, by which weights go */
-    int64_t weighed; /* times that weights were taken */
-    float *split;    /* [v,rows,torus width]: p */
-    float *around;   /* [v,rows,torus width]: views of light that isn't in x */
-    float *scratch;  /* [thread,2 v,2,V2V_BLOCK] */
-    double *entries; /* [thread,v2v_hermitian_scratch] */
-    double *squares; /* [v, square]: of v2v_data_step_coarse */
-    double *sums;    /* [torus height] or [2,column]: squares of a row of all views, or of a
-                          column of all slices' spectra */
+    float *scratch;             /* [thread,2 v,2,V2V_BLOCK] */
+    double *entries;            /* [thread,v2v_hermitian_scratch] */
+    double *squares;            /* [v, square]: of v2v_data_step_coarse */
+    double *sums;               /* [torus height] or [2,column]: squares of a row of all views, or
+                                   of a column of all slices' spectra */
 };
 
 static double pixels_of(const struct v2v_data_step *step)
 {
-    return (double)step->torus.height * (double)step->torus.width;
+    return (double)step->seen.torus.height * (double)step->seen.torus.width;
 }
 
 /* Numbers of each array. */
 struct sizes {
-    int64_t penalties, factor, volume, change, recorded, spectra, scratch, entries, sums, squares;
+    int64_t penalties, factor, volume, change, spectra, scratch, entries, sums, squares;
 };
 
 static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
@@ -68,7 +53,6 @@ static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
                                    torus->width / V2V_DATA_STEP_SQUARE),
         .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1)),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
-        .recorded = v2v_mem_product(views, torus->rows.count, torus->width),
         .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
         .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views, V2V_BLOCK_FLOATS),
         .entries = v2v_mem_product(omp_get_max_threads(), v2v_hermitian_scratch(views), 1)};
@@ -85,25 +69,26 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
     }
     own.rows = v2v_par_part(torus->height, ranks, 0);
     const struct sizes sizes = sizes_of(psf->views, psf->slices, layout.blocks, &own);
+    const struct v2v_torus_views seen = {.views = psf->views, .torus = own};
     return v2v_mem_bytes(sizes.penalties + sizes.factor + sizes.volume + sizes.change +
-                             2 * sizes.recorded + sizes.spectra + sizes.scratch +
+                             2 * v2v_torus_views_samples(&seen) + sizes.spectra + sizes.scratch +
                              2 * (sizes.entries + sizes.sums + sizes.squares),
                          v2v_projector_bytes_beyond(psf, torus->height, torus->width,
                                                     V2V_BEYOND_PERIODIC, split, ranks));
 }
 
-static enum v2v_status take_memory(struct v2v_data_step *step)
+static enum v2v_status take_memory(struct v2v_data_step *step, const struct v2v_torus *torus,
+                                   int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
     const struct sizes sizes =
-        sizes_of(step->views, step->slices, step->projector->layout.blocks, &step->torus);
+        sizes_of(step->views, step->slices, step->projector->layout.blocks, torus);
+    V2V_TRY(v2v_torus_views_init(&step->seen, step->views, height, width, torus));
     V2V_TRY(V2V_ALLOC(step->penalties, "data_step.factor", sizes.penalties));
     V2V_TRY(V2V_ALLOC(step->factor, "data_step.factor", sizes.factor));
     V2V_TRY(V2V_ALLOC(step->volume, "data_step.volume", sizes.volume));
     V2V_TRY(V2V_ALLOC(step->change, "data_step.volume", sizes.change));
-    V2V_TRY(V2V_ALLOC(step->recorded, "data_step.views", sizes.recorded));
     V2V_TRY(V2V_ALLOC(step->spectra, "data_step.views", sizes.spectra));
-    V2V_TRY(V2V_ALLOC(step->missed, "data_step.views", sizes.recorded));
     V2V_TRY(V2V_ALLOC(step->scratch, "data_step.block", sizes.scratch));
     V2V_TRY(V2V_ALLOC(step->entries, "data_step.factor", sizes.entries));
     V2V_TRY(V2V_ALLOC(step->sums, "data_step.views", sizes.sums));
@@ -118,21 +103,17 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_data_step *made = NULL;
+    struct v2v_torus own = *torus;
     V2V_ASSERT(split == V2V_SPLIT_SLABS || split == V2V_SPLIT_SLABS_FFTW3_MPI);
     V2V_ASSERT(torus->height >= height && torus->width >= width);
     *step = NULL;
     V2V_TRY(v2v_par_agree(comm, V2V_ALLOC(made, "data_step", 1)));
-    *made = (struct v2v_data_step){.comm = comm,
-                                   .views = psf->views,
-                                   .slices = psf->slices,
-                                   .height = height,
-                                   .width = width,
-                                   .torus = *torus};
-    V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, made->torus.height,
-                                        made->torus.width, V2V_BEYOND_PERIODIC, split, comm));
-    made->torus.rows = v2v_projector_share(made->projector).rows;
+    *made = (struct v2v_data_step){.comm = comm, .views = psf->views, .slices = psf->slices};
+    V2V_TRY(v2v_projector_create_beyond(&made->projector, psf, torus->height, torus->width,
+                                        V2V_BEYOND_PERIODIC, split, comm));
+    own.rows = v2v_projector_share(made->projector).rows;
+    V2V_TRY(v2v_par_agree(comm, take_memory(made, &own, height, width)));
     made->unit = (float)(v2v_psf_light(psf) / pixels_of(made));
-    V2V_TRY(v2v_par_agree(comm, take_memory(made)));
     *step = made;
     made = NULL;
 done:
@@ -150,13 +131,8 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
         v2v_mem_free(old->factor);
         v2v_mem_free(old->volume);
         v2v_mem_free(old->change);
-        v2v_mem_free(old->recorded);
+        v2v_torus_views_fini(&old->seen);
         v2v_mem_free(old->spectra);
-        v2v_mem_free(old->missed);
-        v2v_mem_free(old->kept);
-        v2v_mem_free(old->light);
-        v2v_mem_free(old->split);
-        v2v_mem_free(old->around);
         v2v_mem_free(old->scratch);
         v2v_mem_free(old->entries);
         v2v_mem_free(old->sums);
@@ -167,12 +143,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
 
 struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step)
 {
-    return step->torus;
-}
-
-static int64_t samples_of(const struct v2v_data_step *step)
-{
-    return v2v_mem_product(step->views, step->torus.rows.count, step->torus.width);
+    return step->seen.torus;
 }
 
 static float *factor_of(const struct v2v_data_step *step, int64_t block)
@@ -229,37 +200,13 @@ void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *
     }
 }
 
-/* Beyond the frame, from its last pixel to its first in a straight line. */
-static void bridge(float *line, int64_t size, int64_t whole)
-{
-    const float last = line[size - 1], first = line[0];
-    for (int64_t i = size; i < whole; i++) {
-        const float part = (float)(i - size + 1) / (float)(whole - size + 1);
-        line[i] = last + part * (first - last);
-    }
-}
-
-/* Row y of a view on the torus. */
-static void torus_row(const struct v2v_data_step *step, float *row, const float *view, double scale,
-                      int64_t y)
-{
-    const int64_t height = step->height, width = step->width;
-    const int64_t above = v2v_smaller(y, height - 1);
-    const float *last = view + above * width, *first = view;
-    const double part = (double)(y - above) / (double)(step->torus.height - height + 1);
-    for (int64_t x = 0; x < width; x++) {
-        row[x] = (float)(scale * (last[x] + part * (first[x] - last[x])));
-    }
-    bridge(row, width, step->torus.width);
-}
-
 /* The spectra of y, in blocks. Collective(comm). */
 static void transform_views(struct v2v_data_step *step)
 {
     const struct v2v_projector *projector = step->projector;
     const struct v2v_projector_layout *layout = &projector->layout;
     v2v_fft_slabs_forward(projector->together, projector->view_spectra, layout->view_stride,
-                          step->recorded, step->views);
+                          step->seen.recorded, step->views);
 #pragma omp parallel for schedule(static) num_threads(projector->threads)
     for (int64_t b = 0; b < layout->blocks; b++) {
         const struct v2v_frequency_block *block = &projector->block[b];
@@ -270,27 +217,13 @@ static void transform_views(struct v2v_data_step *step)
 
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale)
 {
-    const struct v2v_torus *torus = &step->torus;
-    step->is_weighed = 0;
-    step->known_rows = (struct v2v_part){0, step->height};
-    step->known_columns = (struct v2v_part){0, step->width};
-    if (step->around != NULL) {
-        memset(step->around, 0, (size_t)samples_of(step) * sizeof *step->around);
-    }
-#pragma omp parallel for collapse(2) schedule(static)
-    for (int64_t v = 0; v < step->views; v++) {
-        for (int64_t y = 0; y < torus->rows.count; y++) {
-            torus_row(step, step->recorded + (v * torus->rows.count + y) * torus->width,
-                      views + v * step->height * step->width, scale, torus->rows.first + y);
-        }
-    }
+    v2v_torus_views_take(&step->seen, views, scale);
     transform_views(step);
 }
 
 void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views)
 {
-    step->is_weighed = 0;
-    memcpy(step->recorded, views, (size_t)samples_of(step) * sizeof *views);
+    v2v_torus_views_take_whole(&step->seen, views);
     transform_views(step);
 }
 
@@ -303,20 +236,14 @@ void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float 
 void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
                         const struct v2v_part *columns)
 {
-    step->known_rows = *rows;
-    step->known_columns = *columns;
+    step->seen.known_rows = *rows;
+    step->seen.known_columns = *columns;
 }
 
 void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen)
 {
-    const int64_t samples = samples_of(step);
-    float *around = step->around != NULL ? step->around : step->missed;
-    v2v_data_step_project(step, step->missed, volume);
-#pragma omp parallel for simd schedule(static)
-    for (int64_t i = 0; i < samples; i++) {
-        around[i] = seen[i] - step->missed[i];
-        step->recorded[i] -= around[i];
-    }
+    v2v_data_step_project(step, step->seen.missed, volume);
+    v2v_torus_views_surround(&step->seen, seen);
     transform_views(step);
 }
 
@@ -364,32 +291,17 @@ static void advance_block(struct v2v_data_step *step, int64_t b, float *slice)
 
 enum v2v_status v2v_data_step_take_weights(struct v2v_data_step *step)
 {
-    enum v2v_status rc = V2V_OK;
-    V2V_TRY(V2V_ALLOC(step->kept, "data_step.weights", samples_of(step)));
-    V2V_TRY(V2V_ALLOC(step->light, "data_step.weights", samples_of(step)));
-    V2V_TRY(V2V_ALLOC(step->split, "data_step.weights", samples_of(step)));
-    V2V_TRY(V2V_ALLOC(step->around, "data_step.weights", samples_of(step)));
-done:
-    return rc;
+    return v2v_torus_views_take_weights(&step->seen);
 }
 
 void v2v_data_step_weigh(struct v2v_data_step *step, double gain, double floor)
 {
-    V2V_ASSERT(step->kept != NULL && step->split != NULL && gain >= 0.0 && floor > 0.0);
-    step->is_weighed = 1;
-    step->gain = (float)gain;
-    step->floor = (float)floor;
-    step->frames = NULL;
-    step->weighed = 0;
-    memcpy(step->kept, step->recorded, (size_t)samples_of(step) * sizeof *step->kept);
-    memset(step->split, 0, (size_t)samples_of(step) * sizeof *step->split);
+    v2v_torus_views_weigh(&step->seen, gain, floor);
 }
 
 void v2v_data_step_average(struct v2v_data_step *step, const float *frames, double unit)
 {
-    V2V_ASSERT(step->is_weighed && unit > 0.0);
-    step->frames = frames;
-    step->frames_unit = (float)unit;
+    v2v_torus_views_average(&step->seen, frames, unit);
 }
 
 static void restore(const struct v2v_data_step *step, float *volume)
@@ -486,136 +398,33 @@ double v2v_data_step_change(struct v2v_data_step *step)
     return whole == 0.0 ? 0.0 : sqrt(change / whole);
 }
 
-/* Samples that aren't known follow the volume. */
-static void follow(float *recorded, const float *missed, int64_t first, int64_t end)
-{
-    for (int64_t x = first; x < end; x++) {
-        recorded[x] -= missed[x];
-    }
-}
-
-/* Squares of the samples that are known, first .. end of a row. */
-static double squares_of(const float *missed, int64_t first, int64_t end)
-{
-    double squares = 0.0;
-    for (int64_t x = first; x < end; x++) {
-        squares += (double)missed[x] * (double)missed[x];
-    }
-    return squares;
-}
-
-/* Part of the way from the light that weights went by to that of now: all of it at first, then
- * less and less, or weights and volume would answer each other for ever where views contradict. */
-static float part_of_way(int64_t weighed)
-{
-    return weighed < FREELY ? 1.0f : FREELY / (float)(weighed + 1);
-}
-
-/* Row `whole` of a view's frames; NULL: it has none. */
-static const float *frames_of(const struct v2v_data_step *step, int64_t v, int64_t whole)
-{
-    return step->frames == NULL ? NULL : step->frames + (v * step->height + whole) * step->width;
-}
-
-/* Likewise with weights, which make other samples of them. */
-static double weigh(const struct v2v_data_step *step, int64_t at, const float *frames,
-                    int64_t first, int64_t end)
-{
-    const float part_of_frames = frames != NULL ? 1.0f / step->frames_unit : 1.0f;
-    float *recorded = step->recorded + at, *split = step->split + at, *lights = step->light + at;
-    const float part = part_of_way(step->weighed);
-    const float *kept = step->kept + at, *missed = step->missed + at, *around = step->around + at;
-    double squares = 0.0;
-    for (int64_t x = first; x < end; x++) {
-        const float projected = recorded[x] - missed[x];
-        const float light = fmaxf(projected + around[x], 0.0f);
-        lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
-        const float averaged = frames != NULL ? sqrtf(part_of_frames * frames[x]) : 1.0f;
-        const float weight = averaged / (step->gain * lights[x] + step->floor);
-        const float moved = projected + split[x];
-        const float between = (weight * kept[x] + moved) / (weight + 1.0f);
-        const double d = (double)kept[x] - (double)projected;
-        squares += d * d;
-        split[x] = moved - between;
-        recorded[x] = between - split[x];
-    }
-    return squares;
-}
-
-/* A row of the residual of one view, `y` of this rank's. @return squares of what is known */
-static double take_row(const struct v2v_data_step *step, int64_t v, int64_t y)
-{
-    const int64_t at = (v * step->torus.rows.count + y) * step->torus.width;
-    const int64_t whole = step->torus.rows.first + y;
-    const int is_known =
-        whole >= step->known_rows.first && whole < step->known_rows.first + step->known_rows.count;
-    const int64_t width = step->torus.width;
-    const int64_t first = is_known ? step->known_columns.first : width;
-    const int64_t end = is_known ? first + step->known_columns.count : width;
-    follow(step->recorded + at, step->missed + at, 0, first);
-    follow(step->recorded + at, step->missed + at, end, width);
-    return step->is_weighed && is_known ? weigh(step, at, frames_of(step, v, whole), first, end)
-                                        : squares_of(step->missed + at, first, end);
-}
-
 double v2v_data_step_extend(struct v2v_data_step *step)
 {
     struct v2v_projector *projector = step->projector;
-    const struct v2v_torus *torus = &step->torus;
+    const int64_t height = step->seen.torus.height;
     const double factor = 1.0 / pixels_of(step);
     double squares = 0.0;
-    v2v_fft_slabs_inverse(projector->together, step->missed, (float)factor, projector->view_spectra,
-                          projector->layout.view_stride, step->views);
-    memset(step->sums, 0, (size_t)torus->height * sizeof *step->sums);
-#pragma omp parallel for schedule(static)
-    for (int64_t y = 0; y < torus->rows.count; y++) {
-        for (int64_t v = 0; v < step->views; v++) {
-            step->sums[torus->rows.first + y] += take_row(step, v, y);
-        }
-    }
-    step->weighed++;
+    v2v_fft_slabs_inverse(projector->together, step->seen.missed, (float)factor,
+                          projector->view_spectra, projector->layout.view_stride, step->views);
+    memset(step->sums, 0, (size_t)height * sizeof *step->sums);
+    v2v_torus_views_extend(&step->seen, step->sums);
     transform_views(step);
-    v2v_par_sum_f64(step->comm, step->sums, torus->height);
-    for (int64_t y = 0; y < torus->height; y++) { /* one order for any number of ranks */
+    v2v_par_sum_f64(step->comm, step->sums, height);
+    for (int64_t y = 0; y < height; y++) { /* one order for any number of ranks */
         squares += step->sums[y];
     }
     return squares;
 }
 
-/* y - A x, by the light that weights go by where there are any. */
-static double left_at(const struct v2v_data_step *step, int64_t at)
-{
-    return step->is_weighed ? (double)(step->kept[at] - (step->light[at] - step->around[at]))
-                            : (double)step->missed[at];
-}
-
 /* Sums over what a rank has of each square; then over ranks, since squares lie across them. */
 double v2v_data_step_coarse(struct v2v_data_step *step)
 {
-    enum { SIDE = V2V_DATA_STEP_SQUARE };
-    const struct v2v_torus *torus = &step->torus;
-    const struct v2v_part *known = &step->known_rows, *columns = &step->known_columns;
-    const int64_t down = known->count / SIDE, across = columns->count / SIDE;
-    const int64_t first = v2v_larger(known->first, torus->rows.first);
-    const int64_t end =
-        v2v_smaller(known->first + down * SIDE, torus->rows.first + torus->rows.count);
-    const int64_t count = step->views * down * across;
+    const int64_t count = v2v_torus_views_squares(&step->seen);
     double squares = 0.0;
-    memset(step->squares, 0, (size_t)count * sizeof *step->squares);
-#pragma omp parallel for schedule(static)
-    for (int64_t v = 0; v < step->views; v++) {
-        for (int64_t y = first; y < end; y++) {
-            double *sums = step->squares + (v * down + (y - known->first) / SIDE) * across;
-            const int64_t row = v * torus->rows.count + y - torus->rows.first;
-            const int64_t at = row * torus->width + columns->first;
-            for (int64_t x = 0; x < across * SIDE; x++) {
-                sums[x / SIDE] += left_at(step, at + x);
-            }
-        }
-    }
+    v2v_torus_views_coarse(&step->seen, step->squares);
     v2v_par_sum_f64(step->comm, step->squares, count);
     for (int64_t i = 0; i < count; i++) {
         squares += step->squares[i] * step->squares[i];
     }
-    return count > 0 ? sqrt(squares / (double)count) / SIDE : 0.0;
+    return count > 0 ? sqrt(squares / (double)count) / V2V_DATA_STEP_SQUARE : 0.0;
 }

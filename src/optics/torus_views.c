@@ -1,0 +1,260 @@
+#include "optics/torus_views.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Times that weights go by the light of the moment. */
+enum { FREELY = 8 };
+
+int64_t v2v_torus_views_samples(const struct v2v_torus_views *views)
+{
+    return v2v_mem_product(views->views, views->torus.rows.count, views->torus.width);
+}
+
+enum v2v_status v2v_torus_views_init(struct v2v_torus_views *views, int64_t count, int64_t height,
+                                     int64_t width, const struct v2v_torus *torus)
+{
+    enum v2v_status rc = V2V_OK;
+    *views =
+        (struct v2v_torus_views){.views = count, .height = height, .width = width, .torus = *torus};
+    V2V_TRY(V2V_ALLOC(views->recorded, "data_step.views", v2v_torus_views_samples(views)));
+    V2V_TRY(V2V_ALLOC(views->missed, "data_step.views", v2v_torus_views_samples(views)));
+done:
+    return rc;
+}
+
+void v2v_torus_views_fini(struct v2v_torus_views *views)
+{
+    struct v2v_view_weights *weights = &views->weights;
+    v2v_mem_free(views->recorded);
+    v2v_mem_free(views->missed);
+    v2v_mem_free(views->around);
+    v2v_mem_free(weights->kept);
+    v2v_mem_free(weights->light);
+    v2v_mem_free(weights->split);
+    *views = (struct v2v_torus_views){0};
+}
+
+/* Beyond the frame, from its last pixel to its first in a straight line. */
+static void bridge(float *line, int64_t size, int64_t whole)
+{
+    const float last = line[size - 1], first = line[0];
+    for (int64_t i = size; i < whole; i++) {
+        const float part = (float)(i - size + 1) / (float)(whole - size + 1);
+        line[i] = last + part * (first - last);
+    }
+}
+
+/* Row y of a view on the torus. */
+static void torus_row(const struct v2v_torus_views *views, float *row, const float *view,
+                      double scale, int64_t y)
+{
+    const int64_t height = views->height, width = views->width;
+    const int64_t above = v2v_smaller(y, height - 1);
+    const float *last = view + above * width, *first = view;
+    const double part = (double)(y - above) / (double)(views->torus.height - height + 1);
+    for (int64_t x = 0; x < width; x++) {
+        row[x] = (float)(scale * (last[x] + part * (first[x] - last[x])));
+    }
+    bridge(row, width, views->torus.width);
+}
+
+void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, double scale)
+{
+    const struct v2v_torus *torus = &views->torus;
+    views->weights.is_on = 0;
+    views->known_rows = (struct v2v_part){0, views->height};
+    views->known_columns = (struct v2v_part){0, views->width};
+    if (views->around != NULL) {
+        memset(views->around, 0, (size_t)v2v_torus_views_samples(views) * sizeof *views->around);
+    }
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t v = 0; v < views->views; v++) {
+        for (int64_t y = 0; y < torus->rows.count; y++) {
+            torus_row(views, views->recorded + (v * torus->rows.count + y) * torus->width,
+                      frame + v * views->height * views->width, scale, torus->rows.first + y);
+        }
+    }
+}
+
+void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samples)
+{
+    views->weights.is_on = 0;
+    memcpy(views->recorded, samples, (size_t)v2v_torus_views_samples(views) * sizeof *samples);
+}
+
+void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen)
+{
+    const int64_t samples = v2v_torus_views_samples(views);
+    const float *inside = views->missed;
+    float *around = views->around != NULL ? views->around : views->missed;
+    float *recorded = views->recorded;
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < samples; i++) {
+        around[i] = seen[i] - inside[i];
+        recorded[i] -= around[i];
+    }
+}
+
+enum v2v_status v2v_torus_views_take_weights(struct v2v_torus_views *views)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_view_weights *weights = &views->weights;
+    const int64_t samples = v2v_torus_views_samples(views);
+    V2V_TRY(V2V_ALLOC(weights->kept, "data_step.weights", samples));
+    V2V_TRY(V2V_ALLOC(weights->light, "data_step.weights", samples));
+    V2V_TRY(V2V_ALLOC(weights->split, "data_step.weights", samples));
+    V2V_TRY(V2V_ALLOC(views->around, "data_step.weights", samples));
+done:
+    return rc;
+}
+
+void v2v_torus_views_weigh(struct v2v_torus_views *views, double gain, double floor)
+{
+    struct v2v_view_weights *weights = &views->weights;
+    const size_t bytes = (size_t)v2v_torus_views_samples(views) * sizeof(float);
+    V2V_ASSERT(weights->kept != NULL && weights->split != NULL && gain >= 0.0 && floor > 0.0);
+    weights->is_on = 1;
+    weights->gain = (float)gain;
+    weights->floor = (float)floor;
+    weights->frames = NULL;
+    weights->taken = 0;
+    memcpy(weights->kept, views->recorded, bytes);
+    memset(weights->split, 0, bytes);
+}
+
+void v2v_torus_views_average(struct v2v_torus_views *views, const float *frames, double unit)
+{
+    V2V_ASSERT(views->weights.is_on && unit > 0.0);
+    views->weights.frames = frames;
+    views->weights.frames_unit = (float)unit;
+}
+
+/* Samples that aren't known follow the volume. */
+static void follow(float *recorded, const float *missed, int64_t first, int64_t end)
+{
+    for (int64_t x = first; x < end; x++) {
+        recorded[x] -= missed[x];
+    }
+}
+
+/* Squares of the samples that are known, first .. end of a row. */
+static double squares_of(const float *missed, int64_t first, int64_t end)
+{
+    double squares = 0.0;
+    for (int64_t x = first; x < end; x++) {
+        squares += (double)missed[x] * (double)missed[x];
+    }
+    return squares;
+}
+
+/* Part of the way from the light that weights went by to that of now: all of it at first, then
+ * less and less, or weights and volume would answer each other for ever where views contradict. */
+static float part_of_way(int64_t taken)
+{
+    return taken < FREELY ? 1.0f : FREELY / (float)(taken + 1);
+}
+
+/* Row `whole` of a view's frames; NULL: it has none. */
+static const float *frames_of(const struct v2v_torus_views *views, int64_t v, int64_t whole)
+{
+    const float *frames = views->weights.frames;
+    return frames == NULL ? NULL : frames + (v * views->height + whole) * views->width;
+}
+
+/* Likewise with weights, which make other samples of them. */
+static double weigh_row(const struct v2v_torus_views *views, int64_t at, const float *frames,
+                        int64_t first, int64_t end)
+{
+    const struct v2v_view_weights *weights = &views->weights;
+    const float part_of_frames = frames != NULL ? 1.0f / weights->frames_unit : 1.0f;
+    float *recorded = views->recorded + at, *split = weights->split + at;
+    float *lights = weights->light + at;
+    const float part = part_of_way(weights->taken);
+    const float *kept = weights->kept + at, *missed = views->missed + at;
+    const float *around = views->around + at;
+    double squares = 0.0;
+    for (int64_t x = first; x < end; x++) {
+        const float projected = recorded[x] - missed[x];
+        const float light = fmaxf(projected + around[x], 0.0f);
+        lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
+        const float averaged = frames != NULL ? sqrtf(part_of_frames * frames[x]) : 1.0f;
+        const float weight = averaged / (weights->gain * lights[x] + weights->floor);
+        const float moved = projected + split[x];
+        const float between = (weight * kept[x] + moved) / (weight + 1.0f);
+        const double d = (double)kept[x] - (double)projected;
+        squares += d * d;
+        split[x] = moved - between;
+        recorded[x] = between - split[x];
+    }
+    return squares;
+}
+
+/* A row of the residual of one view, `y` of this rank's. @return squares of what is known */
+static double extend_row(const struct v2v_torus_views *views, int64_t v, int64_t y)
+{
+    const struct v2v_part *rows = &views->known_rows, *columns = &views->known_columns;
+    const int64_t at = (v * views->torus.rows.count + y) * views->torus.width;
+    const int64_t whole = views->torus.rows.first + y, width = views->torus.width;
+    const int is_known = whole >= rows->first && whole < rows->first + rows->count;
+    const int64_t first = is_known ? columns->first : width;
+    const int64_t end = is_known ? first + columns->count : width;
+    follow(views->recorded + at, views->missed + at, 0, first);
+    follow(views->recorded + at, views->missed + at, end, width);
+    return views->weights.is_on && is_known
+               ? weigh_row(views, at, frames_of(views, v, whole), first, end)
+               : squares_of(views->missed + at, first, end);
+}
+
+void v2v_torus_views_extend(struct v2v_torus_views *views, double *squares)
+{
+    const struct v2v_part *rows = &views->torus.rows;
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < rows->count; y++) {
+        double sum = 0.0;
+        for (int64_t v = 0; v < views->views; v++) {
+            sum += extend_row(views, v, y);
+        }
+        squares[rows->first + y] = sum;
+    }
+    views->weights.taken++;
+}
+
+/* y - A x, by the light that weights go by where there are any. */
+static double left_at(const struct v2v_torus_views *views, int64_t at)
+{
+    const struct v2v_view_weights *weights = &views->weights;
+    return weights->is_on ? (double)(weights->kept[at] - (weights->light[at] - views->around[at]))
+                          : (double)views->missed[at];
+}
+
+int64_t v2v_torus_views_squares(const struct v2v_torus_views *views)
+{
+    return views->views * (views->known_rows.count / V2V_DATA_STEP_SQUARE) *
+           (views->known_columns.count / V2V_DATA_STEP_SQUARE);
+}
+
+void v2v_torus_views_coarse(const struct v2v_torus_views *views, double *sums)
+{
+    enum { SIDE = V2V_DATA_STEP_SQUARE };
+    const struct v2v_torus *torus = &views->torus;
+    const struct v2v_part *known = &views->known_rows, *columns = &views->known_columns;
+    const int64_t down = known->count / SIDE, across = columns->count / SIDE;
+    const int64_t first = v2v_larger(known->first, torus->rows.first);
+    const int64_t end =
+        v2v_smaller(known->first + down * SIDE, torus->rows.first + torus->rows.count);
+    memset(sums, 0, (size_t)v2v_torus_views_squares(views) * sizeof *sums);
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < views->views; v++) {
+        for (int64_t y = first; y < end; y++) {
+            double *row = sums + (v * down + (y - known->first) / SIDE) * across;
+            const int64_t at = (v * torus->rows.count + y - torus->rows.first) * torus->width;
+            for (int64_t x = 0; x < across * SIDE; x++) {
+                row[x / SIDE] += left_at(views, at + columns->first + x);
+            }
+        }
+    }
+}
