@@ -24,6 +24,7 @@ static int64_t reach_of(const float *kernel, int64_t height, int64_t width)
 {
     const int64_t most = v2v_larger(height, width) - 1;
     double total = 0.0, inside = 0.0;
+#pragma omp simd reduction(+ : total)
     for (int64_t i = 0; i < height * width; i++) {
         total += fabs((double)kernel[i]);
     }
