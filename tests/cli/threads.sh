@@ -23,4 +23,20 @@ export OMP_WAIT_POLICY=passive
 works "${deconvolve[@]}" -o second.h5
 grep -q "$ranks ranks x 2 threads, OMP_WAIT_POLICY passive" stderr || fail "not said: $(cat stderr)"
 same first.h5 second.h5 /volume
+
+# Ranks of unequal threads decide alike what they share, whatever memory their threads take.
+if [ "$ranks" -eq 2 ]; then
+    deconvolve=(deconvolve --psf psf.h5 --input recording.h5 --frames 0:1 --iterations 3)
+    works "${deconvolve[@]}" --threads 1 -o equal.h5
+    unequal() { # words...
+        timeout -k 5 $((limit * 10)) mpirun --oversubscribe --bind-to none \
+            -n 1 -x OMP_NUM_THREADS=1 "$program" "$@" : -n 1 -x OMP_NUM_THREADS=3 "$program" "$@" \
+            >stdout 2>stderr </dev/null || fail "unequal threads, $*: exit code $?, $(cat stderr)"
+    }
+    unequal "${deconvolve[@]}" -o unequal.h5
+    grep -q '2 shard ranks' stderr || fail "the frame is not shared: $(cat stderr)"
+    same equal.h5 unequal.h5 /volume
+    unequal "${deconvolve[@]}" -o bounded.h5 --max-mem 0.02
+    same equal.h5 bounded.h5 /volume
+fi
 finish
