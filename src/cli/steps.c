@@ -204,6 +204,9 @@ struct look {
     int is_seen;
 };
 
+/* Frames that are looked at from the first one that shows something on, if a view of it is dark. */
+enum { LOOK_ON = 8 };
+
 /* Rank-0. */
 static enum v2v_status look_for_seen(void *context)
 {
@@ -212,16 +215,21 @@ static enum v2v_status look_for_seen(void *context)
     const struct v2v_recording_info *info = v2v_recording_info(look->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     float *views = NULL;
-    int64_t bright = -1;
+    int64_t bright = -1, first = -1, whole = -1;
     V2V_TRY(V2V_ALLOC(views, "cli.views", samples));
-    for (int64_t t = 0; t < info->frames && !look->is_seen; t++) {
+    for (int64_t t = 0; t < info->frames && whole < 0 && (first < 0 || t < first + LOOK_ON); t++) {
         v2v_watchdog_beat("looking for a frame that shows something");
         V2V_TRY(v2v_recording_read(look->recording, views, t));
         v2v_scaling_apply(look->scaling, views, samples);
-        look->is_seen = v2v_structure_is_seen(views, info->views, info->height, info->width);
-        bright = look->is_seen || (bright < 0 && has_light(views, samples)) ? t : bright;
+        const int is_seen = v2v_structure_is_seen(views, info->views, info->height, info->width);
+        const int lacks_view =
+            is_seen && v2v_structure_lacks_view(views, info->views, info->height, info->width);
+        bright = bright < 0 && has_light(views, samples) ? t : bright;
+        first = first < 0 && is_seen ? t : first;
+        whole = is_seen && !lacks_view ? t : whole;
     }
-    look->frame = v2v_larger(bright, 0);
+    look->is_seen = first >= 0;
+    look->frame = whole >= 0 ? whole : first >= 0 ? first : v2v_larger(bright, 0);
 done:
     v2v_mem_free(views);
     return rc;

@@ -1,9 +1,11 @@
 #include "cli/volumes_frames.h"
 
 #include "cli/steps.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/quality.h"
+#include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
@@ -18,6 +20,9 @@ static const double much_dimmer = 0.5;
  * noise too, which bleaching does not change; and more than is left of views in register
  * (tests/bench/README.md). */
 static const double much_more = 1.7, least_left = 2e-3, more_of_noise = 1.1, more_than_noise = 1.05;
+
+/* Standard deviations of what is left of two frames of nothing but noise. */
+static const double certain = 8.0;
 
 /* Of every frame; ranks fill in theirs, the rest is 0, and all know all of it then. */
 struct judged {
@@ -75,9 +80,15 @@ static double left_of(const struct v2v_misfit *misfit)
     return misfit->noise_of_coarse * sqrt(fmax(misfit->coarse * misfit->coarse - 1.0, 0.0));
 }
 
-static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *best)
+/* The root mean square of n sums of noise scatters by 1 / sqrt(2 n) of itself, of two frames
+ * together by 1 / sqrt(n). */
+static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *best,
+                    const struct v2v_recording_info *info)
 {
-    return misfit->coarse > fmax(more_than_noise, more_of_noise * best->coarse) &&
+    enum { SIDE = V2V_DATA_STEP_SQUARE };
+    const int64_t sums = info->views * (info->height / SIDE) * (info->width / SIDE);
+    const double more = fmax(more_of_noise, 1.0 + certain / sqrt((double)v2v_larger(sums, 1)));
+    return misfit->coarse > fmax(more_than_noise, more * best->coarse) &&
            left_of(misfit) > fmax(least_left, much_more * left_of(best));
 }
 
@@ -88,7 +99,8 @@ static int is_known(const struct judged *judged, const struct v2v_misfit *misfit
 }
 
 static struct explained judge_explained(const struct judged *judged,
-                                        const struct v2v_misfit *misfit, int64_t frames)
+                                        const struct v2v_misfit *misfit, int64_t frames,
+                                        const struct v2v_recording_info *info)
 {
     struct explained found = {.best = -1};
     for (int64_t t = 0; t < frames; t++) {
@@ -100,7 +112,7 @@ static struct explained judge_explained(const struct judged *judged,
         }
     }
     for (int64_t t = frames - 1; t >= 0 && found.best >= 0; t--) {
-        if (is_known(judged, misfit, t) && is_worse(&misfit[t], &misfit[found.best])) {
+        if (is_known(judged, misfit, t) && is_worse(&misfit[t], &misfit[found.best], info)) {
             found.moved++;
             found.first = t;
         }
@@ -124,7 +136,8 @@ static int64_t count(int64_t *first, const double *of_frame, int64_t frames)
 static void warn_of_moved(const struct judged *judged, int64_t frames,
                           const struct v2v_volumes_made *made)
 {
-    const struct explained found = judge_explained(judged, made->misfit, frames);
+    const struct explained found =
+        judge_explained(judged, made->misfit, frames, v2v_recording_info(made->recording));
     if (found.moved > 0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: of means of 8 x 8 pixels of the views its volume misses %.3g times "

@@ -164,6 +164,16 @@ static void warn_of_camera(const struct found *found, const struct v2v_volumes_m
     }
 }
 
+static void warn_of_darkness(const struct found *found, const struct v2v_recording_info *info)
+{
+    if (!found->is_seen && v2v_structure_can_be_seen(info->height, info->width)) {
+        v2v_log(V2V_LOG_WARNING,
+                "no frame of %lld shows anything above its noise: what the volumes show is made of "
+                "noise",
+                (long long)info->frames);
+    }
+}
+
 static enum v2v_status take_memory(struct found *found, const struct v2v_recording_info *info)
 {
     enum v2v_status rc = V2V_OK;
@@ -188,6 +198,7 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
         warn_of_misfit(found);
         warn_of_saturation(found);
         warn_of_camera(found, made, session);
+        warn_of_darkness(found, v2v_recording_info(made->recording));
     }
     V2V_TRY(v2v_volumes_judge_offset(found->recorded, found->shown, made, session));
     if (found->is_seen) { /* on all ranks alike */

@@ -14,8 +14,11 @@
 /* Pixels of a square's side. */
 enum { SIDE = 8, LEAST_SQUARES = 4 };
 
-/* Standard deviations of what is noise alone. */
-static const double certain = 8.0;
+/* Standard deviations of what is noise alone; and so many times as much of what is plain. */
+static const double certain = 8.0, plainly = 10.0;
+
+/* Of the others' structure, in the mean: a view that shows less is dark. */
+static const double dark = 0.1;
 
 /* Of a view's brightness, beside the others'; and of what is missed of it, what this explains. */
 static const double least_odd = 1.05, most_of_it = 0.75;
@@ -203,6 +206,15 @@ double v2v_structure_missed(const struct v2v_structure *structure)
     return missed > doubt ? sqrt(missed / all) : 0.0;
 }
 
+/* What there is beyond noise, of what noise may be. */
+static double seen(const struct v2v_structure *structure)
+{
+    const double variance = variance_of(structure, 0.0);
+    const double doubt = doubt_of(structure->squares, variance);
+    return doubt > 0.0 ? (structure->yy - structure->squares * variance) / doubt
+                       : (structure->yy > 0.0 ? INFINITY : 0.0);
+}
+
 int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int64_t width)
 {
     const struct v2v_part rows = {0, height}, columns = {0, width};
@@ -212,10 +224,31 @@ int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int
         const float *view = views + v * height * width;
         const struct v2v_structure one = structure_of(view, view, width, rows, columns);
         v2v_structure_add(&all, &one);
-        const double variance = variance_of(&all, 0.0);
-        is_seen = all.yy - all.squares * variance > doubt_of(all.squares, variance);
+        is_seen = seen(&all) > 1.0;
     }
     return is_seen;
+}
+
+int v2v_structure_lacks_view(const float *views, int64_t count, int64_t height, int64_t width)
+{
+    const struct v2v_part rows = {0, height}, columns = {0, width};
+    double least = INFINITY, sum = 0.0;
+    int64_t plain = 0;
+#pragma omp parallel for schedule(static) reduction(min : least) reduction(+ : sum, plain)
+    for (int64_t v = 0; v < count; v++) {
+        const float *view = views + v * height * width;
+        const struct v2v_structure one = structure_of(view, view, width, rows, columns);
+        const double shown = sqrt(positive(one.yy - one.squares * variance_of(&one, 0.0)));
+        least = fmin(least, shown);
+        sum += shown;
+        plain += seen(&one) > plainly;
+    }
+    return 2 * plain > count && least * (double)(count - 1) < dark * (sum - least);
+}
+
+int v2v_structure_can_be_seen(int64_t height, int64_t width)
+{
+    return height / SIDE * (width / SIDE) >= LEAST_SQUARES;
 }
 
 double v2v_structure_brightness(const struct v2v_structure *view,

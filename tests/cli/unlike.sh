@@ -24,7 +24,11 @@ works "${scene[@]}" --noise gaussian:300 -o noise.h5
 for frame in good blocked displaced noise; do
     works convert --input $frame.h5 -o $frame.tif
 done
-mkdir late all moved
+mkdir late all moved shutter dark
+cp blocked.tif shutter/frame_0.tif
+cp good.tif shutter/frame_1.tif
+cp noise.tif dark/frame_0.tif
+cp noise.tif dark/frame_1.tif
 cp noise.tif late/frame_0.tif
 cp good.tif late/frame_1.tif
 cp good.tif all/frame_0.tif
@@ -55,6 +59,15 @@ misses warning
 works deconvolve --psf psf.h5 --input late -o late_1.h5 --frames 1:1
 misses warning
 same late_1.h5 good_volume.h5 /volume
+
+# A frame that lacks a view decides nothing, written or not.
+works deconvolve --psf psf.h5 --input shutter -o shutter.h5
+tells 'frame 0: view 3 is 0.0[0-9] times as bright as in frame 1'
+works deconvolve --psf psf.h5 --input shutter -o shutter_1.h5 --frames 1:1
+misses warning
+same shutter_1.h5 good_volume.h5 /volume
+works deconvolve --psf psf.h5 --input dark -o dark.h5
+tells 'no frame of 2 shows anything above its noise'
 
 works deconvolve --psf psf.h5 --input all -o all.h5
 tells '^frame 0: residual of the views'

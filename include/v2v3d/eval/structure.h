@@ -38,6 +38,13 @@ double v2v_structure_missed(const struct v2v_structure *structure);
  *  @kind Local. @param views [count,y,x] */
 int v2v_structure_is_seen(const float *views, int64_t count, int64_t height, int64_t width);
 
+/** Does one of these views show less than a tenth of what the others do, most of which show it
+ *  plainly? As of a shutter that opens late. @kind Local. @param views [count,y,x] */
+int v2v_structure_lacks_view(const float *views, int64_t count, int64_t height, int64_t width);
+
+/** Are views of this size large enough to tell? @kind Local. */
+int v2v_structure_can_be_seen(int64_t height, int64_t width);
+
 /** How many times as bright as the volume has it a view's structure is, beside the other views:
  *  1 unless that is known, beyond 5 % and the noise where the light is, and most of what the volume
  *  misses of the view. As of one that was blocked, or of another gain.
