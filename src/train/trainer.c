@@ -356,6 +356,16 @@ finish:
     return drawn;
 }
 
+enum v2v_status v2v_trainer_try(struct v2v_trainer *trainer, int64_t step)
+{
+    enum v2v_status drawn = V2V_OK;
+    const struct v2v_grid *grid = &trainer->grid;
+    if (!grid->idle && grid->data_rank < trainer->config->train.batch) {
+        drawn = v2v_sampler_draw(trainer->sampler, trainer->images, step, grid->data_rank);
+    }
+    return v2v_par_agree(grid->world, drawn);
+}
+
 /* The length of the batch's gradient, the same on all ranks to the last bit. Collective(world). */
 static double squared_norm(struct v2v_trainer *trainer)
 {
