@@ -109,7 +109,10 @@ const struct v2v_key v2v_key_table[] = {
          "mend", "keep"),
 
     WORD(psf, normalize, V2V_NORMALIZE_VIEW, "view: each view sums to 1", "view", "none"),
-    WORD(psf, reduce, V2V_REDUCE_SUM, "how depth slices add up in a projection", "sum", "mean"),
+    WORD(psf, reduce, V2V_REDUCE_SUM,
+         "how depth slices add up in a projection, of networks, project and evaluate; "
+         "deconvolution sums",
+         "sum", "mean"),
 
     WHOLE(optics, rings, 0, 16, 2, "rings of tilted views about the central one"),
     WHOLE(optics, views_per_ring, 1, 256, 6, "views of a ring"),

@@ -56,8 +56,8 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
                                    struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_trainer_destroy(struct v2v_trainer *trainer);
 
-/* Draws this rank's first sample of step `step`, which then is at hand: what it takes to make one is
- * found wanting here, before a run's files are touched. Collective(world), agreed. */
+/* Draws this rank's first sample of step `step`, which then is at hand: what it takes to make one
+ * is found wanting here, before a run's files are touched. Collective(world), agreed. */
 enum v2v_status v2v_trainer_try(struct v2v_trainer *trainer, int64_t step) V2V_MUST_CHECK;
 
 /* One Adam step on the batch of step `step` (from 0). A rank's failure is known to all at the end
