@@ -328,6 +328,12 @@ done:
     return rc;
 }
 
+/* Views without light lie nowhere. */
+static int shows_nothing(const struct v2v_structure *structure)
+{
+    return structure->squares > 0.0 && !isfinite(v2v_structure_missed(structure));
+}
+
 /* What is wrong with the volume and with the recording, as far as they tell. */
 static void find_faults(struct work *work)
 {
@@ -352,7 +358,7 @@ static void find_faults(struct work *work)
     for (int64_t v = 0; v < evaluation->consistency.views; v++) {
         const double y = evaluation->of_view[V2V_VIEW_SHIFT_Y][v];
         const double x = evaluation->of_view[V2V_VIEW_SHIFT_X][v];
-        if (sqrt(y * y + x * x) > out_of_register) {
+        if (sqrt(y * y + x * x) > out_of_register && !shows_nothing(&work->of_view[v].structure)) {
             snprintf(text, sizeof text,
                      "view %" PRId64 " is out of register: %+.1f, %+.1f pixels in y, x", v, y, x);
             warn(work, text);
