@@ -237,8 +237,11 @@ enum v2v_status v2v_inform_tiff(struct v2v_report *report, const char *path, int
     v2v_report_count(report, "slices", info->slices);
     v2v_report_count(report, "frames", info->frames);
     add_lengths(report, info->pixel_size_um, info->slice_spacing_um, info->frame_interval_s);
-    if (info->task[0] != '\0') {
-        v2v_report_text(report, "task", info->task);
+    if (info->told.task[0] != '\0') {
+        v2v_report_text(report, V2V_VOLUME_TASK, info->told.task);
+    }
+    if (info->told.first_frame[0] != '\0') {
+        v2v_report_text(report, V2V_VOLUME_FIRST_FRAME, info->told.first_frame);
     }
     if (frame < info->pages) {
         V2V_TRY(V2V_ALLOC(page, "info.page", v2v_mem_product(info->height, info->width, 1)));

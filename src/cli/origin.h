@@ -18,7 +18,7 @@ struct v2v_origin {
 enum v2v_status v2v_origin_of(struct v2v_origin *origin, const char *recording, int64_t first_frame,
                               const struct v2v_session *session) V2V_MUST_CHECK;
 
-/** What the file of a volume says; of TIFFs, and of what others wrote, nothing is known.
+/** What the file of a volume says, HDF5 or TIFF; of what others wrote nothing is known.
  *  @kind Collective(world), agreed. @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
 enum v2v_status v2v_origin_read(struct v2v_origin *origin, const char *path,
                                 const struct v2v_session *session) V2V_MUST_CHECK;

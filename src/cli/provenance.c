@@ -55,7 +55,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     if (weights != NULL) {
         add_text(provenance, "weights_crc32c", provenance->weights_crc32c);
     }
-    add_number(provenance, "offset", scaling->offset);
+    add_number(provenance, V2V_VOLUME_OFFSET, scaling->offset);
     add_number(provenance, "gain", scaling->gain);
 done:
     return rc;

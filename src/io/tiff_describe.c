@@ -1,11 +1,8 @@
 #include "io/tiff_internal.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/base/text.h"
 
-#include <float.h>
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 enum v2v_status v2v_tiff_set_axes(struct v2v_tiff *tiff, const int64_t size[V2V_TIFF_AXES],
@@ -118,29 +115,6 @@ static double pixel_size(TIFF *handle, uint32_t tag, double unit_um)
     return per_unit > 0 && per_unit < 1e12F ? unit_um / (double)per_unit : 0;
 }
 
-/* What this program told of a file that it wrote: the value behind a key, up to the next one. */
-static int find_told(char *value, size_t bytes, const char *software, const char *key)
-{
-    const char *at = strstr(software, key);
-    if (strncmp(software, V2V_TIFF_SOFTWARE ";", strlen(V2V_TIFF_SOFTWARE ";")) != 0 ||
-        at == NULL) {
-        return 0;
-    }
-    at += strlen(key);
-    (void)snprintf(value, bytes, "%.*s", (int)strcspn(at, ";"), at);
-    return 1;
-}
-
-static void read_software(struct v2v_tiff_info *info, const char *software)
-{
-    char step[64];
-    (void)find_told(info->task, sizeof info->task, software, V2V_TIFF_TASK);
-    if (find_told(step, sizeof step, software, V2V_TIFF_STEP) &&
-        v2v_text_to_f64(&info->step, step, FLT_MIN, FLT_MAX, "step", V2V_E_INPUT) != V2V_OK) {
-        info->step = 0.0; /* as good as none */
-    }
-}
-
 /* What the tags say, which a description goes before. */
 static void read_tags(struct v2v_tiff *tiff, const char *description)
 {
@@ -149,7 +123,7 @@ static void read_tags(struct v2v_tiff *tiff, const char *description)
     char *software = NULL;
     uint16_t resolution_unit = 0;
     if (TIFFGetField(tiff->handle, TIFFTAG_SOFTWARE, &software)) {
-        read_software(info, software);
+        v2v_tiff_software_parse(info, software);
     }
     v2v_imagej_parse(&imagej, description);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);

@@ -24,10 +24,15 @@ void v2v_tiff_log_clear(struct v2v_tiff_log *log);
 /** The reason to print: never empty. @kind Local. */
 const char *v2v_tiff_log_reason(const struct v2v_tiff_log *log);
 
-/** What the tag `Software` says where a file has a task or a step: "v2v3d; task X; step S". */
-#define V2V_TIFF_SOFTWARE "v2v3d"
-#define V2V_TIFF_TASK "; task "
-#define V2V_TIFF_STEP "; step "
+/** The tag `Software` of files of which info->told or info->step say something, "" of others:
+ *  "v2v3d; task X; first_frame T; recording_sum R; offset O; step S", without what is not known.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (does not fit) */
+enum { V2V_TIFF_SOFTWARE_BYTES = 256 };
+enum v2v_status v2v_tiff_software_format(char *text, size_t bytes,
+                                         const struct v2v_tiff_info *info) V2V_MUST_CHECK;
+
+/** Likewise read; the tag of other programs says nothing. @kind Local. */
+void v2v_tiff_software_parse(struct v2v_tiff_info *info, const char *software);
 
 /** A beat of the watchdog once every so many pages that are looked at. @kind Local. */
 void v2v_tiff_beat(int64_t page);

@@ -181,29 +181,10 @@ static const void *stored_page(const struct v2v_tiff_writer *writer, const float
     return writer->integers;
 }
 
-/* What later runs of this program read: "" where there is nothing. */
-static enum v2v_status format_software(char *text, size_t bytes, const struct v2v_tiff_info *info)
-{
-    enum v2v_status rc = V2V_OK;
-    char task[64] = "", step[64] = "";
-    text[0] = '\0';
-    if (info->task[0] != '\0') {
-        V2V_TRY(v2v_text_format(task, sizeof task, V2V_TIFF_TASK "%s", info->task));
-    }
-    if (info->step > 0.0) {
-        V2V_TRY(v2v_text_format(step, sizeof step, V2V_TIFF_STEP "%.17g", info->step));
-    }
-    if (task[0] != '\0' || step[0] != '\0') {
-        V2V_TRY(v2v_text_format(text, bytes, V2V_TIFF_SOFTWARE "%s%s", task, step));
-    }
-done:
-    return rc;
-}
-
 enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float *page)
 {
     enum v2v_status rc = V2V_OK;
-    char software[128], name[V2V_TIFF_PAGE_NAME_BYTES];
+    char software[V2V_TIFF_SOFTWARE_BYTES], name[V2V_TIFF_PAGE_NAME_BYTES];
     /* libtiff's prototype lacks a const; uncompressed data in native byte order are only read. */
     void *data = (void *)(uintptr_t)stored_page(writer, page);
 
@@ -213,7 +194,7 @@ enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float 
                          writer->temporary, (long long)writer->info.pages));
     }
     v2v_tiff_log_clear(&writer->log);
-    V2V_TRY(format_software(software, sizeof software, &writer->info));
+    V2V_TRY(v2v_tiff_software_format(software, sizeof software, &writer->info));
     v2v_tiff_name_page(name, page, writer->info.height * writer->info.width);
     if (!set_tags(writer->handle, &writer->info) ||
         (writer->written == 0 &&

@@ -169,7 +169,7 @@ static enum v2v_status create(struct work *work, const char *packed)
     const struct v2v_volume_tiff_plan tiff = {.is_ome = pack->is_ome,
                                               .is_packed = 1,
                                               .step = work->step[V2V_VOLUME_MEAN],
-                                              .task = pack->task};
+                                              .told = pack->told};
     return pack->is_tiff
                ? v2v_volume_tiff_create(&work->tiff, packed, &pack->info, &tiff, work->comm)
                : v2v_h5_packed_create(&work->h5, packed, pack, work->part, work->step, work->comm);

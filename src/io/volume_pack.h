@@ -11,6 +11,7 @@
 
 #include "io/h5_writer.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/tiff.h"
 #include "v2v3d/io/volume.h"
 
 /** What to make. */
@@ -19,7 +20,7 @@ struct v2v_volume_pack {
     unsigned datasets; /**< as of v2v_volume_create */
     int is_tiff, is_ome;
     char path[V2V_PATH_BYTES]; /**< that it gets in the end */
-    char task[32];             /**< or "" */
+    struct v2v_tiff_told told; /**< of a TIFF */
 };
 
 /** Integers of frame t that stand for nothing near their voxels, beside `/volume` [t]. */

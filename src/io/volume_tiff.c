@@ -56,6 +56,7 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
         .is_ome = plan->is_ome,
         .is_packed = plan->is_packed,
         .step = plan->step,
+        .told = plan->told,
         .pixel_size_um = info->pixel_size_um,
         .slice_spacing_um = info->slice_spacing_um,
         .frame_interval_s = info->frame_interval_s,
@@ -65,10 +66,6 @@ enum v2v_status v2v_volume_tiff_create(struct v2v_volume_tiff **tiff, const char
     fresh->comm = comm;
     fresh->info = *info;
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
-    if (rc == V2V_OK) {
-        rc = v2v_text_format(file.task, sizeof file.task, "%s",
-                             plan->task != NULL ? plan->task : "");
-    }
     if (rc == V2V_OK && v2v_comm_rank(comm) == 0) {
         rc = V2V_ALLOC(fresh->blocks, "io.volume", v2v_comm_size(comm));
         if (rc == V2V_OK) {
@@ -91,7 +88,7 @@ enum v2v_status v2v_volume_tiff_check(const char *path, const struct v2v_volume_
     float *page = NULL;
     V2V_TRY(v2v_tiff_open(&tiff, path));
     const struct v2v_tiff_info *file = v2v_tiff_info(tiff);
-    if (task == NULL || strcmp(file->task, task) != 0) {
+    if (task == NULL || strcmp(file->told.task, task) != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
                          path));
     }

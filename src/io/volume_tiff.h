@@ -3,6 +3,7 @@
 #ifndef V2V_IO_VOLUME_TIFF_H
 #define V2V_IO_VOLUME_TIFF_H
 
+#include "v2v3d/io/tiff.h"
 #include "v2v3d/io/volume.h"
 
 struct v2v_volume_tiff;
@@ -11,8 +12,12 @@ struct v2v_volume_tiff;
 struct v2v_volume_tiff_plan {
     int is_ome, is_packed; /**< as of struct v2v_tiff_info */
     double step;           /**< of integers, which come as whole numbers 0 .. 65535; 0: floats */
-    const char *task;      /**< of V2V_VOLUME_TASK; or NULL */
+    struct v2v_tiff_told told;
 };
+
+/** What a TIFF keeps of attributes. @kind Local. @return V2V_OK | V2V_E_INPUT (one is too long) */
+enum v2v_status v2v_tiff_told_of(struct v2v_tiff_told *told, const struct v2v_attribute *attributes,
+                                 int64_t count) V2V_MUST_CHECK;
 
 /** @kind Collective(comm).
  *  @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */

@@ -134,17 +134,15 @@ static void make_plan(struct v2v_h5_plan *plan, const struct description *descri
 
 /* What becomes of the plain file. */
 static enum v2v_status make_pack(struct v2v_volume_pack *pack, const char *path,
-                                 const struct description *description, const char *task)
+                                 const struct description *description,
+                                 const struct v2v_tiff_told *told)
 {
-    enum v2v_status rc = V2V_OK;
     *pack = (struct v2v_volume_pack){.info = *description->info,
                                      .datasets = description->datasets,
                                      .is_tiff = v2v_file_kind_of_name(path) == V2V_FILE_TIFF,
-                                     .is_ome = v2v_tiff_is_ome_name(path)};
-    V2V_TRY(v2v_text_format(pack->path, sizeof pack->path, "%s", path));
-    V2V_TRY(v2v_text_format(pack->task, sizeof pack->task, "%s", task != NULL ? task : ""));
-done:
-    return rc;
+                                     .is_ome = v2v_tiff_is_ome_name(path),
+                                     .told = *told};
+    return v2v_text_format(pack->path, sizeof pack->path, "%s", path);
 }
 
 static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path,
@@ -154,22 +152,24 @@ static enum v2v_status begin(struct v2v_volume_writer **writer, const char *path
     enum v2v_status rc = check_request(path, description->info, description->datasets);
     struct v2v_volume_writer *fresh = NULL;
     struct v2v_h5_plan plan;
+    struct v2v_volume_tiff_plan tiff = {.is_ome = v2v_tiff_is_ome_name(path)};
     *writer = NULL;
     make_plan(&plan, description);
     plan.resume = resume;
     if (rc == V2V_OK) {
+        rc = v2v_tiff_told_of(&tiff.told, description->attributes, description->attribute_count);
+    }
+    if (rc == V2V_OK) {
         rc = V2V_ALLOC(fresh, "io.volume", 1);
     }
     if (rc == V2V_OK && v2v_volume_pack_is_needed(&description->info->storage)) {
-        rc = make_pack(&fresh->pack, path, description, plan.task);
+        rc = make_pack(&fresh->pack, path, description, &tiff.told);
         plan.pack = &fresh->pack;
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     if (is_written_as_hdf5(path, description->info)) {
         V2V_TRY(v2v_h5_writer_create(&fresh->h5, path, &plan, comm));
     } else {
-        const struct v2v_volume_tiff_plan tiff = {.is_ome = v2v_tiff_is_ome_name(path),
-                                                  .task = plan.task};
         V2V_TRY(v2v_volume_tiff_create(&fresh->tiff, path, description->info, &tiff, comm));
     }
     *writer = fresh;

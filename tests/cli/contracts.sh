@@ -154,6 +154,14 @@ judged two.h5 0 >of_two
 cmp -s of_every of_two || fail "a range is judged otherwise: $(cat of_every of_two)"
 works convert --input two.h5 -o copy.h5
 works convert --input two.h5 -o copy.tif
+works convert --input copy.tif -o back.h5
+works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o two.ome.tif --iterations 2 --frames 1:2
+works deconvolve --method rld --psf one/psf.h5 --input moving.h5 -o zeroth.tif --iterations 2 --frames 0:1
+for file in copy.tif back.h5 two.ome.tif; do # they keep which frames they show
+    judged "$file" 0 >of_file
+    cmp -s of_two of_file || fail "$file is judged otherwise: $(cat of_two of_file)"
+done
+works evaluate --volume zeroth.tif --psf one/psf.h5 --input moving.h5
 for words in 'every.h5 two.h5' 'two.h5 two.h5' 'two.h5 copy.h5' 'copy.h5 two.h5' 'two.h5 copy.tif'; do
     works evaluate --truth "${words% *}" --volume "${words#* }"
     says '^ mean +inf +1 '

@@ -8,6 +8,15 @@
 extern "C" {
 #endif
 
+/** What this program keeps of a volume in the tag `Software`: attributes that HDF5 files have, as
+ *  text; "" where the file does not say. */
+struct v2v_tiff_told {
+    char task[32];          /**< V2V_VOLUME_TASK */
+    char first_frame[32];   /**< V2V_VOLUME_FIRST_FRAME */
+    char recording_sum[32]; /**< V2V_VOLUME_RECORDING */
+    char offset[32];        /**< V2V_VOLUME_OFFSET */
+};
+
 /** What a TIFF stack says of itself. Lengths are 0 where the file does not say. */
 struct v2v_tiff_info {
     int64_t pages, height, width;
@@ -22,7 +31,7 @@ struct v2v_tiff_info {
     int is_packed; /**< likewise: written under the very name given, whose output the caller holds
                         the lock of, and left there: v2v_file_packed */
     double step;   /**< between integers that this program made of voxels; else 0 */
-    char task[32]; /**< V2V_VOLUME_TASK of a volume that this program computed; else "" */
+    struct v2v_tiff_told told;
 };
 
 struct v2v_tiff;

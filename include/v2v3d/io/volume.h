@@ -32,6 +32,13 @@ struct v2v_volume_info {
  *  units: the name that CF conventions for netCDF have for it, which some readers apply. */
 #define V2V_VOLUME_STEP "scale_factor"
 
+/** Attributes of where a volume's frames come from: the number of the first one in its recording
+ *  (from 0), a hash of the recording's file, and what was taken off its samples. A TIFF keeps them
+ *  too. */
+#define V2V_VOLUME_FIRST_FRAME "first_frame"
+#define V2V_VOLUME_RECORDING "recording_sum"
+#define V2V_VOLUME_OFFSET "offset"
+
 struct v2v_volume;
 
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack: of its channels
@@ -74,7 +81,8 @@ struct v2v_attribute {
 /** A volume to write. `.h5` / `.hdf5`: HDF5 float32 [t,z,y,x], chunk = one slice, `/done` [t],
  * attrs;
  *  `.tif` / `.tiff`: ImageJ hyperstack (rank 0 gathers and holds frames that come before their turn
- *  in memory; mean volume only; no attributes; a missing frame fails v2v_volume_finish). Where
+ *  in memory; mean volume only; of the attributes those of the task and of where frames come
+ *  from; a missing frame fails v2v_volume_finish). Where
  *  info->storage asks for integers or compression, frames are first written as HDF5 float32,
  *  whatever the name, and v2v_volume_finish makes the file of that: only then all ranks' frames,
  *  and their largest voxel, are known, and ranks keep their own pace until then. `datasets`

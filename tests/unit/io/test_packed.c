@@ -172,6 +172,37 @@ static void tiff_says_the_step_of_its_integers(void **state)
     }
 }
 
+/* The first frame, the recording and the offset, whatever is asked of the voxels. */
+static void tiff_says_where_its_frames_come_from(void **state)
+{
+    (void)state;
+    static const struct v2v_attribute from[] = {
+        {.name = "program", .text = "v2v3d 1"},
+        {.name = V2V_VOLUME_OFFSET, .number = 99.75},
+        {.name = V2V_VOLUME_FIRST_FRAME, .number = 12345678},
+        {.name = V2V_VOLUME_RECORDING, .text = "00112233445566ff"},
+    };
+    static const char *const names[] = {"from.tif", "from.ome.tif"};
+    for (int i = 0; i < 4; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        struct v2v_tiff *tiff = NULL;
+        const struct v2v_volume_info info = stored(i / 2 ? &integers : &plain);
+        use(names[i % 2]);
+        assert_ok(v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, from,
+                                    (int64_t)(sizeof from / sizeof from[0]), NULL));
+        write_frames(writer, 1u << V2V_VOLUME_MEAN);
+        assert_ok(v2v_volume_finish(&writer));
+        assert_ok(v2v_tiff_open(&tiff, path));
+        const struct v2v_tiff_info *found = v2v_tiff_info(tiff);
+        assert_string_equal(found->told.task, "");
+        assert_string_equal(found->told.first_frame, "12345678");
+        assert_string_equal(found->told.recording_sum, "00112233445566ff");
+        assert_string_equal(found->told.offset, "99.75");
+        assert_true(found->step == (i / 2 ? 40.0 / 65535.0 : 0.0));
+        v2v_tiff_close(&tiff);
+    }
+}
+
 static void ome_tiff_says_what_it_holds(void **state)
 {
     (void)state;
@@ -408,6 +439,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(integers_are_within_half_a_step_of_the_brightest_voxel),
         cmocka_unit_test(tiff_says_the_step_of_its_integers),
+        cmocka_unit_test(tiff_says_where_its_frames_come_from),
         cmocka_unit_test(ome_tiff_says_what_it_holds),
         cmocka_unit_test(compressed_floats_are_read_back_to_the_bit),
         cmocka_unit_test(every_dataset_has_its_own_step_and_attributes_stay),
