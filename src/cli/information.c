@@ -237,6 +237,10 @@ enum v2v_status v2v_inform_tiff(struct v2v_report *report, const char *path, int
     v2v_report_count(report, "slices", info->slices);
     v2v_report_count(report, "frames", info->frames);
     add_lengths(report, info->pixel_size_um, info->slice_spacing_um, info->frame_interval_s);
+    if (info->scale != 0.0) {
+        v2v_report_number(report, "value of a sample of 0", info->zero, "");
+        v2v_report_number(report, "step between values", info->scale, "");
+    }
     if (info->told.task[0] != '\0') {
         v2v_report_text(report, V2V_VOLUME_TASK, info->told.task);
     }

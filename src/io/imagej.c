@@ -39,16 +39,42 @@ static int64_t find_count(const char *description, const char *key)
     return count;
 }
 
-static double find_number(const char *description, const char *key)
+static int find_signed(double *number, const char *description, const char *key)
 {
     char text[64];
+
+    return find_value(text, sizeof text, description, key) &&
+           v2v_text_to_f64(number, text, -1e12, 1e12, key, V2V_E_INPUT) == V2V_OK;
+}
+
+static double find_number(const char *description, const char *key)
+{
     double number = 0;
 
-    if (!find_value(text, sizeof text, description, key) ||
-        v2v_text_to_f64(&number, text, -1e12, 1e12, key, V2V_E_INPUT) != V2V_OK) {
-        return 0;
-    }
+    (void)find_signed(&number, description, key);
     return fabs(number);
+}
+
+static int is_imagej(const char *description)
+{
+    return description != NULL && strncmp(description, "ImageJ=", strlen("ImageJ=")) == 0;
+}
+
+enum v2v_imagej_values v2v_imagej_values(double *zero, double *scale, const char *description)
+{
+    double function = 0; /* which ImageJ takes for a straight line */
+
+    if (!is_imagej(description)) {
+        return V2V_IMAGEJ_AS_STORED;
+    }
+    (void)find_signed(&function, description, "cf");
+    if (function != 0) {
+        return V2V_IMAGEJ_CURVED;
+    }
+    return find_signed(zero, description, "c0") && find_signed(scale, description, "c1") &&
+                   *scale != 0
+               ? V2V_IMAGEJ_STRAIGHT
+               : V2V_IMAGEJ_AS_STORED;
 }
 
 void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
@@ -56,7 +82,7 @@ void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
     char unit[32];
 
     *imagej = (struct v2v_imagej){.channels = 1, .slices = 1, .frames = 1};
-    if (description == NULL || strncmp(description, "ImageJ=", strlen("ImageJ=")) != 0) {
+    if (!is_imagej(description)) {
         return;
     }
     imagej->images = find_count(description, "images");

@@ -115,6 +115,32 @@ static double pixel_size(TIFF *handle, uint32_t tag, double unit_um)
     return per_unit > 0 && per_unit < 1e12F ? unit_um / (double)per_unit : 0;
 }
 
+/* ImageJ calibrates samples of 8 and 16 bits. What this program made of voxels it knows to the bit
+ * by its own tag. */
+static void calibrate(struct v2v_tiff *tiff, const char *description)
+{
+    struct v2v_tiff_info *info = &tiff->info;
+    double zero = 0.0, scale = 0.0;
+    if (info->is_float || info->bits > 16 || info->step > 0.0) {
+        return;
+    }
+    switch (v2v_imagej_values(&zero, &scale, description)) {
+    case V2V_IMAGEJ_AS_STORED:
+        break;
+    case V2V_IMAGEJ_STRAIGHT:
+        info->zero = zero;
+        info->scale = scale;
+        info->type_max = 1.0;
+        break;
+    case V2V_IMAGEJ_CURVED:
+        v2v_log(V2V_LOG_WARNING,
+                "%s: ImageJ's calibration of values is no straight line: it is not used, the "
+                "samples are taken as they are stored",
+                tiff->path);
+        break;
+    }
+}
+
 /* What the tags say, which a description goes before. */
 static void read_tags(struct v2v_tiff *tiff, const char *description)
 {
@@ -125,6 +151,7 @@ static void read_tags(struct v2v_tiff *tiff, const char *description)
     if (TIFFGetField(tiff->handle, TIFFTAG_SOFTWARE, &software)) {
         v2v_tiff_software_parse(info, software);
     }
+    calibrate(tiff, description);
     v2v_imagej_parse(&imagej, description);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);
     /* Inches are dots per inch of a printer, not an object's size; centimetres are meant. */

@@ -156,6 +156,14 @@ struct v2v_imagej {
 /** Read the lines "key=value" of a description (NULL is fine). @kind Local. */
 void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description);
 
+/** How ImageJ makes values of samples. @kind Local. @param description may be NULL */
+enum v2v_imagej_values {
+    V2V_IMAGEJ_AS_STORED,
+    V2V_IMAGEJ_STRAIGHT, /**< *zero + *scale * sample, scale not 0 */
+    V2V_IMAGEJ_CURVED    /**< another function */
+};
+enum v2v_imagej_values v2v_imagej_values(double *zero, double *scale, const char *description);
+
 /** The description of a hyperstack. @kind Local. @return V2V_OK | V2V_E_INPUT (does not fit) */
 enum v2v_status v2v_imagej_format(char *text, size_t bytes,
                                   const struct v2v_tiff_info *info) V2V_MUST_CHECK;

@@ -292,6 +292,14 @@ static enum v2v_status check_sum(struct v2v_tiff *tiff, const float *page, int64
                : V2V_PAGE_FAIL(tiff, number, "is not as it was written: its checksum differs");
 }
 
+/* In double precision: a sample has 16 bits at most, a value is rounded once. */
+static void to_values(float *page, int64_t count, const struct v2v_tiff_info *info)
+{
+    for (int64_t i = 0; i < count; i++) {
+        page[i] = (float)(info->zero + info->scale * (double)page[i]);
+    }
+}
+
 enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, int64_t count)
 {
     enum v2v_status rc = V2V_OK;
@@ -311,6 +319,9 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first, 
         V2V_TRY(check_sum(tiff, page, at));
         if (tiff->info.is_float) {
             V2V_TRY(check_finite(tiff, page, at));
+        }
+        if (tiff->info.scale != 0.0) {
+            to_values(page, pixels, &tiff->info);
         }
     }
 done:

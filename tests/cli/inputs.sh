@@ -53,6 +53,13 @@ for name in 'a b' 'ünter µm' "it's & 100%" '#1 (copy)' '[x] *' 'a;b' '-dash'; 
     same plain.ref "./$name of it.h5" /views
 done
 
+works info ij_signed.tif
+says '^value of a sample of 0: -32768$'
+says '^step between values: 1$'
+works info ij_curved.tif
+grep -q "^warning.*ij_curved.tif: ImageJ's calibration of values is no straight line" stderr ||
+    fail "no word on the calibration: $(cat stderr)"
+
 # PSFs and a recording of other pixels; PSF stacks with channels or frames.
 works convert --kind recording --input ij_zt.tif --pixel-size 0.65 -o other_pixels.h5
 works psf simulate --set optics.rings=1 --set optics.views_per_ring=2 --set optics.slices=3 \

@@ -51,6 +51,7 @@ struct stack {
     int odd_page;   /* from 1: this one is a column wider */
     int every_page; /* has the description */
     int left_out;   /* pages at the end */
+    int more;       /* samples are the counts and this */
 };
 
 static const struct stack stacks[] = {
@@ -92,6 +93,19 @@ static const struct stack stacks[] = {
      .order = "tvc",
      .left_out = 1,
      .description = IMAGEJ(24, "channels=2\nslices=3\nframes=4\n")},
+    {.name = "ij_signed.tif",
+     .order = "tv",
+     .more = 32768,
+     .description =
+         IMAGEJ(12, "slices=3\nframes=4\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=gray value\n")},
+    {.name = "ij_calibrated_8.tif",
+     .order = "tv",
+     .bits = 8,
+     .more = 4,
+     .description = IMAGEJ(12, "slices=3\nframes=4\nc0=-4\nc1=1\n")},
+    {.name = "ij_curved.tif",
+     .order = "tv",
+     .description = IMAGEJ(12, "slices=3\nframes=4\ncf=4\nc0=2\nc1=3\n")},
     {.name = "ij_4_views.tif", .order = "tv", .description = IMAGEJ(12, "slices=4\nframes=3\n")},
     /* OME */
     {.name = "ome_xyzct.tif", .order = "tcv", .description = OME("XYZCT", 2, 3, 4, "<TiffData/>")},
@@ -213,8 +227,8 @@ static void put_page(TIFF *tiff, const struct stack *row, const int at[3], int n
     }
     for (int y = 0; y < height; y++) {
         for (int x = 0; x < width * times; x++) {
-            put_sample(samples + y * pitch + x * bytes, count_at(at[0], at[1], at[2], y, x / times),
-                       row);
+            put_sample(samples + y * pitch + x * bytes,
+                       count_at(at[0], at[1], at[2], y, x / times) + row->more, row);
         }
     }
     if (row->tile != 0) {

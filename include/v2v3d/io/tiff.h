@@ -25,12 +25,16 @@ struct v2v_tiff_info {
     int64_t channels, slices, frames;
     int bits; /**< 8, 16 or 32 */
     int is_float;
-    double type_max; /**< 255, 65535, 4294967295; 1 for float */
+    double type_max; /**< 255, 65535, 4294967295; 1 for float, and where there is a scale */
     double pixel_size_um, slice_spacing_um, frame_interval_s;
     int is_ome;    /**< of a file to write: described by OME-XML, not as ImageJ does */
     int is_packed; /**< likewise: written under the very name given, whose output the caller holds
                         the lock of, and left there: v2v_file_packed */
     double step;   /**< between integers that this program made of voxels; else 0 */
+    /** ImageJ's calibration of 8- and 16-bit samples by a straight line: a value is zero + scale
+     *  times what is stored. scale 0: there is none, or the step goes before it. Of a file that is
+     *  read. */
+    double zero, scale;
     struct v2v_tiff_told told;
 };
 
@@ -45,7 +49,8 @@ enum v2v_status v2v_tiff_open(struct v2v_tiff **tiff, const char *path) V2V_MUST
 const struct v2v_tiff_info *v2v_tiff_info(const struct v2v_tiff *tiff);
 
 /** Pages first .. first+count-1, c fastest, then z, then t, whatever their order in the file, as
- *  float32 in the file's own units. @kind Local. @param out [count,y,x]
+ *  float32 in the file's own units: those of ImageJ's calibration where there is a scale.
+ *  @kind Local. @param out [count,y,x]
  *  @return V2V_OK | V2V_E_INPUT (page, reason; also NaN or Inf: page and pixel; also a page that
  *  this program wrote and that is no longer as it was) */
 enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,

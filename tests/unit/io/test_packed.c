@@ -172,6 +172,32 @@ static void tiff_says_the_step_of_its_integers(void **state)
     }
 }
 
+/* Fiji keeps the description, of nine digits, and neither `Software` nor the pages' names. */
+static void integers_that_imagej_saved_again_keep_their_step(void **state)
+{
+    (void)state;
+    struct v2v_tiff *tiff = NULL;
+    static char text[16384];
+    size_t bytes = 0;
+    use("saved_again.tif");
+    assert_ok(write_volume(&integers, 1u << V2V_VOLUME_MEAN));
+    memcpy(text, content(&bytes), sizeof text);
+    for (char *at = text; (at = memmem(at, bytes - (size_t)(at - text), "v2v3d;", 6)) != NULL;) {
+        memcpy(at, "ImageJ", 6);
+    }
+    for (char *at = text; (at = memmem(at, bytes - (size_t)(at - text), "crc32c ", 7)) != NULL;) {
+        memcpy(at, "a slice", 7);
+    }
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(text, 1, bytes, file), bytes);
+    assert_int_equal(fclose(file), 0);
+    assert_ok(v2v_tiff_open(&tiff, path));
+    assert_true(v2v_tiff_info(tiff)->step == 0.0 && v2v_tiff_info(tiff)->scale > 0.0);
+    v2v_tiff_close(&tiff);
+    assert_voxels(half_a_step + 40.0 * 0.5e-8);
+}
+
 /* The first frame, the recording and the offset, whatever is asked of the voxels. */
 static void tiff_says_where_its_frames_come_from(void **state)
 {
@@ -439,6 +465,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(integers_are_within_half_a_step_of_the_brightest_voxel),
         cmocka_unit_test(tiff_says_the_step_of_its_integers),
+        cmocka_unit_test(integers_that_imagej_saved_again_keep_their_step),
         cmocka_unit_test(tiff_says_where_its_frames_come_from),
         cmocka_unit_test(ome_tiff_says_what_it_holds),
         cmocka_unit_test(compressed_floats_are_read_back_to_the_bit),

@@ -361,6 +361,36 @@ static void imagej_descriptions_are_understood(void **state)
     }
 }
 
+static void imagej_calibrates_samples_by_a_straight_line(void **state)
+{
+    (void)state;
+    const struct {
+        const char *text;
+        enum v2v_imagej_values values;
+        double zero, scale;
+    } cases[] = {
+        {"ImageJ=1.53t\nimages=2\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=gray value\n",
+         V2V_IMAGEJ_STRAIGHT, -32768, 1},
+        {"ImageJ=1.53t\r\nc0=1.5e-3\r\nc1=-2\r\n", V2V_IMAGEJ_STRAIGHT, 1.5e-3, -2},
+        {"ImageJ=1.53t\nc0=3\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc1=3\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc0=3\nc1=0\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc0=3\nc1=nan\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\ncf=1\nc0=3\nc1=2\nc2=1\n", V2V_IMAGEJ_CURVED, 0, 0},
+        {"ImageJ=1.53t\ncf=21\n", V2V_IMAGEJ_CURVED, 0, 0},
+        {"c0=3\nc1=2\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {NULL, V2V_IMAGEJ_AS_STORED, 0, 0},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        double zero = 0.0, scale = 0.0;
+        const enum v2v_imagej_values values = v2v_imagej_values(&zero, &scale, cases[i].text);
+        assert_int_equal(values, cases[i].values);
+        if (values == V2V_IMAGEJ_STRAIGHT) {
+            assert_true(zero == cases[i].zero && scale == cases[i].scale);
+        }
+    }
+}
+
 /* Above 4 GB ImageJ stores one directory and all pages behind each other. */
 static void an_imagej_file_with_one_directory_is_read_whole(void **state)
 {
@@ -454,6 +484,7 @@ int main(void)
         cmocka_unit_test(more_than_65536_pages_are_written_and_read),
         cmocka_unit_test(bigtiff_is_used_from_4_gb_on),
         cmocka_unit_test(imagej_descriptions_are_understood),
+        cmocka_unit_test(imagej_calibrates_samples_by_a_straight_line),
         cmocka_unit_test(an_imagej_file_with_one_directory_is_read_whole),
         cmocka_unit_test(a_description_that_contradicts_the_pages_is_set_aside),
         cmocka_unit_test(real_stacks_are_read),
