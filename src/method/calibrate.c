@@ -63,6 +63,7 @@ struct calibration_run {
     struct v2v_anderson *anderson;
     double *from, *to;                 /* all numbers of all views: before and after a step */
     struct v2v_view_calibration *best; /* [v]: of a stage's rounds */
+    unsigned terms;                    /* that are kept, of method/registration.h */
     int64_t rounds;
 };
 
@@ -84,7 +85,8 @@ static int is_optional(const struct stage *stage)
     return stage->least > 0.0;
 }
 
-/** Rounds of a look and a step; of an optional stage, back to where most was predicted.
+/** Rounds of a look and a step; of an optional stage, or where a round was in vain, back to where
+ *  most was predicted.
  *  @return of an optional one *lowered: the part of the residual that is gone. Collective(comm). */
 static enum v2v_status run_stage(struct calibration_run *self, const struct stage *stage,
                                  double *lowered)
@@ -94,6 +96,7 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
     struct v2v_view_calibration *const now = at->calibration->view;
     const size_t bytes = (size_t)at->count * sizeof *now;
     double moved = INFINITY, first = INFINITY, least = INFINITY;
+    int is_lower = 1;
     v2v_anderson_restart(self->anderson);
     memcpy(self->best, now, bytes);
     for (int r = 0; r <= stage->rounds; r++) {
@@ -102,7 +105,7 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
             break;
         }
         V2V_TRY(v2v_calibrator_look(at, &stage->look));
-        const int is_lower = at->missed <= (1.0 - least_by_round) * least;
+        is_lower = at->missed <= (1.0 - least_by_round) * least;
         first = r == 0 ? at->missed : first;
         if (at->missed < least) {
             least = at->missed;
@@ -119,17 +122,34 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
         mix(self);
         v2v_par_broadcast(at->comm, &moved, sizeof moved, 0);
     }
-    if (is_optional(stage)) {
+    if (is_optional(stage) || !is_lower) {
         memcpy(now, self->best, bytes);
     }
 done:
     return rc;
 }
 
-/** The stages before `end`, an optional one undone where it was not worth it, or left the bounds of
- *  what a file may say. Collective(comm). */
-static enum v2v_status run_stages(struct calibration_run *self,
-                                  struct v2v_calibration_report *report, int first, int end)
+/** Is this part of the residual no more than what so many unknowns of a view take of noise alone?
+ *  Each takes one of as many squares as there are pixels, give or take. Local. */
+static int is_by_noise(const struct v2v_calibrator *at, double lowered, int unknowns)
+{
+    enum { CERTAIN = 3 };
+    const double left = 1.0 - lowered, pixels = (double)(at->rows.count * at->columns.count);
+    return !(1.0 - left * left > (double)(CERTAIN * unknowns) / pixels);
+}
+
+/** Was a stage worth it, and within the bounds of what a file may say? Local. */
+static int is_kept(const struct calibration_run *self, const struct stage *stage, double lowered)
+{
+    const int unknowns =
+        v2v_registration_unknowns(stage->look.terms) - v2v_registration_unknowns(self->terms);
+    return !is_optional(stage) ||
+           (lowered >= stage->least && !is_by_noise(&self->at, lowered, unknowns) &&
+            v2v_calibration_is_within_bounds(self->at.calibration));
+}
+
+/** The stages before `end`, each undone where it was not worth it. Collective(comm). */
+static enum v2v_status run_stages(struct calibration_run *self, int first, int end)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_view_calibration *before = NULL, *const now = self->at.calibration->view;
@@ -138,18 +158,16 @@ static enum v2v_status run_stages(struct calibration_run *self,
     for (int s = first; s < end; s++) {
         const unsigned terms = stages[s].look.terms;
         double lowered = 0.0;
-        if ((terms & V2V_REGISTER_FINE_FIELDS) != 0 && !report->has_fields) {
+        if ((terms & V2V_REGISTER_FINE_FIELDS) != 0 && (self->terms & V2V_REGISTER_FIELDS) == 0) {
             continue; /* what is coarse was not worth it */
         }
         memcpy(before, now, bytes);
         V2V_TRY(run_stage(self, &stages[s], &lowered));
-        if (is_optional(&stages[s]) && (!(lowered >= stages[s].least) ||
-                                        !v2v_calibration_is_within_bounds(self->at.calibration))) {
+        if (is_kept(self, &stages[s], lowered)) {
+            self->terms |= terms;
+        } else {
             memcpy(now, before, bytes);
-            continue;
         }
-        report->has_slopes |= (terms & V2V_REGISTER_SLOPE) != 0;
-        report->has_fields |= (terms & V2V_REGISTER_FIELDS) != 0;
     }
 done:
     v2v_mem_free(before);
@@ -210,23 +228,20 @@ done:
     return rc;
 }
 
-/** Where views are predicted hardly better than as they came, they stay so: as many pixels of noise
- *  alone let a shift and a gain take UNKNOWNS of their squares, give or take. Local. */
-static void undo_in_vain(const struct v2v_calibrator *at, struct v2v_calibration_report *report)
+/** Where views are predicted hardly better than as they came, they stay so. Local. */
+static void undo_in_vain(struct calibration_run *self, struct v2v_calibration_report *report)
 {
-    enum { UNKNOWNS = 3, CERTAIN = 3 };
-    struct v2v_calibration *const found = at->calibration;
-    const double ratio = report->frame_after / report->frame_before;
-    const double by_noise = (double)UNKNOWNS / (double)(at->rows.count * at->columns.count);
-    if (1.0 - ratio * ratio > CERTAIN * by_noise) {
+    struct v2v_calibration *const found = self->at.calibration;
+    const double lowered = 1.0 - report->frame_after / report->frame_before;
+    if (!is_by_noise(&self->at, lowered, v2v_registration_unknowns(self->terms))) {
         return;
     }
+    self->terms = 0;
     for (int64_t v = 0; v < found->views; v++) {
         found->view[v] = (struct v2v_view_calibration){.gain = 1.0};
     }
     report->frame_after = report->frame_before;
     report->heldout_after = report->heldout_before;
-    report->has_slopes = report->has_fields = 0;
     report->is_in_vain = 1;
 }
 
@@ -246,15 +261,17 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
                                       "nothing to calibrate by"));
     }
     at->config.deconv.lambda.value = weights[0];
-    V2V_TRY(run_stages(self, report, 0, FIRST_FINE));
+    V2V_TRY(run_stages(self, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, 1, &report->weight));
-    V2V_TRY(run_stages(self, report, FIRST_FINE, STAGES));
+    V2V_TRY(run_stages(self, FIRST_FINE, STAGES));
     V2V_TRY(find_gains(self));
     V2V_TRY(v2v_calibrator_look(at, &judging));
     report->frame_after = at->missed;
     report->heldout_after = at->missed_in_square;
     report->rounds = self->rounds;
-    undo_in_vain(at, report);
+    undo_in_vain(self, report);
+    report->has_slopes = (self->terms & V2V_REGISTER_SLOPE) != 0;
+    report->has_fields = (self->terms & V2V_REGISTER_FIELDS) != 0;
 done:
     return rc;
 }

@@ -64,6 +64,11 @@ static struct unknowns unknowns_of(unsigned terms)
     return wanted;
 }
 
+int v2v_registration_unknowns(unsigned terms)
+{
+    return unknowns_of(terms).count;
+}
+
 enum v2v_status v2v_registration_images_init(struct v2v_registration_images *images, int64_t height,
                                              int64_t width)
 {

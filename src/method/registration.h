@@ -28,6 +28,9 @@ enum {
 
 enum { V2V_REGISTER_NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
 
+/** Of a view, for these terms. @kind Local. */
+int v2v_registration_unknowns(unsigned terms);
+
 /** Squares of what is missed, of the squares of what is there. */
 struct v2v_missed {
     double squares, of;

@@ -37,21 +37,23 @@ static struct v2v_psf_file make_psf(void)
 }
 
 /* Views of bright points through PSFs that are not those that are told. */
-static void show(float *views, const struct v2v_calibration *truth)
+static void show(float *views, const struct v2v_calibration *truth, double noise, uint64_t seed)
 {
     struct v2v_psf_file psf = make_psf();
     struct v2v_projector *projector = NULL;
     static float volume[SLICES * PIXELS];
-    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
-        volume[i] = v2v_random_below(3, 0, (uint64_t)i, 150) == 0
-                        ? (float)(1 + v2v_random_uniform(3, 1, (uint64_t)i))
+    const int64_t pixels = truth->height * truth->width;
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = v2v_random_below(seed, 0, (uint64_t)i, 150) == 0
+                        ? (float)(1 + v2v_random_uniform(seed, 1, (uint64_t)i))
                         : 0.0f;
     }
     assert_ok(v2v_calibration_apply_to_psf(&psf, truth));
-    assert_ok(v2v_projector_create(&projector, &psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
+    assert_ok(v2v_projector_create(&projector, &psf, truth->height, truth->width, V2V_SPLIT_SLICES,
+                                   NULL));
     v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
-    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
-        views[i] += (float)(0.002 * v2v_random_normal(3, 2, (uint64_t)i));
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        views[i] += (float)(noise * v2v_random_normal(seed, 2, (uint64_t)i));
     }
     v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
@@ -84,7 +86,7 @@ static void views_come_back_into_register(void **state)
     for (int i = 0; i < 2 * VIEWS; i++) { /* nothing that is the volume's shift in depth */
         truth.view[i / 2].shift[i % 2] -= product / squares * parallax[i / 2][i % 2];
     }
-    show(views, &truth);
+    show(views, &truth, 0.002, 3);
     assert_ok(v2v_calibrate(&found, &report, &problem, views, test_world()));
     assert_true(report.frame_after < 0.5 * report.frame_before);
     assert_false(report.has_slopes);
@@ -111,6 +113,29 @@ static void views_come_back_into_register(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* What noise lets many numbers take of few pixels is no reason for fields. */
+static void small_noisy_views_in_register_stay(void **state)
+{
+    (void)state;
+    enum { SIDE = 96 };
+    static float views[VIEWS * SIDE * SIDE];
+    struct v2v_psf_file psf = make_psf();
+    struct v2v_config config;
+    struct v2v_calibration truth, found;
+    struct v2v_calibration_report report;
+    v2v_config_defaults(&config);
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    assert_ok(v2v_calibration_init(&truth, VIEWS, SIDE, SIDE));
+    show(views, &truth, 0.01, 0);
+    assert_ok(v2v_calibrate(&found, &report, &problem, views, test_world()));
+    assert_false(report.has_fields);
+    assert_true(report.is_in_vain);
+    v2v_calibration_fini(&found);
+    v2v_calibration_fini(&truth);
+    v2v_psf_file_fini(&psf);
+}
+
 static void two_views_cannot_be_compared(void **state)
 {
     (void)state;
@@ -131,6 +156,7 @@ int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_come_back_into_register),
+        cmocka_unit_test(small_noisy_views_in_register_stay),
         cmocka_unit_test(two_views_cannot_be_compared),
     };
     return test_mpi_main(tests, argc, argv);
