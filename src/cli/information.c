@@ -241,6 +241,9 @@ enum v2v_status v2v_inform_tiff(struct v2v_report *report, const char *path, int
         v2v_report_number(report, "value of a sample of 0", info->zero, "");
         v2v_report_number(report, "step between values", info->scale, "");
     }
+    if (info->is_curved) {
+        v2v_report_text(report, "ImageJ's calibration of values", "no straight line, not used");
+    }
     if (info->told.task[0] != '\0') {
         v2v_report_text(report, V2V_VOLUME_TASK, info->told.task);
     }

@@ -7,9 +7,9 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/method/estimator.h"
 
-/** Decide them by the recording's first frame that shows something above its noise (a shutter may
- *  open late), whatever frames are asked for: a range has the bits of the whole. Nothing is read
- *  where nothing is left open.
+/** Decide them by the recording's first frame that shows something above its noise and lacks no
+ *  view (a shutter may open late), whatever frames are asked for: a range has the bits of the
+ *  whole. Nothing is read where nothing is left open.
  *  @kind   Collective(session->world)
  *  @param  session of which deconv and recon are settled
  *  @param  problem of the recording's frames, with session's configuration

@@ -167,10 +167,11 @@ static void warn_of_camera(const struct found *found, const struct v2v_volumes_m
 static void warn_of_darkness(const struct found *found, const struct v2v_recording_info *info)
 {
     if (!found->is_seen && v2v_structure_can_be_seen(info->height, info->width)) {
-        v2v_log(V2V_LOG_WARNING,
-                "no frame of %lld shows anything above its noise: what the volumes show is made of "
-                "noise",
-                (long long)info->frames);
+        v2v_log(
+            V2V_LOG_WARNING,
+            "no frame of %lld shows anything above its noise in means of 8 x 8 pixels: what the "
+            "volumes show may be of noise alone",
+            (long long)info->frames);
     }
 }
 

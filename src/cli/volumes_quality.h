@@ -19,8 +19,9 @@ struct v2v_volumes_made {
     int64_t first;                   /**< number of their first frame before the cut */
 };
 
-/** One line on how the first frame that shows something meets its views, what that warns of, and
- *  frames unlike it; a volume is none the worse without it. @kind Collective(world) */
+/** One line on how the first frame that shows something, and lacks no view, meets its views, what
+ *  that warns of, and frames unlike it; a volume is none the worse without it.
+ *  @kind Collective(world) */
 void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
                                 const struct v2v_session *session);
 

@@ -243,7 +243,7 @@ int v2v_structure_lacks_view(const float *views, int64_t count, int64_t height, 
         sum += shown;
         plain += seen(&one) > plainly;
     }
-    return 2 * plain > count && least * (double)(count - 1) < dark * (sum - least);
+    return 2 * plain > count - 1 && least * (double)(count - 1) < dark * (sum - least);
 }
 
 int v2v_structure_can_be_seen(int64_t height, int64_t width)

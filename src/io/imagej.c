@@ -62,10 +62,11 @@ static int is_imagej(const char *description)
 
 enum v2v_imagej_values v2v_imagej_values(double *zero, double *scale, const char *description)
 {
+    char unit[64];
     double function = 0; /* which ImageJ takes for a straight line */
 
-    if (!is_imagej(description)) {
-        return V2V_IMAGEJ_AS_STORED;
+    if (!is_imagej(description) || !find_value(unit, sizeof unit, description, "vunit")) {
+        return V2V_IMAGEJ_AS_STORED; /* as ImageJ has it without a unit */
     }
     (void)find_signed(&function, description, "cf");
     if (function != 0) {

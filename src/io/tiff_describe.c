@@ -133,10 +133,7 @@ static void calibrate(struct v2v_tiff *tiff, const char *description)
         info->type_max = 1.0;
         break;
     case V2V_IMAGEJ_CURVED:
-        v2v_log(V2V_LOG_WARNING,
-                "%s: ImageJ's calibration of values is no straight line: it is not used, the "
-                "samples are taken as they are stored",
-                tiff->path);
+        info->is_curved = 1;
         break;
     }
 }

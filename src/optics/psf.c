@@ -1,5 +1,6 @@
 #include "v2v3d/optics/psf.h"
 
+#include "v2v3d/base/log.h"
 #include "v2v3d/tensor/hot_pixels.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -14,12 +15,37 @@ static double sum_of(const float *x, int64_t count)
     return sum;
 }
 
+/* A brightest view's PSFs sum to so many times a darkest one's: sets differ by 1.15 at most, but
+ * where they carry what each view gets of the light. */
+static const double uneven = 2.0;
+
+/* Rank-0, before they are normalised. */
+static void warn_of_sums(const struct v2v_psf_file *psf, const char *path)
+{
+    const int64_t samples = psf->slices * psf->height * psf->width;
+    double least = INFINITY, most = 0.0;
+    for (int64_t v = 0; v < psf->views; v++) {
+        const double sum = v2v_sum(psf->data + v * samples, samples);
+        least = fmin(least, sum > 0.0 ? sum : INFINITY);
+        most = fmax(most, sum);
+    }
+    if (most > uneven * least) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: PSFs of some views sum to %.3g times those of others, which is taken out: if "
+                "views are so bright, --normalize none",
+                path, most / least);
+    }
+}
+
 enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
                              const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_psf_file_read(psf, path, comm));
     if (normalize == V2V_NORMALIZE_VIEW) {
+        if (v2v_comm_rank(comm) == 0) {
+            warn_of_sums(psf, path);
+        }
         v2v_psf_normalize_views(psf);
     }
 done:

@@ -65,7 +65,9 @@ static enum v2v_status start(struct run *run)
         v2v_bulk_copy(run->trainer.average, run->trainer.network->weights,
                       run->trainer.network->schema.fields.total);
     }
-    V2V_TRY(v2v_trainer_try(&run->trainer, run->step));
+    if (run->step < run->job->config->train.steps) {
+        V2V_TRY(v2v_trainer_try(&run->trainer, run->step));
+    }
     V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_start(&run->folder, run->step)));
 done:
     return rc;

@@ -102,10 +102,10 @@ static const struct stack stacks[] = {
      .order = "tv",
      .bits = 8,
      .more = 4,
-     .description = IMAGEJ(12, "slices=3\nframes=4\nc0=-4\nc1=1\n")},
+     .description = IMAGEJ(12, "slices=3\nframes=4\nc0=-4\nc1=1\nvunit=counts\n")},
     {.name = "ij_curved.tif",
      .order = "tv",
-     .description = IMAGEJ(12, "slices=3\nframes=4\ncf=4\nc0=2\nc1=3\n")},
+     .description = IMAGEJ(12, "slices=3\nframes=4\ncf=4\nc0=2\nc1=3\nvunit=OD\n")},
     {.name = "ij_4_views.tif", .order = "tv", .description = IMAGEJ(12, "slices=4\nframes=3\n")},
     /* OME */
     {.name = "ome_xyzct.tif", .order = "tcv", .description = OME("XYZCT", 2, 3, 4, "<TiffData/>")},

@@ -32,9 +32,10 @@ struct v2v_tiff_info {
                         the lock of, and left there: v2v_file_packed */
     double step;   /**< between integers that this program made of voxels; else 0 */
     /** ImageJ's calibration of 8- and 16-bit samples by a straight line: a value is zero + scale
-     *  times what is stored. scale 0: there is none, or the step goes before it. Of a file that is
-     *  read. */
+     *  times what is stored. scale 0: there is none, or the step goes before it, or is_curved: it
+     *  is no straight line, and not used. Of a file that is read. */
     double zero, scale;
+    int is_curved; /**< bool */
     struct v2v_tiff_told told;
 };
 

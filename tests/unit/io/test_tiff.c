@@ -371,14 +371,15 @@ static void imagej_calibrates_samples_by_a_straight_line(void **state)
     } cases[] = {
         {"ImageJ=1.53t\nimages=2\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=gray value\n",
          V2V_IMAGEJ_STRAIGHT, -32768, 1},
-        {"ImageJ=1.53t\r\nc0=1.5e-3\r\nc1=-2\r\n", V2V_IMAGEJ_STRAIGHT, 1.5e-3, -2},
-        {"ImageJ=1.53t\nc0=3\n", V2V_IMAGEJ_AS_STORED, 0, 0},
-        {"ImageJ=1.53t\nc1=3\n", V2V_IMAGEJ_AS_STORED, 0, 0},
-        {"ImageJ=1.53t\nc0=3\nc1=0\n", V2V_IMAGEJ_AS_STORED, 0, 0},
-        {"ImageJ=1.53t\nc0=3\nc1=nan\n", V2V_IMAGEJ_AS_STORED, 0, 0},
-        {"ImageJ=1.53t\ncf=1\nc0=3\nc1=2\nc2=1\n", V2V_IMAGEJ_CURVED, 0, 0},
-        {"ImageJ=1.53t\ncf=21\n", V2V_IMAGEJ_CURVED, 0, 0},
-        {"c0=3\nc1=2\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\r\nc0=1.5e-3\r\nc1=-2\r\nvunit=mV\r\n", V2V_IMAGEJ_STRAIGHT, 1.5e-3, -2},
+        {"ImageJ=1.53t\nc0=3\nvunit=mV\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc1=3\nvunit=mV\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc0=3\nc1=0\nvunit=mV\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\nc0=3\nc1=nan\nvunit=mV\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"ImageJ=1.53t\ncf=1\nc0=3\nc1=2\nc2=1\nvunit=mV\n", V2V_IMAGEJ_CURVED, 0, 0},
+        {"ImageJ=1.53t\ncf=21\nvunit=OD\n", V2V_IMAGEJ_CURVED, 0, 0},
+        {"ImageJ=1.53t\nc0=-32768\nc1=1\n", V2V_IMAGEJ_AS_STORED, 0, 0},
+        {"c0=3\nc1=2\nvunit=mV\n", V2V_IMAGEJ_AS_STORED, 0, 0},
         {NULL, V2V_IMAGEJ_AS_STORED, 0, 0},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
