@@ -104,12 +104,17 @@ static void add_differences(struct v2v_structure *to, const float *recorded, con
     }
 }
 
+int v2v_structure_can_be_seen(int64_t height, int64_t width)
+{
+    return height / SIDE * (width / SIDE) >= LEAST_SQUARES;
+}
+
 static struct v2v_structure structure_of(const float *recorded, const float *projected,
                                          int64_t width, struct v2v_part rows,
                                          struct v2v_part columns)
 {
     struct v2v_structure structure = {0};
-    if (rows.count / SIDE * (columns.count / SIDE) >= LEAST_SQUARES) {
+    if (v2v_structure_can_be_seen(rows.count, columns.count)) {
         add_squares(&structure, recorded, projected, width, rows, columns);
         add_differences(&structure, recorded, projected, width, rows, columns);
     }
@@ -244,11 +249,6 @@ int v2v_structure_lacks_view(const float *views, int64_t count, int64_t height, 
         plain += seen(&one) > plainly;
     }
     return 2 * plain > count - 1 && least * (double)(count - 1) < dark * (sum - least);
-}
-
-int v2v_structure_can_be_seen(int64_t height, int64_t width)
-{
-    return height / SIDE * (width / SIDE) >= LEAST_SQUARES;
 }
 
 double v2v_structure_brightness(const struct v2v_structure *view,

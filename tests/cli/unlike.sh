@@ -68,6 +68,16 @@ misses warning
 same shutter_1.h5 good_volume.h5 /volume
 works deconvolve --psf psf.h5 --input dark -o dark.h5
 tells 'no frame of 2 shows anything above its noise'
+works evaluate --volume dark.h5 --psf psf.h5 --input dark --frames 1
+misses 'out of register'
+
+# What a view's PSFs sum to, which --normalize view takes out.
+cp psf.h5 uneven.h5
+"$V2V_POKE" uneven.h5 /psf 0 2
+works deconvolve --psf uneven.h5 --input good.tif -o uneven_volume.h5
+tells 'uneven.h5: PSFs of some views sum to 3[.0-9]* times those of others'
+works deconvolve --psf uneven.h5 --input good.tif -o as_they_are.h5 --normalize none
+misses 'PSFs of some views'
 
 works deconvolve --psf psf.h5 --input all -o all.h5
 tells '^frame 0: residual of the views'

@@ -5,6 +5,7 @@
 #include "v2v3d/eval/structure.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { HEIGHT = 96, WIDTH = 112, PIXELS = HEIGHT * WIDTH };
 
@@ -65,6 +66,32 @@ static void views_without_structure_miss_nothing_that_is_known(void **state)
     found = v2v_structure_of(recorded, projected, HEIGHT, WIDTH);
     assert_true(isnan(v2v_structure_missed(&found)));
     assert_true(v2v_structure_brightness(&found, &found) == 1.0);
+}
+
+/* Two or three views, of which the last shows `part` of what the others do, with noise. */
+static int lacks_view(int64_t count, double part, double noise)
+{
+    static float views[3 * PIXELS];
+    for (int64_t v = 0; v < count; v++) {
+        make(0.0, v + 1 < count ? 1.0 : part, noise);
+        memcpy(views + v * PIXELS, recorded, sizeof recorded);
+    }
+    return v2v_structure_lacks_view(views, count, HEIGHT, WIDTH);
+}
+
+static void a_dark_view_is_lacking_beside_plain_ones(void **state)
+{
+    (void)state;
+    static const double noises[] = {0.0, 0.1, 1.0};
+    for (size_t i = 0; i < sizeof noises / sizeof *noises; i++) {
+        for (int64_t count = 2; count <= 3; count++) {
+            assert_true(lacks_view(count, 0.0, noises[i]));
+            assert_false(lacks_view(count, 0.3, noises[i]));
+        }
+    }
+    assert_false(lacks_view(1, 0.0, 0.1));
+    assert_false(lacks_view(3, 0.0, 100.0)); /* nothing is plain */
+    assert_true(v2v_structure_can_be_seen(16, 16) && !v2v_structure_can_be_seen(16, 15));
 }
 
 static void another_brightness_is_told_beyond_the_noise(void **state)
@@ -166,6 +193,7 @@ int main(void)
         cmocka_unit_test(noise_alone_is_nothing_missed),
         cmocka_unit_test(what_the_volume_lacks_is_seen_through_noise),
         cmocka_unit_test(views_without_structure_miss_nothing_that_is_known),
+        cmocka_unit_test(a_dark_view_is_lacking_beside_plain_ones),
         cmocka_unit_test(another_brightness_is_told_beyond_the_noise),
         cmocka_unit_test(tails_of_what_lies_at_the_border_tell_nothing),
         cmocka_unit_test(noise_of_photons_makes_no_view_odd),
