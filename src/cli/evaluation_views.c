@@ -16,7 +16,7 @@
 #include <string.h>
 
 /* Pixels between a view and its prediction that are worth a warning: views in register were up to
- * 0.51 off where their volume is uncertain in depth (tests/bench/README.md). */
+ * 0.51 off where their volume is uncertain in depth (tests/bench/views.md). */
 static const double out_of_register = 0.7;
 
 /* Light of a volume over that of its views, or the other way round, that is. */

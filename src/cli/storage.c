@@ -5,7 +5,7 @@
 #include "v2v3d/io/bdv.h"
 #include <string.h>
 
-/* Higher ones take much longer and save little: tests/bench/README.md. */
+/* Higher ones take much longer and save little: tests/bench/speed.md. */
 enum { USUAL_LEVEL = 2 };
 
 static enum v2v_status parse_compression(int *level, const char *text)

@@ -18,7 +18,7 @@ static const double much_dimmer = 0.5;
 /* A frame's views are explained worse than those of the frame that is explained best: more of their
  * brightness is left beyond noise, which of little noise is what iterations leave; more of their
  * noise too, which bleaching does not change; and more than is left of views in register
- * (tests/bench/README.md). */
+ * (tests/bench/views.md). */
 static const double much_more = 1.7, least_left = 2e-3, more_of_noise = 1.1, more_than_noise = 1.05;
 
 /* Standard deviations of what is left of two frames of nothing but noise. */

@@ -3,7 +3,7 @@
  *  A row or a column alone leaves a library no more than shuffles to fill vectors with. Of as many
  *  as a vector has lanes every step is the same, on numbers that lie side by side: [n,lane], real
  *  and imaginary parts apart. What a lane gets doesn't depend on which one it is, nor on what is in
- *  the others. Beside FFTW: tests/bench/README.md.
+ *  the others. Beside FFTW: tests/bench/speed.md.
  */
 #ifndef V2V3D_SRC_FFT_LANES_H
 #define V2V3D_SRC_FFT_LANES_H

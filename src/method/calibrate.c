@@ -299,7 +299,7 @@ static enum v2v_status begin(struct calibration_run *self)
     const int64_t numbers = psf->views * V2V_REGISTER_NUMBERS;
     V2V_TRY(v2v_calibrator_init(at));
     at->config.deconv.stop = V2V_STOP_FIXED;
-    at->config.deconv.curvature = 0.0; /* predicts no better here: tests/bench/README.md */
+    at->config.deconv.curvature = 0.0; /* predicts no better here: tests/bench/views.md */
     at->config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* a volume's errors are no photons' */
     at->config.deconv.electrons_per_count.mode = V2V_NUMBER_AUTO;
     at->config.deconv.read_noise.mode = V2V_NUMBER_AUTO;

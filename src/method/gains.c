@@ -7,7 +7,7 @@
 
 #include <math.h>
 
-/* Iterations of a volume: more carry on more of what gains are off (tests/bench/README.md). */
+/* Iterations of a volume: more carry on more of what gains are off (tests/bench/views.md). */
 enum { SETTLED = 14 };
 
 /* Of the noise that is added to predictions. */

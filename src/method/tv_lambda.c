@@ -28,12 +28,12 @@ enum { SIDE = 144 };
 enum { ITERATIONS = 30 };
 
 /* Of the weight that predicts best, which volumes of all views take: most of 18 simulated
- * recordings are nearest to their truth below it (tests/bench/README.md). */
+ * recordings are nearest to their truth below it (tests/bench/quality.md). */
 #define OF_ALL_VIEWS 0.92
 
 /* Where views are missed by no more than noise: the weight by noise of a tenth of the brightness,
  * and the power of the noise that it goes by; of normal noise, and of photons, of which there is
- * little in the dark to be held down (tests/bench/README.md). */
+ * little in the dark to be held down (tests/bench/quality.md). */
 static const struct usual {
     double weight, power;
 } of_normal_noise = {0.03, 0.15}, of_photons = {0.0275, 0.4};

@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* An entry of a block's matrices: one elimination for all of them, where LAPACK takes them one by
- * one (tests/bench/README.md compares). */
+ * one (tests/bench/iteration.md compares). */
 struct entry {
     double re[V2V_BLOCK], im[V2V_BLOCK];
 };

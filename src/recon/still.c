@@ -27,7 +27,7 @@ static const double brightest_share = 0.99;
 
 /* Pixels of a window around what it gives, for light and differences across its edges are the key
  * frame's, and a network that pools pixels by two looks so far. 4 and 16 change a volume by 0.01 dB
- * (tests/bench/README.md). */
+ * (tests/bench/speed.md). */
 enum { MARGIN = 8 };
 
 /* A frame of which more is to be computed is computed whole. */

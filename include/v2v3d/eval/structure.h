@@ -30,7 +30,7 @@ void v2v_structure_add(struct v2v_structure *sum, const struct v2v_structure *st
 /** |y - s p| / |y| of the structure, by the best s, without the noise of y - s p itself: 0 where
  *  that may be all. NaN where y has no structure, or is no number. As little as 0.006 of views in
  *  register at any noise, 0.2 of a real recording after its calibration; 0.08 to 0.4 in another
- *  order or mirrored (tests/bench/README.md). @kind Local. */
+ *  order or mirrored (tests/bench/views.md). @kind Local. */
 double v2v_structure_missed(const struct v2v_structure *structure);
 
 /** Do these views show any, up to the border, above their noise? Of a frame before the light came,

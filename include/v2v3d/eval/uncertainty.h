@@ -14,7 +14,7 @@ extern "C" {
  *  other. The second is the square of c's bias, where that is twice as large with half of the
  *  views: what a prior does to all volumes alike is in no difference of a and b. One voxel's
  *  figures are single draws, the neighbours' (fewer at a slice's edges) a spread.
- *  It tells where to look more than how much: tests/bench/README.md has it beside true errors.
+ *  It tells where to look more than how much: tests/bench/views.md has it beside true errors.
  *  @kind   Local, no allocation
  *  @param  a, b [z,y,x] of disjoint halves of the views @param c of all @param scratch [y,x]
  *  @source M. H. Quenouille, Biometrika 43, 353 (1956); B. Efron, SIAM CBMS-NSF 38 (1982), with the
