@@ -28,7 +28,7 @@ static const struct v2v_option options[] = {
      .kind = V2V_OPTION_TEXT,
      .at = offsetof(struct arguments, frame),
      .value = "T",
-     .help = "counted from 0, which is the default"},
+     .help = "counted from 0; default: the first that is finished"},
     V2V_OPTION_FRAMES(struct arguments, frames,
                       "these instead, as an animated PNG in one grey range; fewer where they end"),
     {.name = "kind",
@@ -178,6 +178,13 @@ static enum v2v_status meet(struct film *film, const struct arguments *given)
     enum v2v_status rc = V2V_OK;
     const struct v2v_volume_info *info = v2v_volume_info(film->volume);
     struct v2v_preview *preview = &film->preview;
+    const int is_any = given->frame == NULL && given->frames == NULL;
+    for (int64_t t = 0; t < info->frames && is_any; t++) { /* of evaluate --uncertainty: some */
+        if (v2v_volume_has(film->volume, t)) {
+            film->frames.first = t;
+            break;
+        }
+    }
     if (film->frames.first >= info->frames) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s %" PRId64 ": %s has frames 0 .. %" PRId64,
                          given->frames != NULL ? "--frames from" : "--frame", film->frames.first,

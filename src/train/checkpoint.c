@@ -227,7 +227,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     V2V_TRY(v2v_weights_file_info(&info, path));
     *step = info.step;
     const int on_root = v2v_comm_rank(trainer->grid.world) == 0;
-    if (!is_any && on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
+    if (on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
     }
     if (on_root && !are_same_levels(&info.levels, v2v_sampler_levels(trainer->sampler))) {

@@ -317,7 +317,7 @@ for key in residual heldout_residual flux disagreement; do
 done
 says '"resolution_um": ([0-9]|null)'
 says '"heldout_frames": 2'
-works info error.h5
+works preview error.h5 -o error.png # frame 0 isn't one of them
 works evaluate --volume rld.h5 --psf one/psf.h5 --input rec.h5 --json --frames 0
 says '"heldout_residual": null'
 says '"flux": [0-9]'

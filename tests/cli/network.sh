@@ -252,6 +252,14 @@ says 'step 6'
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
 grep -q '^run: 6 steps are done, 6 were asked for$' stderr || fail "a finished run: $(cat stderr)"
 grep -q -e 'other frames' -e 'made for' stderr && fail "the same is called other: $(cat stderr)"
+# Weights of `unrolled` serve other PSFs; a run that goes on with others says so.
+corrected=(train -c tiny.yaml --set model.method=unrolled --input recording.h5 -o corrected)
+works "${corrected[@]}" --psf psf.h5 --steps 2
+works "${corrected[@]}" --psf psf.h5 --steps 3 --resume
+grep -q 'other PSFs' stderr && fail "the same PSFs are called other: $(cat stderr)"
+works "${corrected[@]}" --psf others.h5 --steps 4 --resume
+[ "$(grep -c 'was trained with other PSFs until here' stderr)" -eq 1 ] ||
+    fail "no word on its PSFs: $(cat stderr)"
 # Of two runs begun at once in one new folder one is refused, and leaves the other's files alone.
 both=(train -c tiny.yaml --psf psf.h5 --input recording.h5 -o both)
 "$program" "${both[@]}" >/dev/null 2>other_stderr &
