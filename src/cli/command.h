@@ -133,8 +133,7 @@ extern const struct v2v_command v2v_command_weights_init;
         V2V_OPTION_SET("layout", "input.layout", "auto|views|frames",                              \
                        "a folder of TIFFs: a file a view, or files of whole frames")
 #define V2V_OPTION_SLICES                                                                          \
-    V2V_OPTION_SET("slices", "input.slices", "Z",                                                  \
-                   "TIFF volume, weights: slices, where they do not say")
+    V2V_OPTION_SET("slices", "input.slices", "Z", "slices, where the file does not say")
 #define V2V_OPTION_CHANNEL                                                                         \
     V2V_OPTION_SET("channel", "input.channel", "K",                                                \
                    "TIFF with channels: read this one, counted from 1 as in Fiji")
@@ -143,8 +142,7 @@ extern const struct v2v_command v2v_command_weights_init;
     V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM", "of the input, whatever it says")
 /* Of any recording or volume that is read. */
 #define V2V_OPTIONS_INPUT                                                                          \
-    V2V_OPTION_CHANNEL,                                                                            \
-        V2V_OPTION_DATASET("HDF5: read this dataset, not /views (of a volume: /volume)"),          \
+    V2V_OPTION_CHANNEL, V2V_OPTION_DATASET("HDF5: read this dataset, not /views or /volume"),      \
         V2V_OPTION_PIXEL_SIZE
 #define V2V_OPTIONS_SIZES                                                                          \
     V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM",                                \

@@ -335,7 +335,8 @@ done:
 
 const struct v2v_command v2v_command_bench = {
     .name = "bench",
-    .summary = "run time against error, every way to compute the network, or every method",
+    .summary =
+        "run time against error: every way to compute the network, or every method; no ranks",
     .options = options,
     .bytes = sizeof(struct arguments),
     .run = run};

@@ -1,7 +1,5 @@
 #include "cli/steps.h"
 
-#include "v2v3d/base/bounds.h"
-#include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"

@@ -83,7 +83,7 @@ static enum v2v_status predict(const struct v2v_session *session)
         .views = 13, .slices = 39, .height = 128, .width = 128};
     enum v2v_status rc = V2V_OK;
     struct v2v_projector_cost cost;
-    const struct v2v_network_cost *network = &cost.network;
+    const struct v2v_comm_cost *network = &cost.network;
     double seconds[V2V_SPLITS];
     int ranks = v2v_comm_size(session->world);
     V2V_TRY(v2v_projector_cost_measure(&cost, session->world));

@@ -1,6 +1,5 @@
 #include "cli/steps.h"
 
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/sim/dataset.h"
 #include <inttypes.h>
@@ -48,7 +47,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SIZE(struct arguments, size),
     V2V_OPTION_SWITCH(struct arguments, resume, "resume", "make the scenes that are missing"),
     V2V_OPTION_NORMALIZE,
-    V2V_OPTION_PIXEL_SIZE,
+    V2V_OPTION_SET("pixel-size", "input.pixel_size_um", "UM", "of the scenes"),
     V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM", "of the scenes"),
     {0}};
 

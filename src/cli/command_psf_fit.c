@@ -1,7 +1,5 @@
 #include "cli/steps.h"
 
-#include "v2v3d/base/bounds.h"
-#include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/optics/psf.h"

@@ -7,7 +7,6 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
-#include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <string.h>

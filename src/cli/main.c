@@ -31,22 +31,14 @@ enum { COMMANDS = sizeof commands / sizeof commands[0], LONGEST_NAME = 32 };
 /* For MPI to start and the configuration to be read, which then decides: its own default. */
 #define START_SECONDS 600.0
 
-static void print_commands(const char *first_word)
-{
-    size_t length = strlen(first_word);
-    for (int i = 0; i < COMMANDS; i++) {
-        if (strncmp(commands[i]->name, first_word, length) == 0) {
-            printf("  %-14s  %s\n", commands[i]->name, commands[i]->summary);
-        }
-    }
-}
-
 static void print_usage(void)
 {
     printf("v2v3d %s: 3-D volumes from noisy multi-view light-field recordings\n\n"
            "Usage: v2v3d COMMAND [options], alone or under mpirun / srun\n\n",
            V2V_VERSION);
-    print_commands("");
+    for (int i = 0; i < COMMANDS; i++) {
+        printf("  %-14s  %s\n", commands[i]->name, commands[i]->summary);
+    }
     printf("\nv2v3d COMMAND --help tells a command's options, v2v3d --version the version.\n");
 }
 
@@ -343,7 +335,6 @@ int v2v_cli_main(int argc, char **argv)
     int on_root = v2v_comm_rank(world) == 0;
     if (rc == V2V_OK) {
         signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, not the end of the job */
-        v2v_log_configure(V2V_LOG_INFO, v2v_comm_rank(world));
         v2v_stop_install();
         rc = run_program(argc, argv, world);
     }

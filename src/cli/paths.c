@@ -1,6 +1,5 @@
 #include "cli/paths.h"
 
-#include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/op/bf16.h"

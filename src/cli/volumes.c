@@ -44,9 +44,9 @@ double v2v_volumes_skip(const struct v2v_number *skip, const struct v2v_estimato
                         const struct v2v_network_ops *network)
 {
     /* where nothing can be skipped, auto is refused as any tolerance is */
-    const double automatic = ops->tell != NULL || network == NULL ? V2V_RECON_SKIP_AUTO
-                             : network->traits & V2V_TRAIT_SKIPS  ? network->skip_auto
-                                                                  : 1.0;
+    const double automatic = ops->inherit != NULL || network == NULL ? V2V_RECON_SKIP_AUTO
+                             : network->traits & V2V_TRAIT_SKIPS     ? network->skip_auto
+                                                                     : 1.0;
     return skip->mode == V2V_NUMBER_NONE   ? 0.0
            : skip->mode == V2V_NUMBER_AUTO ? automatic
                                            : skip->value;

@@ -1,6 +1,5 @@
 #include "io/bdv_xml.h"
 
-#include "v2v3d/base/memory.h"
 #include <inttypes.h>
 #include <libxml/xmlwriter.h>
 #include <stdarg.h>

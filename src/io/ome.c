@@ -1,5 +1,4 @@
 #include "io/tiff_internal.h"
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 

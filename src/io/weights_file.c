@@ -4,7 +4,6 @@
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/fault.h"
-#include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include <math.h>
 #include <stdio.h>

@@ -234,8 +234,8 @@ static enum v2v_status look(const struct v2v_estimator *estimator, const float *
                             int64_t step)
 {
     const struct diner *self = estimator->self;
-    return v2v_estimator_look(estimator, V2V_FAULT_POINT("diner.step"), volume, &self->share,
-                              "step", step);
+    return v2v_estimator_check_step(estimator, V2V_FAULT_POINT("diner.step"), volume, &self->share,
+                                    "step", step);
 }
 
 /** The volume, times `scale`. Local. */

@@ -154,9 +154,10 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_estimator_look(const struct v2v_estimator *estimator, enum v2v_status fault,
-                                   const float *volume, const struct v2v_projector_share *share,
-                                   const char *word, int64_t step)
+enum v2v_status v2v_estimator_check_step(const struct v2v_estimator *estimator,
+                                         enum v2v_status fault, const float *volume,
+                                         const struct v2v_projector_share *share, const char *word,
+                                         int64_t step)
 {
     const int64_t rows = share->rows.count, width = estimator->width;
     const int64_t bad = v2v_first_not_finite(volume, share->slices.count * rows * width);

@@ -286,8 +286,8 @@ static void multiply(const struct v2v_richardson_lucy *self, float *volume, int6
 static enum v2v_status look(const struct v2v_richardson_lucy *self, const float *volume,
                             int64_t iteration)
 {
-    return v2v_estimator_look(self->estimator, V2V_FAULT_POINT("rld.iteration"), volume,
-                              &self->share, "iteration", iteration);
+    return v2v_estimator_check_step(self->estimator, V2V_FAULT_POINT("rld.iteration"), volume,
+                                    &self->share, "iteration", iteration);
 }
 
 static enum v2v_status iterate(struct v2v_richardson_lucy *self, float *volume, const float *views,

@@ -24,7 +24,7 @@ struct v2v_square_views {
     int64_t height, width;          /**< of the square */
     float *views;                   /**< [v,height,width] */
     float *frames;                  /**< likewise, of .. */
-    struct v2v_averaging averaging; /**< .. theirs; NULL: they are of one frame */
+    struct v2v_averaging averaging; /**< .. theirs; frames NULL: they are of one frame */
 };
 
 /** @kind Local. @param views [v,y,x] of the problem's whole frame @param averaging theirs, or NULL

@@ -479,7 +479,7 @@ done:
     return rc;
 }
 
-static void plane(struct v2v_estimator *whole, float *volume, float *views)
+static void whole_light(struct v2v_estimator *whole, float *volume, float *views)
 {
     struct tv *self = whole->self;
     v2v_tv_torus_volume(whole, self->planes.volume);
@@ -488,13 +488,13 @@ static void plane(struct v2v_estimator *whole, float *volume, float *views)
     v2v_data_step_gather(self->step, views, self->scratch, self->views);
 }
 
-static void look_at_frame(struct v2v_estimator *whole, const float *views)
+static void measure_frame(struct v2v_estimator *whole, const float *views)
 {
     struct tv *self = whole->self;
     self->level = measure(self, views, whole->averaging);
 }
 
-static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
+static void inherit(struct v2v_estimator *window, const struct v2v_estimator *whole)
 {
     const struct tv *of_frame = whole->self;
     struct tv *self = window->self;
@@ -523,7 +523,7 @@ const struct v2v_estimator_ops v2v_estimator_tv = {
     .create = create,
     .destroy = destroy,
     .run = run,
-    .look = look_at_frame,
-    .tell = tell,
-    .plane = plane,
+    .measure = measure_frame,
+    .inherit = inherit,
+    .whole_light = whole_light,
 };

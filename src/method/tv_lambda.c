@@ -198,8 +198,8 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     v2v_watchdog_beat("what total variation misses");
     V2V_TRY(v2v_estimator_create(&estimator, &v2v_estimator_tv, &self->problem, self->comm));
     estimator->averaging = v2v_square_averaging(&self->square);
-    estimator->ops->look(estimator, self->square.views);
-    estimator->ops->tell(estimator, estimator); /* so that the run does not look again */
+    estimator->ops->measure(estimator, self->square.views);
+    estimator->ops->inherit(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, *weight);
     v2v_tv_set_lambda(estimator, *weight);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));

@@ -144,28 +144,28 @@ done:
 
 /* The network has no biases, and tiles of a frame are as good as the frame: what total variation
  * measures, and the weights, are all that a part has to be told. */
-static void look(struct v2v_estimator *whole, const float *views)
+static void measure(struct v2v_estimator *whole, const float *views)
 {
     struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
     tv->averaging = whole->averaging;
-    tv->ops->look(tv, views);
+    tv->ops->measure(tv, views);
     tv->averaging = NULL;
 }
 
-static void tell(struct v2v_estimator *window, const struct v2v_estimator *whole)
+static void inherit(struct v2v_estimator *window, const struct v2v_estimator *whole)
 {
     const struct unrolled *of_frame = whole->self, *self = window->self;
     struct v2v_estimator *tv = v2v_features_tv(self->features);
-    tv->ops->tell(tv, v2v_features_tv(of_frame->features));
+    tv->ops->inherit(tv, v2v_features_tv(of_frame->features));
     v2v_bulk_copy(self->network->weights, of_frame->network->weights,
                   self->network->schema.fields.total);
     v2v_correction_weights_changed(self->correction);
 }
 
-static void plane(struct v2v_estimator *whole, float *volume, float *views)
+static void whole_light(struct v2v_estimator *whole, float *volume, float *views)
 {
     struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)whole->self)->features);
-    tv->ops->plane(tv, volume, views);
+    tv->ops->whole_light(tv, volume, views);
 }
 
 static const char *const keys[] = {"recon.strength", "recon.refresh", "recon.precision", NULL};
@@ -180,7 +180,7 @@ const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .create = create,
     .destroy = destroy,
     .run = run,
-    .look = look,
-    .tell = tell,
-    .plane = plane,
+    .measure = measure,
+    .inherit = inherit,
+    .whole_light = whole_light,
 };

@@ -137,7 +137,7 @@ static double alone_s(const struct work *work, int64_t frames)
 static double turns_s(const struct work *work, double bytes, double turns)
 {
     return turns * work->cost->wait_s +
-           v2v_network_exchange_s(&work->cost->network, work->ranks, bytes, turns);
+           v2v_comm_exchange_s(&work->cost->network, work->ranks, bytes, turns);
 }
 
 /* Frames that all ranks transform together. */
@@ -171,7 +171,7 @@ static double waiting(const struct v2v_projector_cost *cost, const struct trial 
     work.layout.shape = measured;
     work.layout.half = SIZE / 2 + 1;
     work.frame_s = cost->transform_s * operations(SIZE, SIZE);
-    const double taken = v2v_cost_median(transform_together, trial, comm);
+    const double taken = v2v_comm_median_s(transform_together, trial, comm);
     return fmax(taken / (2.0 * (double)trial->shared) - together_s(&work, 1), 0.0);
 }
 
@@ -184,11 +184,11 @@ static enum v2v_status measure_together(struct v2v_projector_cost *cost, struct 
     const double shared = (double)trial->shared;
     V2V_TRY(v2v_fft_slabs_create(&trial->together, &shape, comm));
     cost->wait_s = waiting(cost, trial, comm);
-    cost->own_s = v2v_cost_median(transform_at_once, trial, comm) / shared;
+    cost->own_s = v2v_comm_median_s(transform_at_once, trial, comm) / shared;
     v2v_fft_slabs_destroy(&trial->together);
     shape.uses_fftw3_mpi = 1;
     V2V_TRY(v2v_fft_slabs_create(&trial->together, &shape, comm));
-    cost->fftw3_mpi_s = v2v_cost_median(transform_at_once, trial, comm) / shared;
+    cost->fftw3_mpi_s = v2v_comm_median_s(transform_at_once, trial, comm) / shared;
 done:
     return rc;
 }
@@ -202,12 +202,12 @@ enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
     v2v_par_max_i64(comm, &threads, 1);
     *cost = (struct v2v_projector_cost){.threads = (int)threads};
     V2V_TRY(v2v_par_agree(comm, take(&trial, threads, comm)));
-    cost->transform_s = v2v_cost_median(transform, &trial, comm) /
+    cost->transform_s = v2v_comm_median_s(transform, &trial, comm) /
                         (2.0 * (double)trial.frames * operations(SIZE, SIZE));
-    cost->product_s = v2v_cost_median(multiply, &trial, comm) /
+    cost->product_s = v2v_comm_median_s(multiply, &trial, comm) /
                       ((double)REPEATS * BLOCKS * VIEWS * SLICES * V2V_BLOCK);
     v2v_par_max_f64(comm, &cost->transform_s, 1); /* of the rank with the fewest threads */
-    V2V_TRY(v2v_network_cost_measure(&cost->network, comm));
+    V2V_TRY(v2v_comm_cost_measure(&cost->network, comm));
     if (v2v_comm_size(comm) > 1) {
         V2V_TRY(measure_together(cost, &trial, comm));
     }

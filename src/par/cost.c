@@ -52,8 +52,8 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-double v2v_cost_median(void (*run)(const void *context), const void *context,
-                       const struct v2v_comm *comm)
+double v2v_comm_median_s(void (*run)(const void *context), const void *context,
+                         const struct v2v_comm *comm)
 {
     double taken[MOST_TURNS];
     int turns = 1;
@@ -89,26 +89,26 @@ static double rest(double whole, double fixed)
     return fmax(whole - fixed, 0.01 * whole);
 }
 
-enum v2v_status v2v_network_cost_measure(struct v2v_network_cost *cost, const struct v2v_comm *comm)
+enum v2v_status v2v_comm_cost_measure(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     int size = v2v_comm_size(comm);
     struct trial trial = {.comm = comm};
-    *cost = (struct v2v_network_cost){.ranks = size};
+    *cost = (struct v2v_comm_cost){.ranks = size};
     V2V_TRY(v2v_par_agree(comm, take_memory(&trial, size)));
     if (size > 1) {
         const int64_t large = LARGE / (int64_t)sizeof(float), small = size - 1;
         cut(&trial, small);
-        double empty = v2v_cost_median(exchange, &trial, comm);
+        double empty = v2v_comm_median_s(exchange, &trial, comm);
         cost->message_s = empty / (double)(size - 1);
         cut(&trial, large);
-        cost->byte_s = rest(v2v_cost_median(exchange, &trial, comm), empty) / LARGE;
+        cost->byte_s = rest(v2v_comm_median_s(exchange, &trial, comm), empty) / LARGE;
         trial.words = 1;
-        double nothing = v2v_cost_median(sum, &trial, comm);
+        double nothing = v2v_comm_median_s(sum, &trial, comm);
         cost->sum_step_s = nothing / (2 * log2(size));
         trial.words = large;
         cost->sum_byte_s =
-            rest(v2v_cost_median(sum, &trial, comm), nothing) / (2.0 * LARGE * (size - 1) / size);
+            rest(v2v_comm_median_s(sum, &trial, comm), nothing) / (2.0 * LARGE * (size - 1) / size);
     }
 done:
     v2v_mem_free(trial.from);
@@ -118,13 +118,12 @@ done:
     return rc;
 }
 
-double v2v_network_exchange_s(const struct v2v_network_cost *cost, int ranks, double bytes,
-                              double times)
+double v2v_comm_exchange_s(const struct v2v_comm_cost *cost, int ranks, double bytes, double times)
 {
     return ranks == 1 ? 0.0 : times * (ranks - 1) * cost->message_s + bytes * cost->byte_s;
 }
 
-double v2v_network_allreduce_s(const struct v2v_network_cost *cost, int ranks, double bytes)
+double v2v_comm_allreduce_s(const struct v2v_comm_cost *cost, int ranks, double bytes)
 {
     return ranks == 1 ? 0.0
                       : 2 * log2(ranks) * cost->sum_step_s +

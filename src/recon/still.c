@@ -59,7 +59,7 @@ struct v2v_still {
 enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_estimator_ops *ops,
                                 const struct v2v_problem *problem)
 {
-    if (ops->tell == NULL) {
+    if (ops->inherit == NULL) {
         return V2V_FAIL(V2V_E_CONFIG, "method '%s' skips nothing (--skip off)", ops->name);
     }
     enum { VOLUMES = 2, VIEWS = 4 }; /* of the torus, on every rank */
@@ -173,7 +173,7 @@ void v2v_still_keep(struct v2v_still *still, const float *views, const float *vo
     const int64_t bright = (int64_t)(brightest_share * (double)(still->tiles - 1));
     memcpy(still->key_views, views, (size_t)still->samples * sizeof *views);
     memcpy(still->key, volume, (size_t)voxels_of(still) * sizeof *volume);
-    still->whole->ops->plane(still->whole, still->light, still->seen);
+    still->whole->ops->whole_light(still->whole, still->light, still->seen);
     (void)v2v_carve_light(still->carve, still->change, views);
     still->iterations = still->whole->iterations;
     still->brightest = fmax(0.0, (double)v2v_select(still->change, still->tiles, bright));
@@ -292,7 +292,7 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
     still->window->frame = still->whole->frame;
     still->window->most_iterations = still->iterations;
     still->window->around = &around;
-    still->window->ops->tell(still->window, still->whole);
+    still->window->ops->inherit(still->window, still->whole);
     rc = still->window->ops->run(still->window, &still->volume, still->views, NULL);
     still->window->around = NULL;
     still->window->averaging = NULL;
@@ -325,7 +325,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
     still->left = fmax(still->left, left);
     memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
     if (count > 0) {
-        whole->ops->look(whole, views);
+        whole->ops->measure(whole, views);
     }
     for (int64_t i = 0; i < count; i++) {
         V2V_TRY(fill(still, volume, views, &windows[i]));

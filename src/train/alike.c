@@ -1,6 +1,5 @@
 #include "train/alike.h"
 
-#include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/op/instructions.h"
 

@@ -1,7 +1,6 @@
 #include "train/trainer.h"
 
 #include "v2v3d/base/fault.h"
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/optics/cost.h"

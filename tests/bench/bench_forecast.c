@@ -135,7 +135,7 @@ done:
 static void print_machine(const struct report *report)
 {
     const struct v2v_forecast_machine *machine = &report->machine;
-    const struct v2v_network_cost *inside = &machine->inside;
+    const struct v2v_comm_cost *inside = &machine->inside;
     const long long side = (long long)report->speed.side;
     printf("forward pass of width %" PRId64
            " on %lld x %lld: %.3g s on one rank, %.3g s with %d at "

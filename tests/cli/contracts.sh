@@ -257,12 +257,10 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_auto.h5 --lambda auto
     fail "$(cat stderr)"
 same tv_auto.h5 tv_auto_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_last.h5 --lambda auto --frames 2:1
-if command -v h5dump >/dev/null; then
-    h5dump -pH tv_last.h5 | grep -q 'CHUNKED ( 1, 1, 64, 64 )' || fail 'a chunk is not a slice'
-    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_auto.h5 >/dev/null
-    h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
-    cmp whole.bin last.bin || fail 'a range has another lambda than the whole recording'
-fi
+h5dump -pH tv_last.h5 | grep -q 'CHUNKED ( 1, 1, 64, 64 )' || fail 'a chunk is not a slice'
+h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_auto.h5 >/dev/null
+h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
+cmp whole.bin last.bin || fail 'a range has another lambda than the whole recording'
 
 # Neighbouring frames beyond a range count, also for the weight that the first frame decides.
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_off.h5 --neighbours 0
@@ -273,13 +271,11 @@ works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_fused.h5 --lambda auto --
 same tv_fused.h5 tv_fused_alone.h5 /volume
 works deconvolve --psf one/psf.h5 --input rec.h5 -o tv_fused_last.h5 --lambda auto --neighbours 1 \
     --frames 2:1
-if command -v h5dump >/dev/null; then
-    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_fused.h5 >/dev/null
-    h5dump -b LE -o last.bin -d /volume tv_fused_last.h5 >/dev/null
-    cmp whole.bin last.bin || fail 'a range of fused frames is not what the whole recording gives'
-    h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
-    cmp -s whole.bin last.bin && fail '--neighbours 1 changes nothing'
-fi
+h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 tv_fused.h5 >/dev/null
+h5dump -b LE -o last.bin -d /volume tv_fused_last.h5 >/dev/null
+cmp whole.bin last.bin || fail 'a range of fused frames is not what the whole recording gives'
+h5dump -b LE -o last.bin -d /volume tv_last.h5 >/dev/null
+cmp -s whole.bin last.bin && fail '--neighbours 1 changes nothing'
 refuses 78 'stop heldout is for Richardson-Lucy' deconvolve --psf one/psf.h5 --input rec.h5 \
     -o out.h5 --stop heldout
 works deconvolve --psf one/psf.h5 --input rec.h5 -o heldout.h5 --method rld --stop heldout --iterations 20
@@ -289,11 +285,9 @@ works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o last.h5 --itera
     --set parallel.split=slabs --set parallel.transform=own
 works info last.h5
 says 'volume, 1 frames'
-if command -v h5dump >/dev/null; then
-    h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 rld_slabs.h5 >/dev/null
-    h5dump -b LE -o last.bin -d /volume last.h5 >/dev/null
-    cmp whole.bin last.bin || fail 'a range of frames is not what the whole recording gives'
-fi
+h5dump -b LE -o whole.bin -d /volume -s 2,0,0,0 -c 1,7,64,64 rld_slabs.h5 >/dev/null
+h5dump -b LE -o last.bin -d /volume last.h5 >/dev/null
+cmp whole.bin last.bin || fail 'a range of frames is not what the whole recording gives'
 before=$(cksum <last.h5)
 works deconvolve --method rld --psf one/psf.h5 --input rec.h5 -o last.h5 --iterations 2 --frames 2:5 --resume
 [ "$before" = "$(cksum <last.h5)" ] || fail '--resume made a complete volume again'

@@ -20,14 +20,12 @@ says 'volume, 2 frames, 7 slices of 64 x 64'
 says '^frames done: 2$'
 says '^weights_crc32c: [0-9a-f]{8}$'
 says '^configuration: [0-9]* lines, which --json shows$'
-if command -v h5dump >/dev/null; then
-    for name in /volume /branch1 /branch2; do
-        h5dump -H -d "$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no $name"
-    done
-    for name in configuration command_line psf_crc32c weights_crc32c offset gain ranks; do
-        h5dump -a "/$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no attribute $name"
-    done
-fi
+for name in /volume /branch1 /branch2; do
+    h5dump -H -d "$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no $name"
+done
+for name in configuration command_line psf_crc32c weights_crc32c offset gain ranks; do
+    h5dump -a "/$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no attribute $name"
+done
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
 ! grep -q 'other PSFs' stderr || fail "the same PSFs: $(cat stderr)"
 works psf simulate -c tiny.yaml -o others.h5
@@ -148,7 +146,7 @@ grep -q 'made for' stderr && fail "a warning of what was not given: $(cat stderr
 printf 'recon:\n  neighbours: 2\n' >neighbours.yaml
 works "${neighbours[@]}" -c neighbours.yaml
 grep -q "${taken%0}2" stderr || fail "no word on what goes before a file: $(cat stderr)"
-if command -v h5diff >/dev/null && h5diff strength-1.h5 tv.h5 /volume >/dev/null; then
+if h5diff strength-1.h5 tv.h5 /volume >/dev/null; then
     fail 'a correction of strength 1 corrects nothing'
 fi
 works evaluate --volume tv.h5 --psf psf.h5 --input recording.h5 --json
@@ -174,8 +172,7 @@ for way in true false; do
 done
 # 1e-4 of the largest value, 18
 same 0.03-true.h5 3-true.h5 /volume 1.8e-3
-if command -v h5diff >/dev/null &&
-    h5diff -d 1.8e-3 0.03-false.h5 3-false.h5 /volume >/dev/null; then
+if h5diff -d 1.8e-3 0.03-false.h5 3-false.h5 /volume >/dev/null; then
     fail 'a network that is not homogeneous does not see brightness'
 fi
 
@@ -184,11 +181,9 @@ works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o whole.h5
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o second.h5 --frames 1:5
 works info second.h5
 says 'volume, 1 frames'
-if command -v h5dump >/dev/null; then
-    h5dump -b LE -o whole.bin -d /volume -s 1,0,0,0 -c 1,7,64,64 whole.h5 >/dev/null
-    h5dump -b LE -o second.bin -d /volume second.h5 >/dev/null
-    cmp whole.bin second.bin || fail 'a range of frames is not what the whole recording gives'
-fi
+h5dump -b LE -o whole.bin -d /volume -s 1,0,0,0 -c 1,7,64,64 whole.h5 >/dev/null
+h5dump -b LE -o second.bin -d /volume second.h5 >/dev/null
+cmp whole.bin second.bin || fail 'a range of frames is not what the whole recording gives'
 refuses 65 'there is no frame 2: it has 2, from 0' reconstruct --psf psf.h5 --weights w.h5 \
     --input recording.h5 -o out.h5 --frames 2:1
 

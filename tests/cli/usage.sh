@@ -9,7 +9,9 @@ says '^v2v3d [0-9]+\.[0-9]+\.[0-9]+$'
 works --help
 says 'Usage: v2v3d COMMAND'
 # Every command that the help lists has its own help, and names its usage in it.
+commands=0
 while read -r first second _; do
+    commands=$((commands + 1))
     case $first in
     psf | weights) command_line=("$first" "$second") ;;
     *) command_line=("$first") ;;
@@ -18,6 +20,7 @@ while read -r first second _; do
     says "Usage: v2v3d ${command_line[*]} "
     [ "$ranks" -gt 1 ] && break # the same text at any rank count
 done < <(sed -n 's/^  \([a-z]\)/\1/p' stdout)
+[ "$ranks" -gt 1 ] || [ "$commands" -ge 22 ] || fail "--help lists $commands commands"
 works project -h
 works init
 says '^  learning_rate: '

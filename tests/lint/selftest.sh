@@ -66,6 +66,7 @@ plant() # VIOLATION [WORD]
     no_cap) sed -i 's/crashes <=/0 <=/' jobs/common.sh ;;
     no_forward) sed -i '/^    trap .*kill -USR1/d' jobs/common.sh ;;
     no_resume) sed -i 's/ --resume / /' jobs/common.sh ;;
+    no_fault) printf 'int c = V2V_FAULT_POINT("c.d");\n' >src/base/c.c ;;
     late_signal) sed -i 's/@180/@1/' "jobs/$2.sbatch" ;;
     *) echo "no plant $1" && exit 2 ;;
     esac
@@ -95,6 +96,7 @@ citations|an_issue|tools/dev:3: cites an issue
 citations|a_session|tools/dev:3: cites a session
 citations|outside_folder|cites ../shared
 citations|long_front|README.md:131: more than 130 lines
+faults|no_fault|src/base/c.c:1: no test fires the fault point c.d
 shell|unquoted|.ci/run
 shell|unquoted_job|jobs/train.sbatch
 jobs|no_requeue train|jobs/train.sbatch: stopped after a checkpoint: 0 requeues
@@ -117,7 +119,7 @@ run() # LINT [ARGUMENT...]: its exit code; its report goes to a file
 }
 
 clean_tree
-for lint in format arrows headers banned sizes duplicates citations shell jobs; do
+for lint in format arrows headers banned sizes duplicates citations faults shell jobs; do
     rc=0
     run "$lint" || rc=$?
     if [[ $rc -eq 77 ]]; then

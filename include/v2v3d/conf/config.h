@@ -69,10 +69,10 @@ enum v2v_rule { V2V_RULE_KAIMING, V2V_RULE_HASH, V2V_RULE_HE };
  *  AUTO: what the number of views fits alone. */
 enum v2v_layout { V2V_LAYOUT_AUTO, V2V_LAYOUT_VIEWS, V2V_LAYOUT_FRAMES };
 
-/** Where the frames of a recording or volume lie in a file. */
 /** What becomes of pixels brighter than light through the PSFs can make one. */
 enum v2v_hot_pixels { V2V_HOT_PIXELS_MEND, V2V_HOT_PIXELS_KEEP };
 
+/** Where the frames of a recording or volume lie in a file, and how they are read. */
 struct v2v_input_settings {
     int64_t views;                       /**< 0: as many as the PSF set has */
     int64_t first_view;                  /**< page of the first frame's first view */
@@ -240,7 +240,7 @@ struct v2v_config {
     struct v2v_input_settings input;
     struct {
         int normalize; /**< enum v2v_normalize */
-        int reduce;    /**< enum v2v_reduce: how training and residuals project */
+        int reduce;    /**< enum v2v_reduce: of networks, project and evaluate */
     } psf;
     struct v2v_optics_settings optics;
     struct {

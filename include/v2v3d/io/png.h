@@ -13,12 +13,13 @@ extern "C" {
 enum v2v_status v2v_png_write(const char *path, const uint8_t *pixels, int64_t height,
                               int64_t width, int channels) V2V_MUST_CHECK;
 
-/** A canvas to draw on: pictures of projections. Caller's struct, heap pixels.
- *  @kind Local. @return V2V_OK | V2V_E_MEMORY */
+/** A canvas to draw on: pictures of projections. Caller's struct, heap pixels. */
 struct v2v_canvas {
     int64_t height, width;
     uint8_t *rgb; /**< [y,x,3], black at first */
 };
+
+/** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */
 enum v2v_status v2v_canvas_init(struct v2v_canvas *canvas, int64_t height,
                                 int64_t width) V2V_MUST_CHECK;
 void v2v_canvas_fini(struct v2v_canvas *canvas);

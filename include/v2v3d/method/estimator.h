@@ -154,15 +154,15 @@ struct v2v_estimator_ops {
                            const float *views, const struct v2v_monitor *monitor);
     /** What is measured of a frame's views [v,y,x] before its parts are computed by themselves;
      *  runs of `window`, of a part from even pixels on, shall take it, and the weights, from
-     *  `whole`, of the frame. NULL, like `plane`: parts are not computed by themselves.
+     *  `whole`, of the frame. NULL, like `whole_light`: parts are not computed by themselves.
      *  @kind Local, no allocation. */
-    void (*look)(struct v2v_estimator *whole, const float *views);
-    void (*tell)(struct v2v_estimator *window, const struct v2v_estimator *whole);
+    void (*measure)(struct v2v_estimator *whole, const float *views);
+    void (*inherit)(struct v2v_estimator *window, const struct v2v_estimator *whole);
     /** The light that the last run ended with, the frame and what is beyond it, and the views that
      *  it gives: on a torus (optics/data_step.h), which `is_part` is a part of.
      *  @kind Collective(shard), no allocation. @param volume [slices,torus] out
      *  @param views [v,torus] out; of both, all on every rank */
-    void (*plane)(struct v2v_estimator *whole, float *volume, float *views);
+    void (*whole_light)(struct v2v_estimator *whole, float *volume, float *views);
 };
 
 int64_t v2v_estimator_count(void);
@@ -221,9 +221,10 @@ enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *est
  *  @param  fault what the method's fault point gave @param volume of the share [slices,rows,x]
  *  @param  step its number, and `word` what the method calls it
  *  @return V2V_OK | V2V_E_NUMERIC (frame, voxel) | fault | V2V_STOPPED */
-enum v2v_status v2v_estimator_look(const struct v2v_estimator *estimator, enum v2v_status fault,
-                                   const float *volume, const struct v2v_projector_share *share,
-                                   const char *word, int64_t step) V2V_MUST_CHECK;
+enum v2v_status v2v_estimator_check_step(const struct v2v_estimator *estimator,
+                                         enum v2v_status fault, const float *volume,
+                                         const struct v2v_projector_share *share, const char *word,
+                                         int64_t step) V2V_MUST_CHECK;
 
 /** Does this rank hold output `o`? @kind Local. */
 static inline int v2v_estimator_holds(const struct v2v_estimator *estimator, int o)

@@ -47,7 +47,7 @@ struct v2v_output {
 };
 
 /** Parameters [first, first + count) of the arena and the levels of the grid over which their
- *  gradients are summed after backward, as bits 1u << V2V_LEVEL_.. */
+ *  gradients are summed after backward, as bits 1u << V2V_GRID_LEVEL_.. */
 struct v2v_group {
     const char *name; /**< for people; the same on all ranks */
     int64_t first;

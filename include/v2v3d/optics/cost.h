@@ -20,7 +20,7 @@ struct v2v_projector_cost {
     double wait_s; /**< that ranks wait for one another in an exchange between pieces of work */
     double own_s;  /**< a frame that all ranks share, there and back, by the own exchange .. */
     double fftw3_mpi_s; /**< .. and by FFTW3-MPI's; 0 on one rank */
-    struct v2v_network_cost network;
+    struct v2v_comm_cost network;
 };
 
 /** Seconds that one projection and one back-projection take. */

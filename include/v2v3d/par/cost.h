@@ -10,7 +10,7 @@ extern "C" {
  *  every rank sends a part of its data to every other, and that of an all-reduce, over the bytes.
  *  Measured with as many ranks as there are; predictions for other counts take the lines to hold.
  *  All zero: one rank. */
-struct v2v_network_cost {
+struct v2v_comm_cost {
     int ranks;         /**< that it was measured with */
     double message_s;  /**< a message of an exchange that carries nothing */
     double byte_s;     /**< a byte that a rank sends in an exchange while all others do */
@@ -21,23 +21,22 @@ struct v2v_network_cost {
 /** Measure with messages of up to a megabyte: half a second, or twelve turns where they take
  * longer. All ranks get the same figures.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
-enum v2v_status v2v_network_cost_measure(struct v2v_network_cost *cost,
-                                         const struct v2v_comm *comm) V2V_MUST_CHECK;
+enum v2v_status v2v_comm_cost_measure(struct v2v_comm_cost *cost,
+                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** Seconds that `run` takes the slowest rank when all run it at once: the median of as many turns
  *  as a tenth of a second has room for, of three at least; the same on all ranks.
  *  @kind Collective(comm) */
-double v2v_cost_median(void (*run)(const void *context), const void *context,
-                       const struct v2v_comm *comm);
+double v2v_comm_median_s(void (*run)(const void *context), const void *context,
+                         const struct v2v_comm *comm);
 
 /** Seconds of an exchange over `ranks` ranks in which each sends `bytes` to all others together, in
  *  `times` turns. @kind Local. */
-double v2v_network_exchange_s(const struct v2v_network_cost *cost, int ranks, double bytes,
-                              double times);
+double v2v_comm_exchange_s(const struct v2v_comm_cost *cost, int ranks, double bytes, double times);
 
 /** Seconds of an all-reduce of `bytes` over `ranks` ranks: a rank sends 2 (ranks-1)/ranks of them.
  *  @kind Local. */
-double v2v_network_allreduce_s(const struct v2v_network_cost *cost, int ranks, double bytes);
+double v2v_comm_allreduce_s(const struct v2v_comm_cost *cost, int ranks, double bytes);
 
 #ifdef __cplusplus
 }

@@ -1,9 +1,9 @@
 /** The two-branch network of REFERENCE.md 4.
  *
  *  Purpose: encoder, alignment + first convolution in merged form, and one U-Net a branch, each
- * with forward and backward; Adam; initial weights. Invariants: parameters are always the full,
- * published tensors (REFERENCE.md's names and shapes); everything is planned at creation for one
- * frame size, nothing is allocated inside a step; a rank may hold one branch or both.
+ *  with forward and backward. Invariants: parameters are always the full, published tensors
+ *  (REFERENCE.md's names and shapes); v2v_model_plan takes what one frame size needs, nothing is
+ *  allocated inside a step; a rank may hold one branch or both.
  *
  *  Example (compiled by tests/unit/v2v):
  *

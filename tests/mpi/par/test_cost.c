@@ -7,10 +7,10 @@
 
 static void measured_figures_are_the_same_on_all_ranks_and_positive(void **state)
 {
-    struct v2v_network_cost cost, first;
+    struct v2v_comm_cost cost, first;
     const size_t held = v2v_mem_held();
     (void)state;
-    assert_ok(v2v_network_cost_measure(&cost, test_world()));
+    assert_ok(v2v_comm_cost_measure(&cost, test_world()));
     assert_int_equal(v2v_mem_held(), held);
     first = cost;
     v2v_par_broadcast(test_world(), &first, (int64_t)sizeof first, 0);
@@ -25,27 +25,27 @@ static void measured_figures_are_the_same_on_all_ranks_and_positive(void **state
 
 static void a_rank_short_of_memory_fails_the_measurement_on_all(void **state)
 {
-    struct v2v_network_cost cost;
+    struct v2v_comm_cost cost;
     (void)state;
     if (v2v_comm_rank(test_world()) == v2v_comm_size(test_world()) - 1) {
         v2v_mem_set_limit(v2v_mem_held() + 1000);
     }
     const size_t held = v2v_mem_held();
-    assert_int_equal(v2v_network_cost_measure(&cost, test_world()), V2V_E_MEMORY);
+    assert_int_equal(v2v_comm_cost_measure(&cost, test_world()), V2V_E_MEMORY);
     v2v_mem_set_limit(0);
     assert_int_equal(v2v_mem_held(), held);
 }
 
 static void predictions_follow_the_lines(void **state)
 {
-    static const struct v2v_network_cost cost = {2, 1e-6, 1e-9, 2e-6, 4e-9};
+    static const struct v2v_comm_cost cost = {2, 1e-6, 1e-9, 2e-6, 4e-9};
     (void)state;
-    assert_true(v2v_network_exchange_s(&cost, 1, 1e6, 3) == 0);
-    assert_true(v2v_network_allreduce_s(&cost, 1, 1e6) == 0);
+    assert_true(v2v_comm_exchange_s(&cost, 1, 1e6, 3) == 0);
+    assert_true(v2v_comm_allreduce_s(&cost, 1, 1e6) == 0);
     /* three turns of three messages, and a megabyte */
-    assert_true(fabs(v2v_network_exchange_s(&cost, 4, 1e6, 3) - (9e-6 + 1e-3)) < 1e-12);
+    assert_true(fabs(v2v_comm_exchange_s(&cost, 4, 1e6, 3) - (9e-6 + 1e-3)) < 1e-12);
     /* two times two steps, and 3/4 of a megabyte twice */
-    assert_true(fabs(v2v_network_allreduce_s(&cost, 4, 1e6) - (8e-6 + 6e-3)) < 1e-12);
+    assert_true(fabs(v2v_comm_allreduce_s(&cost, 4, 1e6) - (8e-6 + 6e-3)) < 1e-12);
 }
 
 struct sleeper {
@@ -65,7 +65,7 @@ static void the_slowest_rank_is_what_counts(void **state)
 {
     const struct sleeper last = {v2v_comm_size(test_world()) - 1, {0, 20000000}};
     (void)state;
-    assert_true(v2v_cost_median(nap, &last, test_world()) >= 0.02);
+    assert_true(v2v_comm_median_s(nap, &last, test_world()) >= 0.02);
 }
 
 int main(int argc, char **argv)

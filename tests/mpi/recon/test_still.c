@@ -358,8 +358,8 @@ static void assert_told(void)
     struct v2v_estimator *window = estimator_of(HEIGHT / 2, 1);
     run_rows(own, window, HEIGHT / 2);
     assert_int_equal(window->iterations, config.deconv.iterations);
-    method->look(whole, frames[0]);
-    method->tell(window, whole);
+    method->measure(whole, frames[0]);
+    method->inherit(window, whole);
     run_rows(told, window, HEIGHT / 2);
     assert_memory_not_equal(told, own, sizeof own);
     window->most_iterations = 2;
@@ -369,7 +369,7 @@ static void assert_told(void)
     v2v_estimator_destroy(&window);
     window = estimator_of(HEIGHT, 1);
     run_rows(own, whole, HEIGHT);
-    method->tell(window, whole);
+    method->inherit(window, whole);
     run_rows(told, window, HEIGHT);
     assert_memory_equal(told, own, sizeof own);
     v2v_estimator_destroy(&window);
@@ -459,9 +459,9 @@ static void assert_parts(double most)
     struct v2v_estimator *estimator = estimator_of(HEIGHT, 0), *window = NULL;
     assert_true(torus.height * torus.width <= 2 * PIXELS);
     assert_ok(method->run(estimator, &of_whole, frames[1], NULL));
-    method->plane(estimator, light, seen);
+    method->whole_light(estimator, light, seen);
     assert_ok(v2v_estimator_create(&window, method, &part_of_it, NULL));
-    method->tell(window, estimator);
+    method->inherit(window, estimator);
     for (int i = 0; i < 5; i++) {
         const struct v2v_part rows = {parts[i].y, PART_HEIGHT}, columns = {parts[i].x, PART_WIDTH};
         const struct v2v_surroundings around = {light_here, seen_here,

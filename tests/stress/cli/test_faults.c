@@ -1,12 +1,26 @@
-/* Every fault point that training and reconstruction pass, on one rank and on two: the job ends, in
- * time, with a failure; what RUN holds still is a complete checkpoint; no half-made volume looks
- * finished. */
+/* The fault points that commands pass, on one rank and on two: the job ends, in time, with a
+ * failure; what RUN holds still is a complete checkpoint; no half-made output looks finished. */
 #include "program.h"
 
 #include <string.h>
 
-enum phase { RESUMED, NETWORK };
+enum phase { RESUMED, NETWORK, BY_TV, BY_RLD, BY_DINER, TO_TIFF, FROM_TIFF, DENOISED, PHASES };
 enum { BASE_STEPS = 2 };
+
+#define DECONVOLVE "deconvolve -c config.yaml --psf psf.h5 --input recording.h5 --iterations 3 "
+
+/* Frames that the job before finished are there: forced. */
+static const char *const commands[PHASES] = {
+    [RESUMED] = TRAIN "run --steps 4 --resume",
+    [NETWORK] = RECONSTRUCT "--weights run/weights.h5 -o volume.h5 --force",
+    [BY_TV] = DECONVOLVE "--method tv -o volume.h5 --force",
+    [BY_RLD] = DECONVOLVE "--method rld -o volume.h5 --force",
+    [BY_DINER] = DECONVOLVE "--method diner -o volume.h5 --force",
+    [TO_TIFF] = DECONVOLVE "--method rl -o volume.tif --force",
+    [FROM_TIFF] = "preview made.tif -o picture.png --force",
+    [DENOISED] = "denoise -c config.yaml --weights deepcad.h5 --input recording.h5 -o volume.h5 "
+                 "--force"};
+static const char *const outputs[] = {"volume.h5", "volume.tif", "picture.png"};
 
 /* Which passages of a site fail, and whether it is the last rank's turn or rank 0's alone. */
 static const struct site {
@@ -20,7 +34,11 @@ static const struct site {
     {"h5.write", RESUMED, 2, 0},          {"h5.flush", RESUMED, 2, 0},
     {"reconstruct.frame", NETWORK, 1, 1}, {"h5.create", NETWORK, 1, 1},
     {"h5.write", NETWORK, 1, 1},          {"h5.mark", NETWORK, 2, 1},
-    {"file.commit", NETWORK, 1, 0},
+    {"file.commit", NETWORK, 1, 0},       {"tv.iteration", BY_TV, 2, 1},
+    {"rld.iteration", BY_RLD, 2, 1},      {"diner.step", BY_DINER, 2, 1},
+    {"tiff.write_page", TO_TIFF, 1, 0},   {"volume.write", TO_TIFF, 1, 0},
+    {"tiff.read", FROM_TIFF, 1, 0},       {"png.write", FROM_TIFF, 1, 0},
+    {"denoise.unit", DENOISED, 1, 1},
 };
 
 static void assert_failed_in_time(int code, const char *fault, const char *text)
@@ -40,12 +58,7 @@ static int run_with(struct scene *scene, enum phase phase, int ranks, const char
              scene->folder, scene->folder);
     assert_int_equal(system(copy), 0);
     setenv("V2V_FAULT", fault, 1);
-    /* forced: frames that the job before finished are there */
-    int code =
-        program_run(scene, ranks,
-                    phase == RESUMED ? TRAIN "run --steps 4 --resume"
-                                     : RECONSTRUCT "--weights run/weights.h5 -o volume.h5 --force",
-                    text);
+    int code = program_run(scene, ranks, commands[phase], text);
     unsetenv("V2V_FAULT");
     return code;
 }
@@ -58,22 +71,29 @@ static int check_fault(struct scene *scene, enum phase phase, int ranks, const c
     if (code != 0) {
         assert_failed_in_time(code, fault, text);
         assert_true(scene_step(scene, program_file(scene, "run/weights.h5")) >= BASE_STEPS);
-        assert_false(v2v_file_exists(program_file(scene, "volume.h5")));
+        for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++) {
+            assert_false(v2v_file_exists(program_file(scene, outputs[i])));
+        }
     }
     return code;
 }
 
-/* A finished run of two steps, to go on from. */
+/* A finished run of two steps, to go on from; a volume as TIFF; weights that denoise. */
 static void setup(struct scene *scene)
 {
+    static const char *const makes[] = {
+        TRAIN "base --steps 2", DECONVOLVE "--method rl -o made.tif",
+        "weights init -c config.yaml --psf psf.h5 --set model.method=deepcad -o deepcad.h5"};
     static char text[TEXT];
 #ifndef V2V_FAULTS
     print_message("this build has no fault points: -DV2V_FAULTS=ON\n");
     skip();
 #endif
     program_init(scene);
-    if (program_run(scene, 1, TRAIN "base --steps 2", text) != 0) {
-        fail_msg("%s", text);
+    for (size_t i = 0; i < sizeof makes / sizeof *makes; i++) {
+        if (program_run(scene, 1, makes[i], text) != 0) {
+            fail_msg("%s", text);
+        }
     }
 }
 

@@ -194,15 +194,14 @@ static double sharing(const struct plan *plan)
 
 static double exchange_s(const struct plan *plan, struct group group, double bytes, double times)
 {
-    return sharing(plan) *
-               v2v_network_exchange_s(&plan->machine->inside, group.size, bytes, times) +
+    return sharing(plan) * v2v_comm_exchange_s(&plan->machine->inside, group.size, bytes, times) +
            link_s(plan, group, bytes, times * (group.size - 1));
 }
 
 static double allreduce_s(const struct plan *plan, struct group group, double bytes)
 {
     double sent = 2.0 * (group.size - 1) / group.size * bytes;
-    return sharing(plan) * v2v_network_allreduce_s(&plan->machine->inside, group.size, bytes) +
+    return sharing(plan) * v2v_comm_allreduce_s(&plan->machine->inside, group.size, bytes) +
            link_s(plan, group, sent, 2.0 * log2(group.size));
 }
 
@@ -270,7 +269,7 @@ static double left_behind(const struct plan *plan, double backward_s, double way
 static double gradients_s(const struct plan *plan, int64_t rounds, double backward_s)
 {
     const struct v2v_forecast_network *network = plan->job->network;
-    const struct v2v_network_cost *inside = &plan->machine->inside;
+    const struct v2v_comm_cost *inside = &plan->machine->inside;
     const double ranks = (double)plan->data * plan->shards;
     double bytes = 0.0, buckets;
     if (plan->data * plan->shards * plan->branches == 1) {

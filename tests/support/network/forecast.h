@@ -45,9 +45,9 @@ struct v2v_forecast_machine {
     double mac_s;       /**< a multiply-add of the forward pass, the host's other cores idle */
     double crowd;       /**< >= 1: how many times as long while all cores of the host compute */
     double file_byte_s; /**< read or written, by all ranks together */
-    struct v2v_network_cost inside; /**< of a host */
-    double link_byte_s;             /**< that a host sends to others */
-    double link_message_s;          /**< until a message is at another host */
+    struct v2v_comm_cost inside; /**< of a host */
+    double link_byte_s;          /**< that a host sends to others */
+    double link_message_s;       /**< until a message is at another host */
 };
 
 /** A layer of a U-Net. */

@@ -101,7 +101,7 @@ static double crowd_of(const struct v2v_forecast_machine *machine,
 
 /* What an exchange over all ranks takes longer than inside a host is the link's, which the ranks of
  * a host share. */
-static void part_network(struct v2v_forecast_machine *machine, const struct v2v_network_cost *all,
+static void part_network(struct v2v_forecast_machine *machine, const struct v2v_comm_cost *all,
                          int neighbours)
 {
     const double abroad = (double)(all->ranks - neighbours) / (all->ranks - 1);
@@ -117,7 +117,7 @@ enum v2v_status v2v_forecast_measure(struct v2v_forecast_machine *machine,
 {
     enum v2v_status rc = V2V_OK;
     struct trial trial = {0};
-    struct v2v_network_cost all;
+    struct v2v_comm_cost all;
     const int neighbours = v2v_comm_size(host);
     int64_t most = neighbours;
     *speed = (struct v2v_forecast_speed){.side = side};
@@ -126,11 +126,11 @@ enum v2v_status v2v_forecast_measure(struct v2v_forecast_machine *machine,
     time_passes(speed, &trial, world);
     machine->mac_s = speed->alone_s / v2v_forecast_macs(network, side, side);
     machine->crowd = crowd_of(machine, speed, (double)machine->threads * neighbours);
-    V2V_TRY(v2v_par_agree(world, v2v_network_cost_measure(&machine->inside, host)));
+    V2V_TRY(v2v_par_agree(world, v2v_comm_cost_measure(&machine->inside, host)));
     v2v_par_max_i64(world, &most, 1);
     speed->is_link_measured = most < v2v_comm_size(world);
     if (speed->is_link_measured) {
-        V2V_TRY(v2v_network_cost_measure(&all, world));
+        V2V_TRY(v2v_comm_cost_measure(&all, world));
         part_network(machine, &all, neighbours);
     }
     v2v_par_broadcast(world, machine, (int64_t)sizeof *machine, 0);

@@ -2,9 +2,9 @@
 #include "small_draw.h"
 
 #include "v2v3d/loss/loss.h"
-#include "v2v3d/op/gemm.h"
 
 #include <math.h>
+#include <omp.h>
 #include <string.h>
 
 enum { SLICES = 7, HEIGHT = 5, WIDTH = 6, PIXELS = HEIGHT * WIDTH, VOXELS = SLICES * PIXELS };
@@ -126,12 +126,12 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
         volume[place(z, 2, 3)] = 1.0f;
     }
     for (int t = 0; t < MOST_THREADS; t++) {
-        v2v_op_set_threads(t + 1);
+        omp_set_num_threads(t + 1);
         evaluate(terms[t], dvolume[t], volume, known, (struct v2v_number){V2V_NUMBER_GIVEN, 0.3});
         assert_memory_equal(terms[t], terms[0], sizeof terms[0]);
         assert_memory_equal(dvolume[t], dvolume[0], sizeof dvolume[0]);
     }
-    v2v_op_set_threads(1);
+    omp_set_num_threads(1);
 }
 
 int main(void)

@@ -19,7 +19,7 @@ static struct v2v_forecast_machine with_network(void)
     machine.cores = 2;
     machine.crowd = 1.1;
     machine.file_byte_s = 1e-9;
-    machine.inside = (struct v2v_network_cost){2, 1e-6, 1e-10, 1e-6, 2e-10};
+    machine.inside = (struct v2v_comm_cost){2, 1e-6, 1e-10, 1e-6, 2e-10};
     machine.link_byte_s = 1e-9;
     machine.link_message_s = 2e-5;
     return machine;
@@ -93,7 +93,7 @@ done:
 static void one_rank_computes_and_writes(void **state)
 {
     struct v2v_forecast_machine machine = with_network();
-    machine.inside = (struct v2v_network_cost){0}; /* as a rank alone measures it */
+    machine.inside = (struct v2v_comm_cost){0}; /* as a rank alone measures it */
     struct v2v_forecast_job jobs[] = {frames_of(state, 3), batch_of(state, 3)};
     for (int i = 0; i < 2; i++) {
         struct v2v_forecast one = forecast(&machine, &jobs[i], 1, 1);
