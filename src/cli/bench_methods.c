@@ -178,7 +178,8 @@ static enum v2v_status measure(const struct bench *bench, struct row *row,
     V2V_TRY(v2v_volumes_make(&volumes, ops, NULL, &session));
     row->psnr = row->ssim = NAN;
     if (given->truth != NULL) {
-        const struct v2v_evaluation_job job = {.volume = bench->volume, .truth = given->truth};
+        const struct v2v_evaluation_job job = {
+            .volume = bench->volume, .truth = given->truth, .fit_scale = given->fit_scale};
         V2V_TRY(v2v_evaluation_run(&evaluation, &job, &session));
         row->psnr = evaluation.mean[V2V_FIGURE_PSNR];
         row->ssim = evaluation.mean[V2V_FIGURE_SSIM];

@@ -6,7 +6,8 @@
 
 struct v2v_bench_methods {
     const char *psf, *input;
-    const char *truth;        /**< NULL: no PSNR, no SSIM */
+    const char *truth;        /**< NULL: no PSNR, no SSIM .. */
+    int fit_scale;            /**< .. and one least-squares scale a volume */
     struct v2v_words weights; /**< of trained networks; may be none */
     struct v2v_words only;    /**< names of rows; none: all */
     int json;

@@ -43,7 +43,7 @@ struct arguments {
     const char *psf, *calibration, *input, *truth;
     struct v2v_words weights, only;
     int64_t size, repeat;
-    int json, methods;
+    int json, methods, fit_scale;
 };
 
 static const struct v2v_option options[] = {
@@ -67,10 +67,12 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a row"),
     V2V_OPTION_SWITCH(struct arguments, methods, "methods",
                       "instead: every method on the first frame of --input, with seconds and the "
-                      "prediction error on held-out views"),
+                      "prediction error on held-out views; tv-T: by deconv.tolerance T"),
     V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --methods: recording"),
     V2V_OPTION_FILE(struct arguments, truth, "truth", 0,
                     "with --methods: true volume, for PSNR and SSIM"),
+    V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
+                      "with --truth: allow every volume one least-squares scale, as of counts"),
     {.name = "weights",
      .kind = V2V_OPTION_LIST,
      .at = offsetof(struct arguments, weights),
@@ -285,6 +287,7 @@ static enum v2v_status compare_methods(const struct arguments *given, struct v2v
     const struct v2v_bench_methods methods = {.psf = given->psf,
                                               .input = given->input,
                                               .truth = given->truth,
+                                              .fit_scale = given->fit_scale,
                                               .weights = given->weights,
                                               .only = given->only,
                                               .json = given->json};

@@ -20,6 +20,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --adjoint: recording"),
     V2V_OPTION_OUTPUT(struct arguments, output, "recording (with --adjoint: volume) to write"),
     V2V_OPTION_SWITCH(struct arguments, adjoint, "adjoint", "back-project a recording instead"),
+    V2V_OPTION_OFFSET,
     V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
@@ -92,12 +93,12 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     struct v2v_provenance provenance = {0};
     struct v2v_progress progress = {0};
+    struct v2v_scaling scaling;
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
     struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
-    const struct v2v_scaling as_it_is = {.gain = 1.0,
-                                         .calibration = v2v_recording_calibration(recording)};
-    V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &as_it_is));
+    V2V_TRY(v2v_step_offset(session, &scaling, recording));
+    V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &scaling));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));
     v2v_progress_begin(&progress, "back-project", 0, info.frames);
@@ -105,7 +106,7 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         v2v_watchdog_beat("back-project: a frame");
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
-        v2v_scaling_apply(&as_it_is, p.views, psf->views * p.pixels);
+        v2v_scaling_apply(&scaling, p.views, psf->views * p.pixels);
         V2V_TRY(v2v_projection_adjoint(&p));
         V2V_TRY(v2v_par_agree(session->world, check(p.slices, p.mine.count * p.pixels, t)));
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));

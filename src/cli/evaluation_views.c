@@ -10,6 +10,7 @@
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -20,7 +21,7 @@
 static const double out_of_register = 0.7;
 
 /* Light of a volume over that of its views, or the other way round, that is. */
-static const double out_of_flux = 1.25;
+static const double out_of_flux = V2V_MATCH_MUCH_LIGHT;
 
 /* What goes with one evaluation. */
 struct work {
@@ -36,6 +37,7 @@ struct work {
     struct v2v_match *here;    /* [v]: .. and of the one at hand */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
+    double deficit;                 /* what views lie below zero by where they are dark */
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
     struct v2v_scaling trained_by;  /* .. the recording are taken by */
     int is_homogeneous;
@@ -110,6 +112,16 @@ static void match(struct work *work, int64_t t)
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
 }
 
+static void find_deficit(struct work *work)
+{
+    const int64_t height = work->height, width = work->width;
+    for (int64_t v = 0; v < work->psf.views; v++) {
+        const float *view = work->views + v * height * width;
+        const double here = v2v_deficit_of_images(work->scratch, view, 1, height, width);
+        work->deficit = fmax(work->deficit, here);
+    }
+}
+
 /* The views again from the volume, compared with those of the recording less its offset.
  * Collective. */
 static enum v2v_status project(struct work *work, struct v2v_volume *volume)
@@ -127,6 +139,7 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
         V2V_TRY(v2v_par_agree(work->session->world, rc));
         work->saturated += v2v_saturated_pixels(work->views, samples);
         v2v_scaling_apply(&work->scaling, work->views, samples);
+        find_deficit(work);
         V2V_TRY(v2v_projection_forward(p));
         match(work, t);
     }
@@ -350,6 +363,12 @@ static void find_faults(struct work *work)
         snprintf(text, sizeof text,
                  "the views are hardly anywhere darker than %.4g: the camera's zero (--offset)?",
                  work->scaling.pedestal);
+        warn(work, text);
+    }
+    if (work->deficit > 0.0) {
+        snprintf(text, sizeof text,
+                 "where they are dark the views are %.4g below the offset %.4g: is it too high?",
+                 work->deficit, work->scaling.offset);
         warn(work, text);
     }
     if (work->levels[0] != '\0') {

@@ -141,12 +141,11 @@ done:
     return rc;
 }
 
-/* Do a file and PSFs state pixels of different sizes? They are stated with two digits, often. */
-static int is_other_size(double pixel_um, const struct v2v_psf_file *psf)
+/* Do a file and PSFs state different sizes? They are stated with two digits, often. */
+static int is_other_size(double um, double of_psf_um)
 {
     const double nominal = 0.01;
-    return pixel_um > 0.0 && psf->pixel_size_um > 0.0 &&
-           fabs(pixel_um - psf->pixel_size_um) > nominal * psf->pixel_size_um;
+    return um > 0.0 && of_psf_um > 0.0 && fabs(um - of_psf_um) > nominal * of_psf_um;
 }
 
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
@@ -169,7 +168,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
     }
-    if (is_other_size(info->pixel_size_um, psf)) {
+    if (is_other_size(info->pixel_size_um, psf->pixel_size_um)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: says pixels of %g um, but the PSFs are for %g um; if they are the "
                          "same, --pixel-size %g says so",
@@ -261,11 +260,18 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
                          path, slices, psf->slices,
                          slices % psf->slices == 0 ? "; --slices Z tells frames apart" : ""));
     }
-    const double pixel = v2v_volume_info(*volume)->pixel_size_um;
-    if (is_other_size(pixel, psf) && v2v_step_on_root(session)) {
-        v2v_log(V2V_LOG_WARNING,
-                "%s: says pixels of %g um, but the PSFs are for %g um, which it is taken for", path,
-                pixel, psf->pixel_size_um);
+    const struct v2v_volume_info *info = v2v_volume_info(*volume);
+    const struct {
+        const char *name;
+        double of_volume, of_psf;
+    } sizes[] = {{"pixels of", info->pixel_size_um, psf->pixel_size_um},
+                 {"slices every", info->slice_spacing_um, psf->slice_spacing_um}};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        if (is_other_size(sizes[i].of_volume, sizes[i].of_psf) && v2v_step_on_root(session)) {
+            v2v_log(V2V_LOG_WARNING,
+                    "%s: says %s %g um, but the PSFs are for %g um, which it is taken for", path,
+                    sizes[i].name, sizes[i].of_volume, sizes[i].of_psf);
+        }
     }
 done:
     return rc;
@@ -385,9 +391,9 @@ void v2v_step_communication(const struct v2v_session *session, const struct v2v_
 }
 
 /* A file's own figure, or the PSFs' when the file does not say. */
-static double stated(double own, double of_psf)
+static double stated(double one, double other)
 {
-    return own > 0.0 ? own : of_psf;
+    return one > 0.0 ? one : other;
 }
 
 struct v2v_volume_info v2v_step_volume_of(const struct v2v_session *session,
@@ -412,7 +418,7 @@ struct v2v_recording_info v2v_step_recording_of(const struct v2v_volume_info *vo
                                        .height = volume->height,
                                        .width = volume->width,
                                        .pixel_size_um =
-                                           stated(volume->pixel_size_um, psf->pixel_size_um),
+                                           stated(psf->pixel_size_um, volume->pixel_size_um),
                                        .frame_interval_s = volume->frame_interval_s};
 }
 

@@ -219,32 +219,45 @@ done:
     return rc;
 }
 
+/* Is a frame's dark above zero, where nothing was said of the offset, or below? */
+static int is_offset_odd(const float *views, float *scratch, int is_told, int64_t t,
+                         const struct v2v_volumes_made *made)
+{
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const double offset = made->scaling->offset;
+    const double above =
+        is_told ? 0.0
+                : v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+    const double below =
+        v2v_deficit_of_images(scratch, views, info->views, info->height, info->width);
+    if (above > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light of "
+                "the background, or another zero of the camera (--offset %.6g)?",
+                (long long)(made->first + t), above, offset, offset + above);
+    } else if (below > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld is %.4g below its offset %.4g where it is dark, as no light is: is the "
+                "camera's zero lower (--offset %.6g)?",
+                (long long)(made->first + t), below, offset, offset - below);
+    }
+    return above > 0.0 || below > 0.0;
+}
+
 /* Rank 0. */
-static enum v2v_status judge_offset(const float *reference, int64_t shown,
+static enum v2v_status judge_offset(const float *reference, int64_t shown, int is_told,
                                     const struct v2v_volumes_made *made)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
-    const int64_t frames[] = {shown, info->frames - 1};
-    const int count = frames[1] != shown ? 2 : 1;
+    const int64_t last = info->frames - 1;
     float *scratch = NULL, *views = NULL;
-    double least = 0.0;
     V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
     V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
-    for (int i = 0; i < count && least == 0.0; i++) {
-        if (i > 0) {
-            V2V_TRY(read_frame(views, made, frames[i]));
-        }
-        least = v2v_pedestal_of_images(scratch, i > 0 ? views : reference, info->views,
-                                       info->height, info->width);
-        if (least > 0.0) {
-            v2v_log(V2V_LOG_WARNING,
-                    "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light "
-                    "of the background, or another zero of the camera (--offset %.4g)?",
-                    (long long)(made->first + frames[i]), least, made->scaling->offset,
-                    made->scaling->offset + least);
-        }
+    if (!is_offset_odd(reference, scratch, is_told, shown, made) && last != shown) {
+        V2V_TRY(read_frame(views, made, last));
+        (void)is_offset_odd(views, scratch, is_told, last, made);
     }
 done:
     v2v_mem_free(views);
@@ -258,7 +271,7 @@ enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
 {
     const int is_told =
         session->config.input.offset.mode == V2V_NUMBER_NONE || made->scaling->pedestal > 0.0;
-    return v2v_par_agree(session->world, !is_told && v2v_step_on_root(session)
-                                             ? judge_offset(reference, shown, made)
+    return v2v_par_agree(session->world, v2v_step_on_root(session)
+                                             ? judge_offset(reference, shown, is_told, made)
                                              : V2V_OK);
 }

@@ -96,8 +96,16 @@ static void log_match(const struct v2v_match *match, int64_t frame)
             residual, noise, structure, flux);
 }
 
-static void warn_of_misfit(const struct found *found)
+/* Total variation goes on until its volume stands still. What other methods leave of the views may
+ * be what the next iterations would explain. */
+static const char *first_doubt(const struct found *found, const struct v2v_volumes_made *made)
 {
+    return made->misfit[found->shown].missed > 0.0 ? "" : "did it iterate or train enough; ";
+}
+
+static void warn_of_misfit(const struct found *found, const struct v2v_volumes_made *made)
+{
+    const char *doubt = first_doubt(found, made);
     double squares = 0.0, known = 0.0, most = 0.0;
     int64_t farthest = 0;
     for (int64_t v = 0; v < found->views; v++) {
@@ -111,26 +119,38 @@ static void warn_of_misfit(const struct found *found)
     if (squares > displaced * displaced * known) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: the views lie %.1f pixels from where the volume has them, view %lld "
-                "%.1f: are they those of these PSFs, in their order, not mirrored, in register "
+                "%.1f: %sare they those of these PSFs, in their order, not mirrored, in register "
                 "(v2v3d calibrate)?",
-                (long long)found->frame, sqrt(squares / known), (long long)farthest, most);
+                (long long)found->frame, sqrt(squares / known), (long long)farthest, most, doubt);
     } else if (v2v_structure_missed(&found->match.structure) > much_missed) {
         v2v_log(V2V_LOG_WARNING,
-                "frame %lld: the volume leaves much of the views unexplained; do they belong to "
+                "frame %lld: the volume leaves much of the views unexplained: %sdo they belong to "
                 "these PSFs, in their order, and in register (v2v3d calibrate)?",
-                (long long)found->frame);
+                (long long)found->frame, doubt);
     }
 }
 
-static void warn_of_odd_view(const struct found *found)
+/* What noise leaves in the dark is not yet taken out again. */
+static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made)
+{
+    const double flux = v2v_match_flux(&found->match);
+    if (made->misfit[found->shown].missed > 0.0 && flux > V2V_MATCH_MUCH_LIGHT) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: the volume has %.3g times the light of its views: iterate on (--set "
+                "deconv.tolerance=1e-3), or weigh the variation more (--lambda)",
+                (long long)found->frame, flux);
+    }
+}
+
+static void warn_of_odd_view(const struct found *found, const struct v2v_volumes_made *made)
 {
     double times = 0.0;
     const int64_t odd = v2v_match_odd_view(&times, found->of_view, found->views);
     if (odd >= 0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: view %lld is %.2f times as bright as the volume has it, beside the "
-                "other views: was it blocked, or is its gain another (v2v3d calibrate)?",
-                (long long)found->frame, (long long)odd, times);
+                "other views: %swas it blocked, or is its gain another (v2v3d calibrate)?",
+                (long long)found->frame, (long long)odd, times, first_doubt(found, made));
     }
 }
 
@@ -195,8 +215,9 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
         log_match(&found->match, found->frame);
-        warn_of_odd_view(found);
-        warn_of_misfit(found);
+        warn_of_light(found, made);
+        warn_of_odd_view(found, made);
+        warn_of_misfit(found, made);
         warn_of_saturation(found);
         warn_of_camera(found, made, session);
         warn_of_darkness(found, v2v_recording_info(made->recording));

@@ -7,6 +7,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
+#include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
 
 #include <math.h>
@@ -38,6 +39,11 @@ static const struct usual {
     double weight, power;
 } of_normal_noise = {0.03, 0.15}, of_photons = {0.0275, 0.4};
 static const double usual_noise = 0.1, least_noise = 0.002;
+
+/* That weight is of 13 views of 39 slices, whose noise a voxel hardly sees (v2v_psf_voxel_noise, of
+ * views that sum to 1). Of fewer slices, or more views, it sees more; the power by which the weight
+ * follows (tests/bench/quality.md). */
+static const double usual_voxel_noise = 0.02976, by_voxel_noise = 0.5;
 
 /* Views missed by so many times their noise are missed by more than noise, which shows early:
  * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
@@ -173,13 +179,16 @@ done:
     return rc;
 }
 
-/* The weight for noise such as a look found; `fallback` for dark views. */
-static double usual_weight(const struct v2v_estimator *estimator, double fallback)
+/* The weight for noise such as was measured; `fallback` for dark views. */
+static double usual_weight(const struct v2v_estimator *estimator, const struct v2v_psf_file *psf,
+                           double fallback)
 {
     const struct v2v_tv_noise noise = v2v_tv_noise(estimator);
     const struct usual *usual = noise.gain > 0.0 ? &of_photons : &of_normal_noise;
     const double times = fmax(noise.part, least_noise) / usual_noise;
-    return noise.part > 0.0 ? usual->weight * pow(times, usual->power) : fallback;
+    const double seen = v2v_psf_voxel_noise(psf) / v2v_psf_light(psf) / usual_voxel_noise;
+    const double weight = usual->weight * pow(times, usual->power) * pow(seen, by_voxel_noise);
+    return noise.part > 0.0 ? weight : fallback;
 }
 
 static int is_noise_alone(void *context, int64_t iteration, const struct v2v_iterate *iterate)
@@ -200,7 +209,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     estimator->averaging = v2v_square_averaging(&self->square);
     estimator->ops->measure(estimator, self->square.views);
     estimator->ops->inherit(estimator, estimator); /* so that the run does not look again */
-    *weight = usual_weight(estimator, *weight);
+    *weight = usual_weight(estimator, self->problem.psf, *weight);
     v2v_tv_set_lambda(estimator, *weight);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));
     *missed = estimator->misfit.missed;
@@ -258,13 +267,14 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
     const int is_asked = lambda->mode == V2V_NUMBER_AUTO;
+    const int are_enough = self->problem.psf->views > FOLDS; /* to leave some out */
     double missed = 0.0;
     if (!is_asked) {
         V2V_TRY(miss_all(&missed, &lambda->value, self));
         v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
                 lambda->value, missed);
     }
-    if (is_asked || missed > noise_alone) {
+    if (is_asked || (missed > noise_alone && are_enough)) {
         V2V_TRY(choose(&lambda->value, self));
         v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value,
                 is_asked ? "" : ", since volumes miss more of the views than noise");
@@ -283,14 +293,10 @@ enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v
     if (lambda->mode == V2V_NUMBER_GIVEN) {
         return V2V_OK;
     }
-    if (problem->psf->views <= FOLDS) {
-        if (lambda->mode == V2V_NUMBER_AUTO) {
-            return V2V_FAIL(V2V_E_CONFIG,
-                            "--lambda auto leaves views out: it needs %d or more, not %lld",
-                            FOLDS + 1, (long long)problem->psf->views);
-        }
-        lambda->mode = V2V_NUMBER_GIVEN;
-        return V2V_OK;
+    if (problem->psf->views <= FOLDS && lambda->mode == V2V_NUMBER_AUTO) {
+        return V2V_FAIL(V2V_E_CONFIG,
+                        "--lambda auto leaves views out: it needs %d or more, not %lld", FOLDS + 1,
+                        (long long)problem->psf->views);
     }
     V2V_TRY(v2v_par_agree(world, V2V_ALLOC(self, "tv.lambda", 1)));
     V2V_TRY(v2v_par_agree(world, prepare(self, problem, views, averaging)));

@@ -1,6 +1,7 @@
 #include "v2v3d/optics/psf.h"
 
 #include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/hot_pixels.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -75,6 +76,31 @@ void v2v_psf_normalize_slices(struct v2v_psf_file *psf)
     normalize(psf, psf->views * psf->slices, psf->height * psf->width);
 }
 
+enum v2v_status v2v_psf_positive(struct v2v_psf_file *copy, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = psf->height * psf->width, kernels = psf->views * psf->slices;
+    *copy = *psf;
+    copy->data = NULL;
+    V2V_TRY(V2V_ALLOC(copy->data, "optics.psf", v2v_mem_product(kernels, pixels, 1)));
+#pragma omp parallel for schedule(static)
+    for (int64_t k = 0; k < kernels; k++) {
+        const float *from = psf->data + k * pixels;
+        float *to = copy->data + k * pixels;
+        double sum = 0.0, positive = 0.0;
+        for (int64_t i = 0; i < pixels; i++) {
+            sum += (double)from[i];
+            positive += from[i] > 0.0f ? (double)from[i] : 0.0;
+        }
+        const double scale = sum > 0.0 ? sum / positive : 0.0;
+        for (int64_t i = 0; i < pixels; i++) {
+            to[i] = from[i] > 0.0f ? (float)(scale * (double)from[i]) : 0.0f;
+        }
+    }
+done:
+    return rc;
+}
+
 double v2v_psf_energy_mean(const struct v2v_psf_file *psf)
 {
     return sum_of(psf->data, psf->slices * psf->height * psf->width) / (double)psf->slices;
@@ -84,6 +110,12 @@ double v2v_psf_light(const struct v2v_psf_file *psf)
 {
     const double sum = v2v_sum(psf->data, psf->views * psf->slices * psf->height * psf->width);
     return sum > 0.0 ? sum / (double)psf->views : 1.0;
+}
+
+double v2v_psf_voxel_noise(const struct v2v_psf_file *psf)
+{
+    const int64_t samples = psf->views * psf->slices * psf->height * psf->width;
+    return sqrt(v2v_sum_of_squares(psf->data, samples) / (double)psf->slices);
 }
 
 double v2v_psf_sharpness(const struct v2v_psf_file *psf)

@@ -160,21 +160,46 @@ static int64_t means_of_squares(float *means, const float *image, int64_t height
     return down * across;
 }
 
-double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
-                              int64_t width)
+/* Of squares of 16 x 16 pixels, or what fits. */
+struct darkness {
+    double least;  /* mean that a hundredth of them stays below */
+    double bright; /* mean of the brightest */
+    double error;  /* standard deviation of a mean */
+};
+
+static struct darkness darkness_of(float *scratch, const float *images, int64_t count,
+                                   int64_t height, int64_t width)
 {
-    enum { SIDE = 16, OF_LEAST = 100, DARK = 100, CERTAIN = 5, BELOW = 2 };
+    enum { SIDE = 16, OF_LEAST = 100 };
     const int64_t side = v2v_smaller(SIDE, v2v_smaller(height, width));
     int64_t squares = 0;
     for (int64_t i = 0; i < count; i++) {
         squares +=
             means_of_squares(scratch + squares, images + i * height * width, height, width, side);
     }
-    const double bright = (double)v2v_select(scratch, squares, squares - 1);
-    const double least = (double)v2v_select(scratch, squares, squares / OF_LEAST);
-    if (!(least > 0.0 && DARK * least > bright)) {
-        return 0.0;
-    }
-    const double error = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
-    return least > CERTAIN * error ? least + BELOW * error : 0.0;
+    struct darkness dark = {.bright = (double)v2v_select(scratch, squares, squares - 1)};
+    dark.least = (double)v2v_select(scratch, squares, squares / OF_LEAST);
+    dark.error = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
+    return dark;
+}
+
+/* Means that stray so many of their standard deviations are no noise; the least of many strays by
+ * two. */
+enum { CERTAIN = 5, STRAYS = 2, OF_BRIGHT = 100 };
+
+double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                              int64_t width)
+{
+    const struct darkness dark = darkness_of(scratch, images, count, height, width);
+    const int is_much = dark.least > 0.0 && OF_BRIGHT * dark.least > dark.bright;
+    return is_much && dark.least > CERTAIN * dark.error ? dark.least + STRAYS * dark.error : 0.0;
+}
+
+double v2v_deficit_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                             int64_t width)
+{
+    const struct darkness dark = darkness_of(scratch, images, count, height, width);
+    const double below = -dark.least - STRAYS * dark.error;
+    const int is_certain = dark.least < -(CERTAIN + STRAYS) * dark.error;
+    return is_certain && OF_BRIGHT * below > dark.bright ? below : 0.0;
 }

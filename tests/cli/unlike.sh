@@ -101,6 +101,15 @@ works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --offset -0.1
 tells 'frame 0 is hardly anywhere darker than 0\.[01][0-9]* above its offset -0.1'
 works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --force --offset none
 misses darker
+misses 'below its offset'
+# Darker than it: no light is below zero.
+works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --force --offset 0.1
+tells 'frame 0 is 0\.[01][0-9]* below its offset 0.1 where it is dark.* lower .--offset -\?[0-9.e-]*)'
+works evaluate --volume haze.h5 --psf psf.h5 --input good.h5 --frames 0
+tells 'where they are dark the views are 0\.[01][0-9]* below the offset 0.1: is it too high'
+works project --psf psf.h5 --adjoint --input good.h5 -o back.h5
+works project --psf psf.h5 --adjoint --input good.h5 -o back_less.h5 --offset 0.1
+h5diff back.h5 back_less.h5 /volume >/dev/null && fail 'project --adjoint subtracts no offset'
 
 # The camera's noise, in counts, is that of deconvolve and of the lessons of train; a wrong one is told.
 cp "$root/configs/unrolled.yaml" .

@@ -43,6 +43,9 @@ double v2v_match_sigmas(const struct v2v_match *match, double scale);
  *  beyond it is recorded and in no volume. NaN where sum y <= 0. @kind Local. */
 double v2v_match_flux(const struct v2v_match *match);
 
+/** A flux from which on, or below one over it, a volume's light is not that of its views. */
+#define V2V_MATCH_MUCH_LIGHT 1.25
+
 /** Of views and projections of one frame, the view that is most unlike the volume's in brightness
  *  (v2v_structure_brightness). @kind Local. @param times out: as bright as it should be
  *  @return the view; -1: none is */

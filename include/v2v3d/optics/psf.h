@@ -56,8 +56,18 @@ void v2v_psf_normalize_slices(struct v2v_psf_file *psf);
 enum v2v_status v2v_psf_simulate(struct v2v_psf_file *psf,
                                  const struct v2v_optics_settings *settings) V2V_MUST_CHECK;
 
+/** A copy without negative light, which displacing a PSF by parts of pixels leaves beside its peak:
+ *  0 there, and a slice's sum as it was. @kind Local. @param copy _fini after both
+ *  @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_psf_positive(struct v2v_psf_file *copy,
+                                 const struct v2v_psf_file *psf) V2V_MUST_CHECK;
+
 /** What a view's PSF sums to, mean over the views; 1 where all is dark. @kind Local. */
 double v2v_psf_light(const struct v2v_psf_file *psf);
+
+/** Standard deviation that white noise of 1 in all views has in a voxel of their back-projection,
+ *  root mean square over the slices: by it noise is told from light. @kind Local. */
+double v2v_psf_voxel_noise(const struct v2v_psf_file *psf);
 
 /** That of the sharpest slice (v2v_sharpness_of_image): no image of light through the optics has
  *  more, but for noise. @kind Local. */

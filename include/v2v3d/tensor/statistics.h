@@ -32,6 +32,12 @@ double v2v_mean_of_square(const float *at, int64_t width, int64_t side);
 double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
                               int64_t width);
 
+/** Likewise how far the dark lies below zero, as where more than the zero of a camera was
+ *  subtracted: 0 where that is less than 7 such errors, or a hundredth of the brightest square.
+ *  @kind Local. @param scratch [count,height,width] */
+double v2v_deficit_of_images(float *scratch, const float *images, int64_t count, int64_t height,
+                             int64_t width);
+
 /** Standard deviation of white noise of which |a - b - c + d| are given: their median over
  *  2 * 0.6745. @kind Local. @param differences [count], rearranged @param count above 0 */
 double v2v_noise_of_differences(float *differences, int64_t count);

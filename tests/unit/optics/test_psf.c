@@ -192,6 +192,56 @@ static void sharpness_is_that_of_the_sharpest_pixel(void **state)
     assert_true(isinf(v2v_psf_sharpness(&psf)));
 }
 
+/* Displacing by parts of pixels leaves light below zero beside the peak. */
+static void positive_psfs_keep_the_sum_of_every_slice(void **state)
+{
+    (void)state;
+    enum { PIXELS = 9 };
+    float data[3 * PIXELS] = {
+        [3] = -0.25f, [4] = 1.5f, [5] = -0.25f, [PIXELS + 2] = 0.5f, [2 * PIXELS] = -1.0f};
+    const struct v2v_psf_file psf = {
+        .views = 1, .slices = 3, .height = 3, .width = 3, .data = data};
+    struct v2v_psf_file copy;
+    assert_ok(v2v_psf_positive(&copy, &psf));
+    for (int i = 0; i < 3 * PIXELS; i++) {
+        assert_true(copy.data[i] == (i == 4 ? 1.0f : i == PIXELS + 2 ? 0.5f : 0.0f));
+    }
+    v2v_psf_file_fini(&copy);
+}
+
+/* Back-projected noise, far from the border, of every slice; 4 standard errors. */
+static void noise_of_a_voxel_is_what_a_back_projection_has(void **state)
+{
+    (void)state;
+    enum { EDGE = 96, PIXELS = EDGE * EDGE, BORDER = 12 };
+    struct v2v_psf_file psf;
+    struct v2v_projector *projector = NULL;
+    make_psf(&psf);
+    float *views = NULL, *volume = NULL;
+    double squares = 0.0, count = 0.0;
+    assert_ok(V2V_ALLOC(views, "test", psf.views * PIXELS));
+    assert_ok(V2V_ALLOC(volume, "test", psf.slices * PIXELS));
+    for (int64_t i = 0; i < psf.views * PIXELS; i++) {
+        views[i] = (float)v2v_random_normal(12, 0, (uint64_t)i);
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, EDGE, EDGE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_adjoint(projector, volume, views, NULL, psf.views, 1.0f);
+    for (int64_t i = 0; i < psf.slices * PIXELS; i++) {
+        const int64_t y = i / EDGE % EDGE, x = i % EDGE;
+        if (y >= BORDER && y < EDGE - BORDER && x >= BORDER && x < EDGE - BORDER) {
+            squares += (double)volume[i] * (double)volume[i];
+            count += 1.0;
+        }
+    }
+    const double kernel = (double)(psf.height * psf.width); /* voxels so near are not independent */
+    assert_float_equal(sqrt(squares / count), v2v_psf_voxel_noise(&psf),
+                       v2v_psf_voxel_noise(&psf) * 4.0 * sqrt(kernel / (2.0 * count)));
+    v2v_projector_destroy(&projector);
+    v2v_mem_free(volume);
+    v2v_mem_free(views);
+    v2v_psf_file_fini(&psf);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -201,6 +251,8 @@ int main(void)
         cmocka_unit_test(projector_holds_the_bytes_it_foretells),
         cmocka_unit_test(frame_beyond_all_memory_is_refused),
         cmocka_unit_test(header_example_projects_a_point_to_the_normalised_psf),
+        cmocka_unit_test(positive_psfs_keep_the_sum_of_every_slice),
+        cmocka_unit_test(noise_of_a_voxel_is_what_a_back_projection_has),
         cmocka_unit_test(sharpness_is_that_of_the_sharpest_pixel),
         cmocka_unit_test(missing_set_is_an_input_failure),
     };

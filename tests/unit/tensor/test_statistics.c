@@ -259,8 +259,11 @@ static void figures_of_parts_are_those_of_the_whole(void **state)
     assert_true(v2v_figures_deviation(&figures) == 0.0);
 }
 
+typedef double estimate(float *scratch, const float *images, int64_t count, int64_t height,
+                        int64_t width);
+
 /* Noise of 10 about `dark`, and in a quarter of each image light of 1000. */
-static double pedestal_of(double dark, int64_t height, int64_t width)
+static double estimate_of(estimate *of_images, double dark, int64_t height, int64_t width)
 {
     enum { IMAGES = 3, MOST = 64 * 80 };
     static float images[IMAGES * MOST], scratch[IMAGES * MOST];
@@ -269,7 +272,17 @@ static double pedestal_of(double dark, int64_t height, int64_t width)
         images[i] =
             (float)(dark + (is_lit ? 1000.0 : 0.0) + 10.0 * v2v_random_normal(5, 0, (uint64_t)i));
     }
-    return v2v_pedestal_of_images(scratch, images, IMAGES, height, width);
+    return of_images(scratch, images, IMAGES, height, width);
+}
+
+static double pedestal_of(double dark, int64_t height, int64_t width)
+{
+    return estimate_of(v2v_pedestal_of_images, dark, height, width);
+}
+
+static double deficit_of(double dark, int64_t height, int64_t width)
+{
+    return estimate_of(v2v_deficit_of_images, dark, height, width);
 }
 
 static void a_pedestal_is_what_is_nowhere_dark(void **state)
@@ -285,6 +298,18 @@ static void a_pedestal_is_what_is_nowhere_dark(void **state)
     assert_true(pedestal_of(100.0, 1, 1) > 0.0);
 }
 
+static void a_deficit_is_what_no_light_can_be(void **state)
+{
+    (void)state;
+    const double error = 4.0 * 10.0 / 16.0;
+    assert_true(fabs(deficit_of(-100.0, 64, 80) - 100.0) < error);
+    assert_true(fabs(deficit_of(-2000.0, 64, 80) - 2000.0) < error); /* none is above zero */
+    assert_true(deficit_of(0.0, 64, 80) == 0.0);
+    assert_true(deficit_of(100.0, 64, 80) == 0.0);
+    assert_true(deficit_of(-8.0, 64, 80) == 0.0); /* below a hundredth */
+    assert_true(deficit_of(-100.0, 1, 1) > 0.0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -293,6 +318,7 @@ int main(void)
         cmocka_unit_test(slopes_of_even_noise_scatter_by_their_standard_error),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
         cmocka_unit_test(a_pedestal_is_what_is_nowhere_dark),
+        cmocka_unit_test(a_deficit_is_what_no_light_can_be),
         cmocka_unit_test(background_matches_the_golden_volumes),
         cmocka_unit_test(percentile_equals_that_of_the_sorted_numbers),
         cmocka_unit_test(percentile_is_exact_at_numbers_and_leaves_them_alone),
