@@ -127,7 +127,7 @@ extern const struct v2v_command v2v_command_weights_init;
     V2V_OPTION_SET("views", "input.views", "V",                                                    \
                    "TIFF input: views of a frame; 0: as PSFs or file"),                            \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
-                       "TIFF input: page of the first frame's first view"),                        \
+                       "TIFF input: page of the first frame's first view, from 0"),                \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \
                        "TIFF input: pages from frame to frame; 1: sliding window"),                \
         V2V_OPTION_SET("layout", "input.layout", "auto|views|frames",                              \

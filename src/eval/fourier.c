@@ -8,7 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-enum { FADE = 8 }; /* part of a side that fades out at either end */
+/* Of a side an eighth fades out at either end, of a short one as many pixels as there are, or all:
+ * what fades over fewer pixels leaves a cross in the spectrum, which two halves share. */
+enum { FADE = 8, LEAST_FADE = 8 };
 
 enum { MOST_SHIFT = 16 }; /* pixels */
 
@@ -25,7 +27,8 @@ struct v2v_fourier {
 
 static void fill_window(double *window, int64_t size)
 {
-    const int64_t fade = size / FADE > 0 ? size / FADE : 1;
+    const int64_t least = v2v_within(LEAST_FADE, 1, v2v_larger(size / 2, 1));
+    const int64_t fade = v2v_larger(size / FADE, least);
     for (int64_t i = 0; i < size; i++) {
         const int64_t edge = v2v_smaller(i, size - 1 - i);
         window[i] =

@@ -66,6 +66,39 @@ static void shared_frequencies_end_where_the_correlation_does(void **state)
     }
 }
 
+/* Strips of images whose shared waves are strong: what their edges leave in the spectrum beyond the
+ * limit is shared as well. As above, of 24 pixels. */
+static void narrow_images_share_no_more_than_wide_ones(void **state)
+{
+    (void)state;
+    enum { NARROW = 24 };
+    static float a[PIXELS], b[PIXELS], strip_a[HEIGHT * NARROW], strip_b[HEIGHT * NARROW];
+    const double limit = 0.1;
+    struct v2v_ring rings[NARROW / 2] = {{0}};
+    struct v2v_fourier *fourier = NULL;
+    assert_ok(v2v_fourier_create(&fourier, HEIGHT, NARROW));
+    assert_int_equal(v2v_fourier_rings(fourier), NARROW / 2);
+    for (int z = 0; z < SLICES; z++) {
+        memset(a, 0, sizeof a);
+        add_waves(a, 0, z, 0.0, limit);
+        for (int i = 0; i < PIXELS; i++) {
+            a[i] = b[i] = 5.0f * a[i];
+        }
+        add_waves(a, 1, z, limit, 0.5);
+        add_waves(b, 2, z, limit, 0.5);
+        for (int i = 0; i < HEIGHT * NARROW; i++) {
+            strip_a[i] = a[i / NARROW * WIDTH + i % NARROW];
+            strip_b[i] = b[i / NARROW * WIDTH + i % NARROW];
+        }
+        v2v_fourier_correlate(fourier, rings, strip_a, strip_b);
+    }
+    v2v_fourier_destroy(&fourier);
+    const double found = 1.0 / v2v_fourier_resolution(rings, NARROW / 2);
+    if (!(fabs(found - limit) <= 2.0 / NARROW)) {
+        fail_msg("limit %g, found %g", limit, found);
+    }
+}
+
 /* Slices count by their light: what dim ones have in common, or not, is of no matter. */
 static void dim_slices_count_less(void **state)
 {
@@ -179,6 +212,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shared_frequencies_end_where_the_correlation_does),
+        cmocka_unit_test(narrow_images_share_no_more_than_wide_ones),
         cmocka_unit_test(dim_slices_count_less),
         cmocka_unit_test(equal_volumes_resolve_to_the_nyquist_frequency),
         cmocka_unit_test(nothing_shared_resolves_nothing),
