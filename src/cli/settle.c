@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/first_seen.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
 
@@ -24,7 +25,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     if (!v2v_estimator_is_open(ops, config)) {
         return V2V_OK;
     }
-    V2V_TRY(v2v_step_first_seen(session, &frame, &is_seen, recording, scaling));
+    V2V_TRY(v2v_first_seen(&frame, &is_seen, recording, scaling, session->world));
     rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
         rc = v2v_fusion_create(&fusion, config->recon.neighbours, count, problem->height,

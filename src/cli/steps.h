@@ -47,14 +47,6 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 
-/** The first frame of a recording that shows something above its noise, less the offset; if a view
- *  of it is dark, the first of the next few that lacks none. Where none shows anything, the first
- *  with a sample above the offset, or frame 0. Rank 0 reads, so that all have the same.
- *  @kind Collective(world), agreed @param is_seen bool, out: does it show something? */
-enum v2v_status v2v_step_first_seen(const struct v2v_session *session, int64_t *frame, int *is_seen,
-                                    struct v2v_recording *recording,
-                                    const struct v2v_scaling *scaling) V2V_MUST_CHECK;
-
 /** A volume whose slice count is that of the PSFs. @kind Collective(world), agreed */
 enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_volume **volume,
                                 const char *path, const struct v2v_psf_file *psf) V2V_MUST_CHECK;

@@ -4,6 +4,7 @@
 #include "cli/volumes_frames.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/volume.h"
 #include <math.h>
@@ -39,8 +40,8 @@ static enum v2v_status match_frame(struct found *found, const struct v2v_volumes
                             &(struct v2v_input_settings){.slices = psf->slices}, session->world));
     rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
     V2V_TRY(v2v_par_agree(session->world, rc));
-    V2V_TRY(v2v_step_first_seen(session, &found->shown, &found->is_seen, made->recording,
-                                made->scaling));
+    V2V_TRY(v2v_first_seen(&found->shown, &found->is_seen, made->recording, made->scaling,
+                           session->world));
     found->shown = found->is_seen ? found->shown : 0;
     found->frame = made->first + found->shown;
     rc = v2v_recording_read(made->recording, views, found->shown);
