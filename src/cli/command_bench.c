@@ -294,6 +294,9 @@ static enum v2v_status compare_methods(const struct arguments *given, struct v2v
     if (given->psf == NULL || given->input == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--methods needs --psf FILE and --input FILE"));
     }
+    if (given->fit_scale && given->truth == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--fit-scale goes with --truth"));
+    }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_bench_methods(&methods, session));
 done:

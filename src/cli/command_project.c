@@ -20,7 +20,8 @@ static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --adjoint: recording"),
     V2V_OPTION_OUTPUT(struct arguments, output, "recording (with --adjoint: volume) to write"),
     V2V_OPTION_SWITCH(struct arguments, adjoint, "adjoint", "back-project a recording instead"),
-    V2V_OPTION_OFFSET,
+    V2V_OPTION_SET("offset", "input.offset", "none|auto|N",
+                   "with --adjoint: subtracted from the counts; auto: as the file states"),
     V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
@@ -93,11 +94,17 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     struct v2v_provenance provenance = {0};
     struct v2v_progress progress = {0};
-    struct v2v_scaling scaling;
+    const struct v2v_number *offset = &session->config.input.offset;
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
     struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
-    V2V_TRY(v2v_step_offset(session, &scaling, recording));
+    /* What nothing states is not guessed here: the adjoint is linear. */
+    const struct v2v_scaling scaling = {.gain = 1.0,
+                                        .offset = offset->mode == V2V_NUMBER_GIVEN ? offset->value
+                                                  : offset->mode == V2V_NUMBER_AUTO
+                                                      ? v2v_recording_info(recording)->offset
+                                                      : 0.0,
+                                        .calibration = v2v_recording_calibration(recording)};
     V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &scaling));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));

@@ -32,7 +32,7 @@ struct work {
     struct v2v_recording *recording;
     struct v2v_scaling scaling;
     struct v2v_projection projection;
-    float *views, *scratch;    /* [v,y,x], [y,x] */
+    float *views, *scratch;    /* [v,y,x] */
     struct v2v_match *of_view; /* [v]: over all frames .. */
     struct v2v_match *here;    /* [v]: .. and of the one at hand */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
@@ -75,7 +75,8 @@ static enum v2v_status take_memory(struct work *work)
     V2V_TRY(V2V_ALLOC(work->of_view, "evaluate.figures", work->psf.views));
     V2V_TRY(V2V_ALLOC(work->here, "evaluate.figures", work->psf.views));
     V2V_TRY(V2V_ALLOC(work->views, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
-    V2V_TRY(V2V_ALLOC(work->scratch, "evaluate.views", pixels));
+    V2V_TRY(
+        V2V_ALLOC(work->scratch, "evaluate.views", v2v_mem_product(work->psf.views, pixels, 1)));
 done:
     return rc;
 }
@@ -112,16 +113,6 @@ static void match(struct work *work, int64_t t)
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
 }
 
-static void find_deficit(struct work *work)
-{
-    const int64_t height = work->height, width = work->width;
-    for (int64_t v = 0; v < work->psf.views; v++) {
-        const float *view = work->views + v * height * width;
-        const double here = v2v_deficit_of_images(work->scratch, view, 1, height, width);
-        work->deficit = fmax(work->deficit, here);
-    }
-}
-
 /* The views again from the volume, compared with those of the recording less its offset.
  * Collective. */
 static enum v2v_status project(struct work *work, struct v2v_volume *volume)
@@ -139,7 +130,9 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
         V2V_TRY(v2v_par_agree(work->session->world, rc));
         work->saturated += v2v_saturated_pixels(work->views, samples);
         v2v_scaling_apply(&work->scaling, work->views, samples);
-        find_deficit(work);
+        work->deficit =
+            fmax(work->deficit, v2v_deficit_of_images(work->scratch, work->views, work->psf.views,
+                                                      work->height, work->width));
         V2V_TRY(v2v_projection_forward(p));
         match(work, t);
     }

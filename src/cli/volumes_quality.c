@@ -97,16 +97,21 @@ static void log_match(const struct v2v_match *match, int64_t frame)
             residual, noise, structure, flux);
 }
 
-/* Total variation goes on until its volume stands still. What other methods leave of the views may
- * be what the next iterations would explain. */
-static const char *first_doubt(const struct found *found, const struct v2v_volumes_made *made)
+/* Methods of total variation go on until their volume stands still, and know what they miss of the
+ * views. What others leave of them may be what the next iterations would explain. */
+static int knows_misfit(const struct v2v_volumes_made *made)
 {
-    return made->misfit[found->shown].missed > 0.0 ? "" : "did it iterate or train enough; ";
+    return made->ops->inherit != NULL;
+}
+
+static const char *first_doubt(const struct v2v_volumes_made *made)
+{
+    return knows_misfit(made) ? "" : "did it iterate or train enough; ";
 }
 
 static void warn_of_misfit(const struct found *found, const struct v2v_volumes_made *made)
 {
-    const char *doubt = first_doubt(found, made);
+    const char *doubt = first_doubt(made);
     double squares = 0.0, known = 0.0, most = 0.0;
     int64_t farthest = 0;
     for (int64_t v = 0; v < found->views; v++) {
@@ -131,15 +136,16 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
     }
 }
 
-/* What noise leaves in the dark is not yet taken out again. */
+/* Light is not below zero, noise is: what is left of it in the dark is above. */
 static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made)
 {
     const double flux = v2v_match_flux(&found->match);
-    if (made->misfit[found->shown].missed > 0.0 && flux > V2V_MATCH_MUCH_LIGHT) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld: the volume has %.3g times the light of its views: iterate on (--set "
-                "deconv.tolerance=1e-3), or weigh the variation more (--lambda)",
-                (long long)found->frame, flux);
+    if (knows_misfit(made) && found->is_seen && flux > V2V_MATCH_MUCH_LIGHT) {
+        v2v_log(
+            V2V_LOG_WARNING,
+            "frame %lld: the volume has %.3g times the light of its views, by noise where it is "
+            "dark; more weight of the variation (--lambda) leaves less of that",
+            (long long)found->frame, flux);
     }
 }
 
@@ -151,7 +157,7 @@ static void warn_of_odd_view(const struct found *found, const struct v2v_volumes
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: view %lld is %.2f times as bright as the volume has it, beside the "
                 "other views: %swas it blocked, or is its gain another (v2v3d calibrate)?",
-                (long long)found->frame, (long long)odd, times, first_doubt(found, made));
+                (long long)found->frame, (long long)odd, times, first_doubt(made));
     }
 }
 

@@ -193,7 +193,7 @@ const struct v2v_key v2v_key_table[] = {
     REAL(train, beta2, 0.0, 0.9999999, 0.999, "Adam: memory of the mean square"),
     REAL(train, epsilon, 1e-30, 1.0, 1e-8, "Adam: added to the root"),
     WHOLE(train, seed, 0, INT64_MAX, 1, "of crops, flips and initial weights"),
-    WORD(train, init, V2V_RULE_KAIMING, 
+    WORD(train, init, V2V_RULE_KAIMING,
          "fresh weights; kaiming: PyTorch's default; he: He et al. 2015; hash: golden vectors",
          "kaiming", "hash", "he"),
     WORD(train, precision, V2V_PRECISION_F32, PRECISION_MEANING, PRECISIONS),

@@ -92,8 +92,7 @@ enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
     const struct v2v_psf_file *psf = problem->psf;
     const int64_t height = problem->height, width = problem->width;
     const int64_t images =
-        v2v_mem_product(VOLUMES * psf->slices + VIEWS * psf->views, height, width) +
-        v2v_mem_product(psf->views * psf->slices, psf->height, psf->width); /* the PSFs' copy */
+        v2v_mem_product(VOLUMES * psf->slices + VIEWS * psf->views, height, width);
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
@@ -104,28 +103,42 @@ enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
     return v2v_stop_rule_check(problem);
 }
 
-/** The factors of an iteration are ratios of light: PSFs below zero, as a calibration makes them,
- *  would have them pass through infinity. Collective(shard), agreed. */
+static int has_negative_light(const struct v2v_psf_file *psf)
+{
+    const int64_t samples = psf->views * psf->slices * psf->height * psf->width;
+    int64_t i = 0;
+    while (i < samples && psf->data[i] >= 0.0f) {
+        i++;
+    }
+    return i < samples;
+}
+
+/** One view at a time an iteration's factors are ratios of that view's light: PSFs below zero, as a
+ *  calibration makes them, would have them pass through infinity. Collective(shard), agreed. */
 static enum v2v_status prepare(struct v2v_richardson_lucy *self, const struct v2v_problem *problem)
 {
     enum v2v_status rc = V2V_OK;
     struct scratch scratch = {0};
-    struct v2v_psf_file psf = {0};
+    struct v2v_psf_file positive = {0};
+    const struct v2v_psf_file *psf = problem->psf;
     enum v2v_split split;
-    V2V_TRY(v2v_par_agree(self->comm, v2v_psf_positive(&psf, problem->psf)));
-    V2V_TRY(v2v_projector_choose_split(&split, problem->config, &psf, self->height, self->width, 1,
+    if (!self->variant->at_once && has_negative_light(psf)) {
+        V2V_TRY(v2v_par_agree(self->comm, v2v_psf_positive(&positive, psf)));
+        psf = &positive;
+    }
+    V2V_TRY(v2v_projector_choose_split(&split, problem->config, psf, self->height, self->width, 1,
                                        self->comm));
     V2V_TRY(
-        v2v_projector_create(&self->projector, &psf, self->height, self->width, split, self->comm));
+        v2v_projector_create(&self->projector, psf, self->height, self->width, split, self->comm));
     self->share = v2v_projector_share(self->projector);
-    rc = take_memory(self, &scratch, &psf);
+    rc = take_memory(self, &scratch, psf);
     if (rc == V2V_OK) {
         rc = v2v_stop_rule_init(&self->stop, problem);
     }
     V2V_TRY(v2v_par_agree(self->comm, rc));
-    project_ones(self, &psf, &scratch);
+    project_ones(self, psf, &scratch);
 done:
-    v2v_psf_file_fini(&psf);
+    v2v_psf_file_fini(&positive);
     v2v_mem_free(scratch.of_row);
     v2v_mem_free(scratch.table);
     v2v_mem_free(scratch.light);

@@ -50,8 +50,11 @@ static const double step_factor = 2.0, least_step = 1.0 / 2048.0, most_step = 4.
 static const double smooth_below = 0.03;
 
 /* Of x and of its Laplacian in K, whose differences count as they are: that changes steps, not the
- * minimum. */
+ * minimum. Where a voxel sees more of the noise there is more below zero to be taken out: the first
+ * goes by the root of it (tests/bench/iteration.md). */
 static const double plain = 0.5, bend = 0.5;
+
+static const double usual_voxel_noise = 0.02976;
 
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
@@ -76,6 +79,7 @@ struct tv {
     struct v2v_camera camera;
     int may_average;           /* bool: views may be means of frames */
     double light;              /* sum of a view's PSF, mean of all views */
+    double seen;               /* v2v_tv_noise_seen */
     int is_told;               /* bool: `level` is that of a larger frame, for all runs */
     struct v2v_tv_level level; /* of the last run, or of all */
     float *cut;                /* [slices,rows,width]: the frame's rows of the volume */
@@ -205,7 +209,8 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .model = config->deconv.noise,
                         .camera = v2v_camera_of(config),
                         .may_average = config->recon.neighbours > 0 || problem->skip > 0.0,
-                        .light = light};
+                        .light = light,
+                        .seen = v2v_tv_noise_seen(problem->psf)};
     const struct v2v_torus torus = v2v_tv_torus_of(problem);
     const int ranks = v2v_comm_size(self->comm);
     if (ranks > 1 && torus.height / ranks < V2V_TV_BEYOND) {
@@ -220,6 +225,11 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     estimator->slices = v2v_slicing_own(self->slicing);
 done:
     return rc;
+}
+
+double v2v_tv_noise_seen(const struct v2v_psf_file *psf)
+{
+    return v2v_psf_voxel_noise(psf) / v2v_psf_light(psf) / usual_voxel_noise;
 }
 
 void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda)
@@ -355,7 +365,7 @@ static struct v2v_tv_steps steps_of(const struct tv *self, double step)
     return (struct v2v_tv_steps){
         .lambda = (float)lambda,
         .depth = (float)self->depth,
-        .plain = (float)plain,
+        .plain = (float)(plain * sqrt(fmax(self->seen, 1.0))),
         .bend = (float)bent,
         .bound = (float)(lambda * self->curvature / bend),
         .sigma = (float)step,

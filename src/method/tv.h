@@ -10,6 +10,10 @@ extern const struct v2v_estimator_ops v2v_estimator_tv;
 /** Where its volumes lie: the frame and a border, or a part that has none. @kind Local. */
 struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
 
+/** How much of the views' noise a voxel sees (v2v_psf_voxel_noise, of views that sum to 1), beside
+ *  the 13 views of 39 slices that this method's constants were chosen for. @kind Local. */
+double v2v_tv_noise_seen(const struct v2v_psf_file *psf);
+
 /** Weight of the runs from here on. @kind Local. */
 void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
 

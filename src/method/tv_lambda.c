@@ -7,7 +7,6 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
-#include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
 
 #include <math.h>
@@ -34,16 +33,12 @@ enum { ITERATIONS = 30 };
 
 /* Where views are missed by no more than noise: the weight by noise of a tenth of the brightness,
  * and the power of the noise that it goes by; of normal noise, and of photons, of which there is
- * little in the dark to be held down (tests/bench/quality.md). */
+ * little in the dark to be held down; times the root of how much of it a voxel sees, which is no
+ * less than usual of one view, of which nothing tells the depth (tests/bench/quality.md). */
 static const struct usual {
     double weight, power;
 } of_normal_noise = {0.03, 0.15}, of_photons = {0.0275, 0.4};
 static const double usual_noise = 0.1, least_noise = 0.002;
-
-/* That weight is of 13 views of 39 slices, whose noise a voxel hardly sees (v2v_psf_voxel_noise, of
- * views that sum to 1). Of fewer slices, or more views, it sees more; the power by which the weight
- * follows (tests/bench/quality.md). */
-static const double usual_voxel_noise = 0.02976, by_voxel_noise = 0.5;
 
 /* Views missed by so many times their noise are missed by more than noise, which shows early:
  * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
@@ -186,8 +181,8 @@ static double usual_weight(const struct v2v_estimator *estimator, const struct v
     const struct v2v_tv_noise noise = v2v_tv_noise(estimator);
     const struct usual *usual = noise.gain > 0.0 ? &of_photons : &of_normal_noise;
     const double times = fmax(noise.part, least_noise) / usual_noise;
-    const double seen = v2v_psf_voxel_noise(psf) / v2v_psf_light(psf) / usual_voxel_noise;
-    const double weight = usual->weight * pow(times, usual->power) * pow(seen, by_voxel_noise);
+    const double seen = fmax(v2v_tv_noise_seen(psf), psf->views > 1 ? 0.0 : 1.0);
+    const double weight = usual->weight * pow(times, usual->power) * sqrt(seen);
     return noise.part > 0.0 ? weight : fallback;
 }
 

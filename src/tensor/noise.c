@@ -164,22 +164,53 @@ static int64_t means_of_squares(float *means, const float *image, int64_t height
 struct darkness {
     double least;  /* mean that a hundredth of them stays below */
     double bright; /* mean of the brightest */
-    double error;  /* standard deviation of a mean */
+    double error;  /* standard deviation of a mean, by noise */
 };
 
+/* Squares of a grid whose means are at most so: of their quarters' means, the squares about their
+ * own mean, and how many are free. */
+static void add_quarters(double *squares, double *count, const float *image, int64_t height,
+                         int64_t width, int64_t side, double most)
+{
+    enum { QUARTERS = 4 };
+    const int64_t across = width / side, down = height / side, half = side / 2;
+    for (int64_t i = 0; i < down * across; i++) {
+        const float *at = image + i / across * side * width + i % across * side;
+        double mean = 0.0, of[QUARTERS];
+        if (v2v_mean_of_square(at, width, side) > most) {
+            continue;
+        }
+        for (int64_t q = 0; q < QUARTERS; q++) {
+            of[q] = v2v_mean_of_square(at + q / 2 * half * width + q % 2 * half, width, half);
+            mean += of[q] / QUARTERS;
+        }
+        for (int64_t q = 0; q < QUARTERS; q++) {
+            *squares += (of[q] - mean) * (of[q] - mean);
+        }
+        *count += QUARTERS - 1;
+    }
+}
+
+/* A mean's error is that of white noise, or what the quarters of the darkest tenth of the squares
+ * differ by, where neighbouring pixels share their noise, as in views that were resampled. */
 static struct darkness darkness_of(float *scratch, const float *images, int64_t count,
                                    int64_t height, int64_t width)
 {
-    enum { SIDE = 16, OF_LEAST = 100 };
-    const int64_t side = v2v_smaller(SIDE, v2v_smaller(height, width));
-    int64_t squares = 0;
+    enum { SIDE = 16, OF_LEAST = 100, OF_DARK = 10 };
+    const int64_t side = v2v_smaller(SIDE, v2v_smaller(height, width)), pixels = height * width;
+    int64_t n = 0;
+    double squares = 0.0, free = 0.0;
     for (int64_t i = 0; i < count; i++) {
-        squares +=
-            means_of_squares(scratch + squares, images + i * height * width, height, width, side);
+        n += means_of_squares(scratch + n, images + i * pixels, height, width, side);
     }
-    struct darkness dark = {.bright = (double)v2v_select(scratch, squares, squares - 1)};
-    dark.least = (double)v2v_select(scratch, squares, squares / OF_LEAST);
-    dark.error = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
+    struct darkness dark = {.bright = (double)v2v_select(scratch, n, n - 1)};
+    const double tenth = (double)v2v_select(scratch, n, n / OF_DARK);
+    dark.least = (double)v2v_select(scratch, n, n / OF_LEAST);
+    for (int64_t i = 0; i < count && side > 1; i++) {
+        add_quarters(&squares, &free, images + i * pixels, height, width, side, tenth);
+    }
+    const double white = v2v_noise_of_images(scratch, images, count, height, width) / (double)side;
+    dark.error = fmax(white, free > 0.0 ? sqrt(squares / free) / 2.0 : 0.0);
     return dark;
 }
 

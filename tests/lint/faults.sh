@@ -3,5 +3,5 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 points=$(c_files src | xargs grep -noE 'V2V_FAULT_POINT\("[^"]+' /dev/null || true)
 while IFS=: read -r file line point; do
-    grep -rqF "${point#*(}" tests || echo "$file:$line: no test fires the fault point ${point#*\"}"
+    grep -rqE "${point#*(}[\":]" tests || echo "$file:$line: no test fires the fault point ${point#*\"}"
 done <<<"$points" | verdict

@@ -9,8 +9,8 @@
 static const double relax = 1.8, smooth_below = 0.03;
 enum { EXTEND_EVERY = 2, AXES = 3 };
 
-/* Of x and of its Laplacian in the operator. */
-static const double plain = 0.5, bend = 0.5;
+/* Of the Laplacian of x in the operator. */
+static const double bend = 0.5;
 
 /* On the torus, [z,y,x] each. */
 struct planes {
@@ -63,7 +63,7 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
         const double curved = shrink_curved * (p->curved[i] + sigma * bend * laplacian(p, e, i));
         p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
         p->positive[i] +=
-            relax * (fmin(0.0, p->positive[i] + sigma * plain * e[i]) - p->positive[i]);
+            relax * (fmin(0.0, p->positive[i] + sigma * settings->plain * e[i]) - p->positive[i]);
     }
 }
 
@@ -76,13 +76,14 @@ static double pull(const struct planes *p, const struct twin_tv *settings, int64
     return p->dual[0][neighbour(p, i, 0, 0, -1)] - p->dual[0][i] +
            p->dual[1][neighbour(p, i, 0, -1, 0)] - p->dual[1][i] +
            settings->depth * (above_z - own_z) + bend * laplacian(p, p->curved, i) +
-           plain * p->positive[i];
+           settings->plain * p->positive[i];
 }
 
 struct twin_penalty twin_tv_penalty(const struct twin_tv *settings)
 {
     const double a = settings->depth, step = settings->step;
-    return (struct twin_penalty){.constant = step * (plain * plain + 4.0 * a * a),
+    return (struct twin_penalty){.constant =
+                                     step * (settings->plain * settings->plain + 4.0 * a * a),
                                  .differences = step,
                                  .curvature = step * bend * bend};
 }

@@ -310,6 +310,31 @@ static void a_deficit_is_what_no_light_can_be(void **state)
     assert_true(deficit_of(-100.0, 1, 1) > 0.0);
 }
 
+/* Means of 2 x 2 pixels of noise, as resampling makes them, about zero: 2 x 2 differences see a
+ * quarter of it. */
+static void noise_that_neighbours_share_is_no_deficit(void **state)
+{
+    (void)state;
+    enum { IMAGES = 13, SIDE = 96, PIXELS = SIDE * SIDE, DRAWS = 20 };
+    static float images[IMAGES * PIXELS], scratch[IMAGES * PIXELS];
+    for (uint64_t draw = 0; draw < DRAWS; draw++) {
+        for (int64_t i = 0; i < IMAGES * PIXELS; i++) {
+            const int64_t at[] = {i, i + 1, i + SIDE, i + SIDE + 1};
+            images[i] = 0.0f;
+            for (int k = 0; k < 4; k++) {
+                images[i] += (float)v2v_random_normal(6, draw, (uint64_t)at[k]) / 4.0f;
+            }
+        }
+        assert_true(v2v_deficit_of_images(scratch, images, IMAGES, SIDE, SIDE) == 0.0);
+        assert_true(v2v_pedestal_of_images(scratch, images, IMAGES, SIDE, SIDE) == 0.0);
+        for (int64_t i = 0; i < IMAGES * PIXELS; i++) {
+            images[i] -= 1.0f;
+        }
+        const double found = v2v_deficit_of_images(scratch, images, IMAGES, SIDE, SIDE);
+        assert_true(found > 0.8 && found < 1.2);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -319,6 +344,7 @@ int main(void)
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
         cmocka_unit_test(a_pedestal_is_what_is_nowhere_dark),
         cmocka_unit_test(a_deficit_is_what_no_light_can_be),
+        cmocka_unit_test(noise_that_neighbours_share_is_no_deficit),
         cmocka_unit_test(background_matches_the_golden_volumes),
         cmocka_unit_test(percentile_equals_that_of_the_sorted_numbers),
         cmocka_unit_test(percentile_is_exact_at_numbers_and_leaves_them_alone),
