@@ -26,7 +26,7 @@ double v2v_mean_of_square(const float *at, int64_t width, int64_t side);
 
 /** What images hold at least, nearly everywhere, as where the zero of a camera was not subtracted:
  *  of the means of squares of 16 x 16 pixels (of what there is of smaller images) the one that a
- *  hundredth of them are below, and twice its error, which it is too low by: that of white noise, or
+ *  hundredth of them are below, and twice its error, which it is too low by: of white noise, or
  *  what quarters of the darkest tenth of the squares tell. 0 where there are dark pixels: that is
  *  less than a hundredth of the brightest square, or than 5 such errors.
  *  @kind Local. @param scratch [count,height,width] */
