@@ -34,6 +34,7 @@ enum v2v_status v2v_arrays_open(struct v2v_arrays **arrays, const char *path) V2
 /** @kind Local; accepts NULL. */
 void v2v_arrays_close(struct v2v_arrays **arrays);
 
+/** How many, and one of them, 0 .. count-1, lent until they are closed. @kind Local. */
 int64_t v2v_arrays_count(const struct v2v_arrays *arrays);
 const struct v2v_array *v2v_arrays_at(const struct v2v_arrays *arrays, int64_t index);
 /** The array of that name, NULL when there is none. @kind Local. */

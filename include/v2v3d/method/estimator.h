@@ -165,6 +165,7 @@ struct v2v_estimator_ops {
     void (*whole_light)(struct v2v_estimator *whole, float *volume, float *views);
 };
 
+/** How many there are, and one of them, 0 .. count-1. @kind Local. */
 int64_t v2v_estimator_count(void);
 const struct v2v_estimator_ops *v2v_estimator_at(int64_t index);
 

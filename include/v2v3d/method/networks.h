@@ -16,6 +16,7 @@
 extern "C" {
 #endif
 
+/** How many there are, and one of them, 0 .. count-1. @kind Local. */
 int64_t v2v_network_count(void);
 const struct v2v_network_ops *v2v_network_at(int64_t index);
 
