@@ -85,6 +85,17 @@ done:
     return rc;
 }
 
+/* What nothing states is not guessed here: the adjoint is linear. */
+static double stated_offset(const struct v2v_session *session,
+                            const struct v2v_recording *recording)
+{
+    const struct v2v_number *offset = &session->config.input.offset;
+    if (offset->mode == V2V_NUMBER_AUTO) {
+        return v2v_recording_info(recording)->offset;
+    }
+    return offset->mode == V2V_NUMBER_GIVEN ? offset->value : 0.0;
+}
+
 static enum v2v_status adjoint(const char *input, const struct arguments *given,
                                const struct v2v_session *session, const struct v2v_psf_file *psf)
 {
@@ -94,16 +105,11 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     struct v2v_provenance provenance = {0};
     struct v2v_progress progress = {0};
-    const struct v2v_number *offset = &session->config.input.offset;
     V2V_TRY(v2v_step_recording(session, &recording, input, psf));
     struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
-    /* What nothing states is not guessed here: the adjoint is linear. */
     const struct v2v_scaling scaling = {.gain = 1.0,
-                                        .offset = offset->mode == V2V_NUMBER_GIVEN ? offset->value
-                                                  : offset->mode == V2V_NUMBER_AUTO
-                                                      ? v2v_recording_info(recording)->offset
-                                                      : 0.0,
+                                        .offset = stated_offset(session, recording),
                                         .calibration = v2v_recording_calibration(recording)};
     V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &scaling));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,

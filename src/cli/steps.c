@@ -323,7 +323,7 @@ void v2v_step_communication(const struct v2v_session *session, const struct v2v_
     v2v_par_log_shares(session->world, &shares);
 }
 
-/* A file's own figure, or the PSFs' when the file does not say. */
+/* The first figure, or the second where that is not stated. */
 static double stated(double one, double other)
 {
     return one > 0.0 ? one : other;

@@ -36,7 +36,7 @@ static enum v2v_status look_for_seen(void *context)
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     float *views = NULL;
     int64_t bright = -1, first = -1, whole = -1;
-    V2V_TRY(V2V_ALLOC(views, "cli.views", samples));
+    V2V_TRY(V2V_ALLOC(views, "eval.views", samples));
     for (int64_t t = 0; t < info->frames && whole < 0 && (first < 0 || t < first + LOOK_ON); t++) {
         v2v_watchdog_beat("looking for a frame that shows something");
         V2V_TRY(v2v_recording_read(look->recording, views, t));

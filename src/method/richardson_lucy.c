@@ -123,9 +123,10 @@ static enum v2v_status prepare(struct v2v_richardson_lucy *self, const struct v2
     const struct v2v_psf_file *psf = problem->psf;
     enum v2v_split split;
     if (!self->variant->at_once && has_negative_light(psf)) {
-        V2V_TRY(v2v_par_agree(self->comm, v2v_psf_positive(&positive, psf)));
+        rc = v2v_psf_positive(&positive, psf);
         psf = &positive;
     }
+    V2V_TRY(v2v_par_agree(self->comm, rc)); /* other processors may round to another sign */
     V2V_TRY(v2v_projector_choose_split(&split, problem->config, psf, self->height, self->width, 1,
                                        self->comm));
     V2V_TRY(

@@ -96,6 +96,14 @@ tells 'did views move, or change places? 2 of 4 frames looked at are such'
 works deconvolve --psf psf.h5 --input moved -o moved.h5 --frames 0:2 --force
 misses warning
 
+# Noise that total variation leaves in the dark as light, and slices that lie elsewhere.
+works "${scene[@]}" --noise gaussian:1 -o grainy.h5 --truth grainy_truth.h5
+works deconvolve --psf psf.h5 --input grainy.h5 -o grainy_volume.h5
+tells 'the volume has [1-9][.0-9]* times the light of its views, by noise where it is dark'
+works deconvolve --psf psf.h5 --input good.h5 -o good_again.h5
+misses 'times the light'
+works project --psf psf.h5 --volume grainy_truth.h5 -o aside.h5 --slice-spacing 3
+tells 'says slices every 3 um, but the PSFs are for'
 # Less dark than the offset says; --offset none says that it is light.
 works deconvolve --psf psf.h5 --input good.h5 -o haze.h5 --offset -0.1
 tells 'frame 0 is hardly anywhere darker than 0\.[01][0-9]* above its offset -0.1'

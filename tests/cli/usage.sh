@@ -37,6 +37,7 @@ refuses 2 'unknown option --vloume; did you mean --volume.*see v2v3d project --h
 # What follows happens on every rank alike, before anything is communicated.
 [ "$ranks" -eq 1 ] || finish
 refuses 2 'unknown option -x' project -x
+refuses 2 '--fit-scale goes with --truth' bench --methods --psf p.h5 --input r.h5 --fit-scale
 refuses 2 '--psf FILE is missing' project --volume v.h5 -o out.h5
 refuses 2 '--volume FILE is missing' project --psf p.h5 -o out.h5
 refuses 2 '--output FILE is missing' project --psf p.h5 --volume v.h5

@@ -36,18 +36,11 @@ static struct v2v_psf_file displaced_psf(void)
     return psf;
 }
 
-static double least(const float *x, int64_t count)
+static struct v2v_figures figures_of(const float *x, int64_t count)
 {
     struct v2v_figures figures = {0};
     v2v_figures_add(&figures, x, count);
-    return figures.least;
-}
-
-static double most(const float *x, int64_t count)
-{
-    struct v2v_figures figures = {0};
-    v2v_figures_add(&figures, x, count);
-    return figures.most;
+    return figures;
 }
 
 static void displaced_psfs_do_not_make_light(void **state)
@@ -60,7 +53,8 @@ static void displaced_psfs_do_not_make_light(void **state)
     struct v2v_projector *projector = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
-    assert_true(least(psf.data, psf.views * psf.slices * psf.height * psf.width) < -0.01);
+    assert_true(figures_of(psf.data, psf.views * psf.slices * psf.height * psf.width).least <
+                -0.01);
     for (uint64_t k = 0; k < BLOBS; k++) {
         truth[(int64_t)(v2v_random_uniform(5, 0, k) * VOXELS)] = 1.0f;
     }
@@ -86,7 +80,7 @@ static void displaced_psfs_do_not_make_light(void **state)
         print_message("%s: light of %.3g, in views where they are positive %.3g\n", methods[i],
                       light, seen);
         assert_true(light > 0.1 * seen && light < 1.5 * seen); /* some has come from the border */
-        assert_true(most(volume, VOXELS) < light);
+        assert_true(figures_of(volume, VOXELS).most < light);
     }
     v2v_psf_file_fini(&psf);
     assert_int_equal(v2v_mem_held(), 0);

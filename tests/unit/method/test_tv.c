@@ -1,10 +1,8 @@
 /* Total variation where its minimum is known, and where nothing is easy. */
 #include "method/tv.h"
-#include "method/tv_lambda.h"
-#include "small_optics.h"
+#include "small_tv.h"
 
 #include "v2v3d/base/random.h"
-#include "v2v3d/method/estimator.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -15,33 +13,6 @@ enum { MOST = 64 * 64 };
 
 /* Noise that v2v3d sees in views without any, of their brightness. */
 #define LEAST_NOISE 1e-4
-
-static struct v2v_config config;
-static int64_t iterations; /* of the last estimate */
-
-static int setup(void **state)
-{
-    (void)state;
-    v2v_config_defaults(&config);
-    return 0;
-}
-
-static enum v2v_status estimate(float *volume, const float *views, const struct v2v_psf_file *psf,
-                                int64_t height, int64_t width)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_estimator_ops *ops = NULL;
-    struct v2v_estimator *estimator = NULL;
-    const struct v2v_problem problem = {
-        .config = &config, .psf = psf, .height = height, .width = width};
-    assert_ok(v2v_estimator_find(&ops, "tv"));
-    V2V_TRY(v2v_estimator_create(&estimator, ops, &problem, NULL));
-    rc = ops->run(estimator, &volume, views, NULL);
-    iterations = estimator->iterations;
-done:
-    v2v_estimator_destroy(&estimator);
-    return rc;
-}
 
 /* n views, each of which sees one of n slices as it is. */
 static struct v2v_psf_file sharp_psf(float *data, int64_t n)
@@ -326,81 +297,6 @@ static void small_frames_and_few_views_work(void **state)
     v2v_psf_file_fini(&psf);
 }
 
-/* A weight that is left to be settled; it is settled to the same bits once more. */
-static double settled(int mode, const struct v2v_problem *problem, const float *views)
-{
-    struct v2v_number lambda = {mode, 0.03}, again = lambda;
-    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL, NULL));
-    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL, NULL));
-    assert_int_equal(lambda.mode, V2V_NUMBER_GIVEN);
-    assert_true(lambda.value == again.value);
-    return lambda.value;
-}
-
-/* Optics and views that are three times as bright want the same weight. */
-static void check_light(double usual, const struct v2v_problem *problem, const float *views)
-{
-    static float brighter[VIEWS * PIXELS], data[VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH];
-    struct v2v_psf_file psf = *problem->psf;
-    struct v2v_problem own = *problem;
-    for (int64_t i = 0; i < VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH; i++) {
-        data[i] = 3.0f * psf.data[i];
-    }
-    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
-        brighter[i] = 3.0f * views[i];
-    }
-    psf.data = data;
-    own.psf = &psf;
-    assert_float_equal(settled(V2V_NUMBER_NONE, &own, brighter), usual, 1e-5 * usual);
-}
-
-/* The weight found without the truth is that of the best volume, within a factor of two. By default
- * it goes by the noise, but is searched for where more than that is missed: views are moved by two
- * pixels. */
-static void the_weight_is_found_by_views_left_out(void **state)
-{
-    (void)state;
-    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
-    struct v2v_psf_file psf = small_psf();
-    struct v2v_projector *projector = NULL;
-    const struct v2v_problem problem = {
-        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
-    struct v2v_number lambda = {V2V_NUMBER_AUTO, 0.03};
-    double least = INFINITY, best = 0.0;
-    for (int64_t i = 0; i < SLICES * PIXELS; i++) { /* boxes */
-        const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
-        truth[i] = (float)((y / 6 + 2 * (x / 7) + z / 2) % 5 == 0);
-    }
-    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
-    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
-        views[i] += (float)(0.05 * v2v_random_normal(47, 0, (uint64_t)i));
-    }
-    for (double weight = 0.01; weight < 0.3; weight *= 1.5) {
-        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight};
-        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
-        const double error = test_relative_l2(volume, truth, SLICES * PIXELS);
-        best = error < least ? weight : best;
-        least = fmin(error, least);
-    }
-    config.deconv.lambda.mode = V2V_NUMBER_AUTO;
-    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_CONFIG); /* not settled */
-    const double chosen = settled(V2V_NUMBER_AUTO, &problem, views);
-    assert_true(chosen > 0.5 * best && chosen < 2.0 * best);
-    const double usual = settled(V2V_NUMBER_NONE, &problem, views);
-    assert_true(usual != chosen);
-    check_light(usual, &problem, views);
-    memmove(views, views + 2, (PIXELS - 2) * sizeof *views);
-    const double moved = settled(V2V_NUMBER_NONE, &problem, views);
-    assert_true(moved != usual && moved == settled(V2V_NUMBER_AUTO, &problem, views));
-    psf.views = 2;
-    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL, NULL), V2V_E_CONFIG);
-    const double of_two = settled(V2V_NUMBER_NONE, &problem, views); /* too few to leave some out */
-    assert_true(of_two > 0.5 * usual && of_two < usual);
-    v2v_projector_destroy(&projector);
-    v2v_psf_file_fini(&psf);
-}
-
 /* Views of dark and bright boxes with `photons` at 1 and otherwise noise `read`. */
 static void box_views(float *views, float *truth, const struct v2v_psf_file *psf, double photons,
                       double read)
@@ -638,7 +534,6 @@ int main(void)
         cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
         cmocka_unit_test_setup(a_deep_sample_gives_no_light, setup),
         cmocka_unit_test_setup(small_frames_and_few_views_work, setup),
-        cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(contradictory_views_come_to_rest_under_weights, setup),
         cmocka_unit_test_setup(psfs_of_absurd_sums_are_refused, setup),
         cmocka_unit_test_setup(psfs_of_other_sums_give_the_same_volume, setup),

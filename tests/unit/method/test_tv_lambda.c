@@ -1,0 +1,93 @@
+/* The weight of total variation, settled without a truth. */
+#include "method/tv_lambda.h"
+#include "small_tv.h"
+
+#include "v2v3d/base/random.h"
+#include "v2v3d/optics/projector.h"
+
+#include <string.h>
+
+enum { SIDE = 40, PIXELS = SIDE * SIDE };
+
+/* A weight that is left to be settled; it is settled to the same bits once more. */
+static double settled(int mode, const struct v2v_problem *problem, const float *views)
+{
+    struct v2v_number lambda = {mode, 0.03}, again = lambda;
+    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL, NULL));
+    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL, NULL));
+    assert_int_equal(lambda.mode, V2V_NUMBER_GIVEN);
+    assert_true(lambda.value == again.value);
+    return lambda.value;
+}
+
+/* Optics and views that are three times as bright want the same weight. */
+static void check_light(double usual, const struct v2v_problem *problem, const float *views)
+{
+    static float brighter[VIEWS * PIXELS], data[VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH];
+    struct v2v_psf_file psf = *problem->psf;
+    struct v2v_problem own = *problem;
+    for (int64_t i = 0; i < VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH; i++) {
+        data[i] = 3.0f * psf.data[i];
+    }
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        brighter[i] = 3.0f * views[i];
+    }
+    psf.data = data;
+    own.psf = &psf;
+    assert_float_equal(settled(V2V_NUMBER_NONE, &own, brighter), usual, 1e-5 * usual);
+}
+
+/* The weight found without the truth is that of the best volume, within a factor of two. By default
+ * it goes by the noise, but is searched for where more than that is missed: views are moved by two
+ * pixels. */
+static void the_weight_is_found_by_views_left_out(void **state)
+{
+    (void)state;
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_projector *projector = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    struct v2v_number lambda = {V2V_NUMBER_AUTO, 0.03};
+    double least = INFINITY, best = 0.0;
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) { /* boxes */
+        const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
+        truth[i] = (float)((y / 6 + 2 * (x / 7) + z / 2) % 5 == 0);
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] += (float)(0.05 * v2v_random_normal(47, 0, (uint64_t)i));
+    }
+    for (double weight = 0.01; weight < 0.3; weight *= 1.5) {
+        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight};
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        const double error = test_relative_l2(volume, truth, SLICES * PIXELS);
+        best = error < least ? weight : best;
+        least = fmin(error, least);
+    }
+    config.deconv.lambda.mode = V2V_NUMBER_AUTO;
+    assert_int_equal(estimate(volume, views, &psf, SIDE, SIDE), V2V_E_CONFIG); /* not settled */
+    const double chosen = settled(V2V_NUMBER_AUTO, &problem, views);
+    assert_true(chosen > 0.5 * best && chosen < 2.0 * best);
+    const double usual = settled(V2V_NUMBER_NONE, &problem, views);
+    assert_true(usual != chosen);
+    check_light(usual, &problem, views);
+    memmove(views, views + 2, (PIXELS - 2) * sizeof *views);
+    const double moved = settled(V2V_NUMBER_NONE, &problem, views);
+    assert_true(moved != usual && moved == settled(V2V_NUMBER_AUTO, &problem, views));
+    psf.views = 2;
+    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL, NULL), V2V_E_CONFIG);
+    const double of_two = settled(V2V_NUMBER_NONE, &problem, views); /* too few to leave some out */
+    assert_true(of_two > 0.5 * usual && of_two < usual);
+    v2v_projector_destroy(&projector);
+    v2v_psf_file_fini(&psf);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
