@@ -317,9 +317,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         goto done;
     }
     if (given->input != NULL || given->truth != NULL || given->calibration != NULL ||
-        given->weights.count + given->only.count > 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input, --truth, --weights, --only and --calibration go "
-                                      "with --methods"));
+        given->fit_scale || given->weights.count + given->only.count > 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input, --truth, --fit-scale, --weights, --only and "
+                                      "--calibration go with --methods"));
     }
     V2V_TRY(V2V_ALLOC(bench, "bench", 1));
     V2V_TRY(prepare(bench, given, session));

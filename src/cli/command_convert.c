@@ -27,7 +27,8 @@ static const struct v2v_option options[] = {
      .kind = V2V_OPTION_CHOICE,
      .at = offsetof(struct arguments, kind),
      .value = "auto|volume|recording|psf|weights",
-     .help = "of the content; a TIFF stack with --views is a recording, else a volume",
+     .help = "of the content; a TIFF stack with --views, or with channels and no slices, is a "
+             "recording, else a volume",
      .initial = "auto"},
     V2V_OPTIONS_STORAGE(struct arguments, storage),
     V2V_OPTIONS_PAGES,
@@ -226,6 +227,25 @@ done:
     return v2v_par_agree(session->world, rc);
 }
 
+/* Whether a TIFF stack has the views of a recording: as many are asked for, or it has channels,
+ * none of which is chosen, and no slices, as recordings are written. Collective(world). */
+static enum v2v_status has_views(int64_t *has, const char *path, const struct v2v_session *session)
+{
+    const struct v2v_input_settings *input = &session->config.input;
+    enum v2v_status rc = V2V_OK;
+    struct v2v_tiff *tiff = NULL;
+    *has = input->views > 0;
+    if (v2v_step_on_root(session) && !*has && input->channel == 0 && input->slices == 0) {
+        rc = v2v_tiff_open(&tiff, path);
+        *has = rc == V2V_OK && v2v_tiff_info(tiff)->channels > 1 && v2v_tiff_info(tiff)->slices < 2;
+        v2v_tiff_close(&tiff);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_max_i64(session->world, has, 1);
+done:
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -250,7 +270,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                          given->output, given->input));
     }
     if (content == V2V_CONTENT_TIFF) {
-        content = session->config.input.views > 0 ? V2V_CONTENT_RECORDING : V2V_CONTENT_VOLUME;
+        int64_t is_recording = 0;
+        V2V_TRY(has_views(&is_recording, given->input, session));
+        content = is_recording ? V2V_CONTENT_RECORDING : V2V_CONTENT_VOLUME;
     }
     if (content != V2V_CONTENT_VOLUME) {
         V2V_TRY(v2v_storage_refuse(&given->storage, given->input));

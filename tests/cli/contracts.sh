@@ -354,7 +354,7 @@ works convert --input one/truth.h5 -o truth.xml --compression gzip
 grep -q '<hdf5 type="relative">truth.bdv.h5</hdf5>' truth.xml || fail 'the XML names no data'
 [ -s truth.bdv.h5 ] || fail 'there are no data for BigDataViewer'
 works convert --input rec.h5 -o rec.ome.tif
-works convert --input rec.ome.tif --kind recording -o rec_again.h5
+works convert --input rec.ome.tif -o rec_again.h5
 same rec.h5 rec_again.h5 /views
 rm rec_again.h5
 works convert --input rec.h5 -o rec.tif

@@ -1,0 +1,239 @@
+#include "recon/recon_state.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/log.h"
+#include "v2v3d/base/memory.h"
+
+/* Frames on either side that a key frame is fused with, at least: its noise is in all frames that
+ * take from it. */
+enum { NEIGHBOURS_OF_KEY = 3 };
+
+/** Local: rows that a rank of the shard computes, all of them and without the padding. */
+static struct v2v_part rows_of(const struct v2v_recon *recon, int rank)
+{
+    const struct v2v_estimator *estimator = recon->estimator;
+    return estimator->ops->rows_of != NULL ? estimator->ops->rows_of(estimator, rank)
+                                           : (struct v2v_part){0, estimator->height};
+}
+
+static struct v2v_part own_rows(const struct v2v_recon *recon, int rank)
+{
+    struct v2v_part rows = rows_of(recon, rank);
+    return (struct v2v_part){rows.first, v2v_within(recon->height - rows.first, 0, rows.count)};
+}
+
+/** Local: where ranks hold rows of a frame. */
+static enum v2v_status plan_slicing(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_comm *shard = recon->grid.shard;
+    struct v2v_part *rows = NULL;
+    V2V_TRY(V2V_ALLOC(rows, "recon.slices", v2v_comm_size(shard)));
+    for (int r = 0; r < v2v_comm_size(shard); r++) {
+        rows[r] = own_rows(recon, r);
+    }
+    V2V_TRY(v2v_slicing_create(&recon->slicing, shard, recon->slices, recon->height, recon->width,
+                               rows));
+    recon->own = v2v_slicing_own(recon->slicing);
+done:
+    v2v_mem_free(rows);
+    return rc;
+}
+
+/** Local: the outputs held; the first one's memory is that of whole slices too. */
+static enum v2v_status take_volumes(struct v2v_recon *recon)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t slices = recon->estimator->slices.count;
+    int64_t volume = v2v_mem_product(slices, recon->own_rows, recon->width);
+    int64_t output = v2v_mem_product(slices, recon->rows, recon->estimator->width);
+    int64_t whole =
+        recon->slicing == NULL ? 0 : v2v_mem_product(recon->own.count, recon->height, recon->width);
+    for (int o = 0; o < recon->outputs; o++) {
+        if (v2v_estimator_holds(recon->estimator, o)) {
+            int is_first = recon->whole == NULL;
+            V2V_TRY(V2V_ALLOC(recon->output[o], "recon.volumes",
+                              is_first && whole > output ? whole : output));
+            V2V_TRY(V2V_ALLOC(recon->cut[o], "recon.volumes", volume));
+            recon->whole = is_first ? recon->output[o] : recon->whole;
+        }
+    }
+    if (recon->outputs > 1) {
+        V2V_TRY(V2V_ALLOC(recon->mean, "recon.volumes", volume));
+    }
+done:
+    return rc;
+}
+
+/** Local: the outputs of this rank, which is not idle, and room for the views, for take_volumes: of
+ *  every row the mean and two of each output held, and whole slices; and for the combination. */
+static void give_share(struct v2v_problem *problem, const struct v2v_recon *recon, int64_t unit)
+{
+    const int is_alone = recon->grid.branch_size == 1, is_one = recon->outputs == 1;
+    const int is_learned = !is_one && problem->config->recon.combine == V2V_COMBINE_LEARNED;
+    int64_t pixels = recon->height * recon->width;
+    int64_t padded_width = v2v_round_up(recon->width, unit);
+    int64_t padded = v2v_round_up(recon->height, unit) * padded_width;
+    int64_t images = 2 * (is_alone ? recon->outputs : 1) + !is_one + is_learned;
+    int64_t ranks = recon->grid.shard_size;
+    int64_t slices = ranks > 1 ? v2v_parts(recon->slices, ranks) : 0;
+    problem->outputs = is_alone ? 0 /* all */ : 1u << recon->grid.branch_rank;
+    problem->floats = recon->views * (pixels + padded) + slices * pixels + recon->fused +
+                      (is_learned ? v2v_combination_floats(problem, (int)ranks) : 0);
+    problem->floats_a_row = images * recon->slices * padded_width;
+}
+
+/** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
+static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
+{
+    const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
+    const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY ? NEIGHBOURS_OF_KEY : 0;
+    return v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+           v2v_fusion_floats(of_key, views, problem->height, problem->width);
+}
+
+/** Collective(world): ranks take frames; where there are too few, outputs and parts of a frame. */
+static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *work,
+                               const struct v2v_problem *problem, int64_t frames,
+                               struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_grid_shape wanted = {
+        (int)v2v_smaller(problem->config->parallel.branches, work->most_branches),
+        (int)problem->config->parallel.shards};
+    const int64_t limit = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);
+    if (wanted.shards > work->most_shards) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
+                         wanted.shards, work->most_shards));
+    }
+    work->items = frames;
+    work->most_bytes = limit > 0 ? v2v_larger(limit - v2v_mem_bytes(recon->fused, 0), 1) : 0;
+    work->most_shards = problem->config->parallel.reproducible
+                            ? 1
+                            : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));
+    V2V_TRY(v2v_grid_lay_out(&recon->grid, world, &wanted, work));
+done:
+    return rc;
+}
+
+/** Local: what frames need beside the method. */
+static enum v2v_status take_memory(struct v2v_recon *recon, int64_t neighbours)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_estimator *estimator = recon->estimator;
+    const int rank = v2v_comm_rank(recon->grid.shard);
+    recon->own = estimator->slices;
+    recon->first_row = rows_of(recon, rank).first;
+    recon->rows = rows_of(recon, rank).count;
+    recon->own_rows = own_rows(recon, rank).count;
+    V2V_TRY(
+        v2v_fusion_create(&recon->fusion, neighbours, recon->views, recon->height, recon->width));
+    V2V_TRY(V2V_ALLOC(recon->recorded, "recon.views",
+                      v2v_mem_product(recon->views, recon->height, recon->width)));
+    V2V_TRY(V2V_ALLOC(recon->padded, "recon.views",
+                      v2v_mem_product(recon->views, estimator->height, estimator->width)));
+    if (recon->grid.shard_size > 1 && estimator->ops->rows_of != NULL) {
+        V2V_TRY(plan_slicing(recon));
+    }
+    V2V_TRY(take_volumes(recon));
+done:
+    return rc;
+}
+
+/** Collective(world): everything is planned, and nothing of it was touched yet. */
+static void announce_memory(const struct v2v_grid *grid)
+{
+    double held = (double)v2v_mem_held();
+    v2v_par_max_f64(grid->world, &held, 1);
+    v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * held);
+}
+
+enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_estimator_ops *ops,
+                                 const struct v2v_problem *problem, int64_t frames,
+                                 struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_recon *made = NULL;
+    struct v2v_grid_work work;
+    struct v2v_problem own = *problem;
+    *recon = NULL;
+    const int is_still = problem->skip > 0.0 && !ops->skips_light;
+    rc = ops->describe_work(&work, problem);
+    if (rc == V2V_OK && work.most_branches > 1) {
+        work.bytes = v2v_mem_bytes(v2v_combination_floats(problem, 1), work.bytes);
+    }
+    if (rc == V2V_OK && is_still) {
+        rc = v2v_still_allow(&work, ops, problem);
+    }
+    if (rc == V2V_OK) {
+        rc = V2V_ALLOC(made, "recon", 1);
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
+    *made =
+        (struct v2v_recon){.title = ops->is_learned ? "reconstruct" : "deconvolve",
+                           .outputs = work.most_branches,
+                           .views = problem->psf->views,
+                           .slices = problem->psf->slices,
+                           .height = problem->height,
+                           .width = problem->width,
+                           .fused = fusion_floats(problem, is_still),
+                           .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
+                           .refresh = problem->config->recon.refresh,
+                           .level = 1.0};
+    V2V_TRY(lay_out(made, &work, problem, frames, world));
+    rc = v2v_agreement_create(&made->agreement, world);
+    V2V_TRY(v2v_par_agree(world, rc));
+    if (!made->grid.idle) {
+        give_share(&own, made, work.unit);
+        rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
+        if (rc == V2V_OK) {
+            rc = take_memory(made, problem->config->recon.neighbours);
+        }
+        if (rc == V2V_OK && is_still && problem->config->recon.neighbours < NEIGHBOURS_OF_KEY) {
+            rc = v2v_fusion_create(&made->of_key, NEIGHBOURS_OF_KEY, made->views, made->height,
+                                   made->width);
+        }
+        rc = v2v_par_agree(made->grid.shard, rc);
+        if (rc == V2V_OK && made->outputs > 1) {
+            rc = v2v_combination_create(&made->combination, &own, &made->grid, made->slicing,
+                                        made->own_rows);
+        }
+        if (rc == V2V_OK && is_still) {
+            rc = v2v_still_create(&made->still, made->estimator, &own);
+        }
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
+    announce_memory(&made->grid);
+    *recon = made;
+    made = NULL;
+done:
+    v2v_recon_destroy(&made);
+    return rc;
+}
+
+void v2v_recon_destroy(struct v2v_recon **recon)
+{
+    struct v2v_recon *old = *recon;
+    *recon = NULL;
+    if (old == NULL) {
+        return;
+    }
+    for (int o = 0; o < V2V_ESTIMATOR_MOST_OUTPUTS; o++) {
+        v2v_mem_free(old->cut[o]);
+        v2v_mem_free(old->output[o]);
+    }
+    v2v_combination_destroy(&old->combination);
+    v2v_slicing_destroy(&old->slicing);
+    v2v_agreement_destroy(&old->agreement);
+    v2v_mem_free(old->mean);
+    v2v_mem_free(old->padded);
+    v2v_mem_free(old->recorded);
+    v2v_fusion_destroy(&old->fusion);
+    v2v_fusion_destroy(&old->of_key);
+    v2v_mem_free(old->todo);
+    v2v_mem_free(old->misfit);
+    v2v_still_destroy(&old->still);
+    v2v_estimator_destroy(&old->estimator);
+    v2v_grid_destroy(&old->grid);
+    v2v_mem_free(old);
+}
