@@ -83,7 +83,7 @@ static enum v2v_status open_folder(const struct v2v_demo *demo)
                              demo->folder));
         }
         V2V_TRY(v2v_file_make_folder(demo->folder));
-        V2V_TRY(v2v_step_config_text(&text, &session->config, NULL, 0));
+        V2V_TRY(v2v_config_text(&text, &session->config, NULL, 0));
         V2V_TRY(v2v_file_write_text(path, text));
     }
 done:

@@ -23,7 +23,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (given->output != NULL) {
         V2V_TRY(v2v_step_output(session, given->output, &given->common.config, 1));
     }
-    V2V_TRY(v2v_step_config_text(&text, &session->config, NULL, 1));
+    V2V_TRY(v2v_config_text(&text, &session->config, NULL, 1));
     if (v2v_step_on_root(session)) {
         if (given->output != NULL) {
             rc = v2v_file_write_text(given->output, text);

@@ -78,7 +78,7 @@ static enum v2v_status write_section(const struct v2v_config *config, const char
 {
     enum v2v_status rc = V2V_OK;
     char *text = NULL;
-    V2V_TRY(v2v_step_config_text(&text, config, "optics", 0));
+    V2V_TRY(v2v_config_text(&text, config, "optics", 0));
     V2V_TRY(v2v_file_write_text(path, text));
 done:
     free(text);

@@ -168,7 +168,8 @@ static enum v2v_status settle(const struct material *material, struct v2v_sessio
     struct v2v_scaling scaling;
     V2V_TRY(v2v_network_find(&ops, session->config.model.method));
     const struct v2v_estimator_ops *maker = ops->examples != NULL ? ops->examples->estimator : NULL;
-    if (maker == NULL || !maker->is_open(&session->config)) { /* no need of the scaling */
+    if (maker == NULL ||
+        !v2v_estimator_is_open(maker, &session->config)) { /* no need of the scaling */
         goto done;
     }
     const struct v2v_input_settings input = v2v_estimator_input(maker, &session->config);

@@ -332,12 +332,13 @@ enum v2v_status v2v_options_apply(const struct v2v_common *common, struct v2v_co
             V2V_TRY(v2v_config_set(config, assignment->text));
             continue;
         }
-        char text[256];
-        V2V_TRY(v2v_text_format(text, sizeof text, "%s=%s", assignment->key, assignment->text));
-        if (v2v_config_set(config, text) != V2V_OK) {
+        char text[2 * V2V_CONFIG_TEXT_BYTES];
+        rc = v2v_text_format(text, sizeof text, "%s=%s", assignment->key, assignment->text);
+        if (rc != V2V_OK || v2v_config_set(config, text) != V2V_OK) {
             V2V_TRY(setting_failure(assignment));
         }
     }
+    V2V_TRY(v2v_config_check(config));
 done:
     return rc;
 }

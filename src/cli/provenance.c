@@ -32,7 +32,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     enum v2v_status rc = V2V_OK;
     uint32_t crc = 0;
     *provenance = (struct v2v_provenance){0};
-    rc = v2v_step_config_text(&provenance->config, &session->config, NULL, 0);
+    rc = v2v_config_text(&provenance->config, &session->config, NULL, 0);
     if (rc == V2V_OK && weights != NULL && v2v_step_on_root(session)) {
         rc = v2v_file_crc32c_of(&crc, weights);
     }

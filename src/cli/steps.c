@@ -76,18 +76,31 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
                              : V2V_OK);
 }
 
+/* The number that `text` begins with, up to `end`. */
+static enum v2v_status number_before(int64_t *number, const char *text, char end, int64_t least,
+                                     int64_t most, const char *what)
+{
+    enum v2v_status rc = V2V_OK;
+    char first[32];
+    const int most_digits = (int)sizeof first - 1; /* more than any number has */
+    const int digits = (int)(strchrnul(text, end) - text);
+    V2V_TRY(v2v_text_format(first, sizeof first, "%.*s",
+                            digits < most_digits ? digits : most_digits, text));
+    V2V_TRY(v2v_text_to_i64(number, first, least, most, what, V2V_E_USAGE));
+done:
+    return rc;
+}
+
 enum v2v_status v2v_step_frames(struct v2v_part *frames, const char *text)
 {
     enum v2v_status rc = V2V_OK;
     static const char what[] = "--frames FIRST:COUNT";
-    char first[32];
     *frames = (struct v2v_part){0, INT64_MAX};
     if (text != NULL) {
-        const int digits = (int)strcspn(text, ":");
-        V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits, text));
-        V2V_TRY(v2v_text_to_i64(&frames->first, first, 0, INT64_MAX, what, V2V_E_USAGE));
-        V2V_TRY(v2v_text_to_i64(&frames->count, text[digits] == ':' ? text + digits + 1 : "", 1,
-                                INT64_MAX, what, V2V_E_USAGE));
+        const char *colon = strchr(text, ':');
+        V2V_TRY(number_before(&frames->first, text, ':', 0, INT64_MAX, what));
+        V2V_TRY(v2v_text_to_i64(&frames->count, colon != NULL ? colon + 1 : "", 1, INT64_MAX, what,
+                                V2V_E_USAGE));
     }
 done:
     return rc;
@@ -360,12 +373,9 @@ static enum v2v_status parse_size(int64_t *height, int64_t *width, const char *s
     enum v2v_status rc = V2V_OK;
     static const char what[] = "--size HxW";
     const int64_t most = 65536;
-    char first[32];
-    const int digits = (int)strcspn(size, "x");
-    V2V_TRY(v2v_text_format(first, sizeof first, "%.*s", digits < 31 ? digits : 31, size));
-    V2V_TRY(v2v_text_to_i64(height, first, 1, most, what, V2V_E_USAGE));
-    V2V_TRY(v2v_text_to_i64(width, size[digits] == 'x' ? size + digits + 1 : first, 1, most, what,
-                            V2V_E_USAGE));
+    const char *x = strchr(size, 'x');
+    V2V_TRY(number_before(height, size, 'x', 1, most, what));
+    V2V_TRY(v2v_text_to_i64(width, x != NULL ? x + 1 : size, 1, most, what, V2V_E_USAGE));
 done:
     return rc;
 }
@@ -382,20 +392,6 @@ enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *s
     scene->pixel_um = stated(simulation->pixel_size_um, 1.0);
     scene->slice_um = stated(simulation->slice_spacing_um, 1.0);
     return parse_size(&scene->height, &scene->width, size != NULL ? size : "512");
-}
-
-enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
-                                     int comments)
-{
-    static const char what[] = "the configuration's text";
-    enum v2v_status rc = V2V_OK;
-    FILE *stream = NULL;
-    size_t bytes = 0;
-    V2V_TRY(v2v_text_open(&stream, text, &bytes, what));
-    v2v_config_print(config, stream, only, comments);
-    V2V_TRY(v2v_text_close(V2V_OK, stream, text, what));
-done:
-    return rc;
 }
 
 enum v2v_status v2v_step_write_slices(const struct v2v_session *session,

@@ -102,11 +102,6 @@ enum v2v_status v2v_step_scene(struct v2v_scene *scene, struct v2v_simulation *s
                                const struct v2v_session *session, const struct v2v_psf_file *psf,
                                const char *size) V2V_MUST_CHECK;
 
-/** The resolved configuration, or its section `only`, as text to be freed with free().
- *  @kind Local */
-enum v2v_status v2v_step_config_text(char **text, const struct v2v_config *config, const char *only,
-                                     int comments) V2V_MUST_CHECK;
-
 /** Write the slices of one frame that each rank holds, and mark the frame as done.
  *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_write_slices(const struct v2v_session *session,

@@ -259,10 +259,16 @@ static enum v2v_status find_path(int64_t *index, const char *path, size_t bytes,
     return v2v_key_find(index, section, name, where);
 }
 
+enum v2v_status v2v_config_check(const struct v2v_config *config)
+{
+    char why[256];
+    return v2v_key_conflict(config, why, sizeof why) < 0 ? V2V_OK
+                                                         : V2V_FAIL(V2V_E_CONFIG, "%s", why);
+}
+
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment)
 {
     enum v2v_status rc = V2V_OK;
-    char why[256];
     struct v2v_config changed = *config;
     int64_t index = -1;
     const char *equals = strchr(assignment, '=');
@@ -271,9 +277,6 @@ enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment
     }
     V2V_TRY(find_path(&index, assignment, (size_t)(equals - assignment), "--set"));
     V2V_TRY(v2v_key_assign(&changed, index, equals + 1, "--set"));
-    if (v2v_key_conflict(&changed, why, sizeof why) >= 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "--set %.200s: %s", assignment, why));
-    }
     *config = changed;
 done:
     return rc;

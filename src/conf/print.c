@@ -1,5 +1,7 @@
 #include "conf/table.h"
 
+#include "v2v3d/base/text.h"
+
 #include <locale.h>
 #include <math.h>
 #include <stdlib.h>
@@ -146,4 +148,18 @@ void v2v_config_print(const struct v2v_config *config, FILE *stream, const char 
         uselocale(before);
         freelocale(plain);
     }
+}
+
+enum v2v_status v2v_config_text(char **text, const struct v2v_config *config, const char *only,
+                                int comments)
+{
+    static const char what[] = "the configuration's text";
+    enum v2v_status rc = V2V_OK;
+    FILE *stream = NULL;
+    size_t bytes = 0;
+    V2V_TRY(v2v_text_open(&stream, text, &bytes, what));
+    v2v_config_print(config, stream, only, comments);
+    V2V_TRY(v2v_text_close(V2V_OK, stream, text, what));
+done:
+    return rc;
 }

@@ -1,11 +1,11 @@
 #include "v2v3d/eval/consistency.h"
 
+#include "eval/fourier.h"
+#include "eval/uncertainty.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/eval/fourier.h"
 #include "v2v3d/eval/quality.h"
-#include "v2v3d/eval/uncertainty.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/method/networks.h"
@@ -295,24 +295,16 @@ static int64_t averaging_bytes(const struct judge *self)
     return v2v_mem_bytes(floats, 0);
 }
 
-/** Collective(world): ranks take frames; where there are too few of them, parts of a frame. */
+/** Collective(world). */
 static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_grid_work work;
-    const struct v2v_config *config = &self->config;
-    const struct v2v_grid_shape wanted = {1, (int)config->parallel.shards};
     V2V_TRY(v2v_par_agree(world, self->ops->describe_work(&work, &self->problem)));
     work.items = self->out->frames;
     work.bytes *= self->job->writer != NULL ? 2 : 1; /* the halves' and that of all views */
-    work.most_bytes = (int64_t)(config->parallel.max_mem_gb * 1e9);
-    if (work.most_bytes > 0) {
-        work.most_bytes = v2v_larger(work.most_bytes - averaging_bytes(self), 1);
-    }
-    work.most_shards = config->parallel.reproducible
-                           ? 1
-                           : (int)v2v_smaller(work.most_shards, v2v_comm_size(world));
-    V2V_TRY(v2v_grid_lay_out(&self->grid, world, &wanted, &work));
+    V2V_TRY(
+        v2v_estimator_lay_out(&self->grid, &work, 1, averaging_bytes(self), &self->config, world));
     V2V_TRY(v2v_par_agree(world, v2v_agreement_create(&self->agreement, world)));
 done:
     return rc;

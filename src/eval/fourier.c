@@ -1,4 +1,4 @@
-#include "v2v3d/eval/fourier.h"
+#include "eval/fourier.h"
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"

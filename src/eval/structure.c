@@ -2,9 +2,9 @@
  * no noise. */
 #include "v2v3d/eval/structure.h"
 
+#include "eval/fourier.h"
 #include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/eval/fourier.h"
 #include "v2v3d/par/comm.h"
 #include "v2v3d/tensor/statistics.h"
 

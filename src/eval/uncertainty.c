@@ -1,4 +1,4 @@
-#include "v2v3d/eval/uncertainty.h"
+#include "eval/uncertainty.h"
 
 #include "v2v3d/base/bounds.h"
 

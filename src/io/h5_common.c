@@ -1,4 +1,6 @@
 #include "io/h5_common.h"
+
+#include "io/file_internal.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"

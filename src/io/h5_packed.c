@@ -11,8 +11,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#define MESSAGE_TAG 72
-
 struct v2v_h5_packed {
     char path[V2V_PATH_BYTES];
     const struct v2v_volume_pack *pack;
@@ -279,11 +277,11 @@ static enum v2v_status hand_over(struct v2v_h5_packed *packed, int set, int64_t 
     const int is_root = v2v_comm_rank(packed->comm) == 0;
     MPI_Comm comm = v2v_comm_mpi(packed->comm);
     if (!is_root) {
-        MPI_Send(packed->bytes, (int)slices, MPI_INT64_T, 0, MESSAGE_TAG, comm);
+        MPI_Send(packed->bytes, (int)slices, MPI_INT64_T, 0, V2V_TAG_PACKED, comm);
     }
     for (int64_t z = 0; z < slices; z++) {
         if (!is_root) {
-            MPI_Send(data + z * packed->room, (int)packed->bytes[z], MPI_BYTE, 0, MESSAGE_TAG,
+            MPI_Send(data + z * packed->room, (int)packed->bytes[z], MPI_BYTE, 0, V2V_TAG_PACKED,
                      comm);
         } else if (rc == V2V_OK) {
             rc = write_chunk(packed, set, t, z, data + z * packed->room, packed->bytes[z]);
@@ -298,10 +296,10 @@ static enum v2v_status take_over(struct v2v_h5_packed *packed, int set, int64_t 
     enum v2v_status rc = V2V_OK;
     const int64_t slices = packed->pack->info.slices;
     MPI_Comm comm = v2v_comm_mpi(packed->comm);
-    MPI_Recv(packed->received_bytes, (int)slices, MPI_INT64_T, rank, MESSAGE_TAG, comm,
+    MPI_Recv(packed->received_bytes, (int)slices, MPI_INT64_T, rank, V2V_TAG_PACKED, comm,
              MPI_STATUS_IGNORE);
     for (int64_t z = 0; z < slices; z++) {
-        MPI_Recv(packed->received, (int)packed->received_bytes[z], MPI_BYTE, rank, MESSAGE_TAG,
+        MPI_Recv(packed->received, (int)packed->received_bytes[z], MPI_BYTE, rank, V2V_TAG_PACKED,
                  comm, MPI_STATUS_IGNORE);
         if (rc == V2V_OK) {
             rc = write_chunk(packed, set, t, z, packed->received, packed->received_bytes[z]);

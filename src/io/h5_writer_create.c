@@ -1,3 +1,4 @@
+#include "io/file_internal.h"
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/h5_resume.h"

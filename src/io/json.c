@@ -234,6 +234,9 @@ enum v2v_status v2v_json_lines_read(struct v2v_json_lines *lines, const char *pa
     while ((length = getline(&line, &room, in)) > 0) {
         take_line(lines, line, (size_t)length);
     }
+    if (ferror(in)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
+    }
 done:
     free(line);
     if (in != NULL) {

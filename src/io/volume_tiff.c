@@ -11,8 +11,6 @@
 
 /* Floats of one message: MPI counts are ints. */
 #define MOST_MESSAGE ((int64_t)1 << 28)
-#define MESSAGE_TAG 71
-
 /* A frame that waits on rank 0 for its slices or for its turn. */
 struct pending {
     struct pending *next;
@@ -158,10 +156,10 @@ static void collect(struct v2v_volume_tiff *tiff, const float *slices, const str
             const int64_t left = block->count * image - i;
             const int now = (int)(left < MOST_MESSAGE ? left : MOST_MESSAGE);
             if (rank == 0) {
-                MPI_Recv(to + i, now, MPI_FLOAT, r, MESSAGE_TAG, v2v_comm_mpi(tiff->comm),
+                MPI_Recv(to + i, now, MPI_FLOAT, r, V2V_TAG_TIFF, v2v_comm_mpi(tiff->comm),
                          MPI_STATUS_IGNORE);
             } else {
-                MPI_Send(slices + i, now, MPI_FLOAT, 0, MESSAGE_TAG, v2v_comm_mpi(tiff->comm));
+                MPI_Send(slices + i, now, MPI_FLOAT, 0, V2V_TAG_TIFF, v2v_comm_mpi(tiff->comm));
             }
         }
         if (frame != NULL) {

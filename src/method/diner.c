@@ -338,6 +338,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     const int64_t voxels = voxels_of(self);
     double mean = 0.0;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_mean(&mean, estimator, views, self->views)));
+    v2v_par_max_f64(self->comm, &mean, 1); /* one number: ranks may round another way */
     estimator->iterations = 0;
     if (mean > V2V_ESTIMATOR_DARK) {
         V2V_TRY(fit(estimator, own, views, mean, monitor));

@@ -82,6 +82,27 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_estimator_lay_out(struct v2v_grid *grid, const struct v2v_grid_work *work,
+                                      int branches, int64_t beside, const struct v2v_config *config,
+                                      struct v2v_comm *world)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grid_work own = *work;
+    const struct v2v_grid_shape wanted = {branches, (int)config->parallel.shards};
+    const int64_t limit = (int64_t)(config->parallel.max_mem_gb * 1e9);
+    if (wanted.shards > work->most_shards) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
+                         wanted.shards, work->most_shards));
+    }
+    own.most_bytes = limit > 0 ? v2v_larger(limit - beside, 1) : 0;
+    own.most_shards = config->parallel.reproducible
+                          ? 1
+                          : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));
+    V2V_TRY(v2v_grid_lay_out(grid, world, &wanted, &own));
+done:
+    return rc;
+}
+
 enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
                                      const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem,

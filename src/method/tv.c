@@ -251,18 +251,19 @@ static void destroy(struct v2v_estimator *estimator)
     }
 }
 
-/** Local. */
-static struct v2v_tv_level measure(const struct tv *self, const float *views,
-                                   const struct v2v_averaging *averaging)
+/** Rank 0's answer is all ranks': others may round another way. Collective(comm). */
+static void measure_frame(struct v2v_estimator *estimator, const float *views)
 {
+    struct tv *self = estimator->self;
     const struct v2v_tv_views taken = {.views = views,
                                        .count = self->views,
                                        .height = self->height,
                                        .width = self->width,
-                                       .averaging = averaging,
+                                       .averaging = estimator->averaging,
                                        .model = self->model,
                                        .camera = &self->camera};
-    return v2v_tv_level_of(&taken, self->scratch);
+    self->level = v2v_tv_level_of(&taken, self->scratch);
+    v2v_par_broadcast(self->comm, &self->level, sizeof self->level, 0);
 }
 
 static double weight_of(const struct tv *self)
@@ -467,7 +468,7 @@ static enum v2v_status run(struct v2v_estimator *estimator, float *const *volume
     struct tv *self = estimator->self;
     V2V_TRY(v2v_par_agree(self->comm, v2v_estimator_check_views(estimator, views, self->views)));
     if (!self->is_told) {
-        self->level = measure(self, views, estimator->averaging);
+        measure_frame(estimator, views);
     }
     const struct v2v_tv_level *level = &self->level;
     const int is_lit = level->sigma > 0.0; /* else a dark frame, which is a dark volume */
@@ -496,12 +497,6 @@ static void whole_light(struct v2v_estimator *whole, float *volume, float *views
     v2v_data_step_project(self->step, self->scratch, self->planes.volume);
     v2v_data_step_gather(self->step, volume, self->planes.volume, self->slices);
     v2v_data_step_gather(self->step, views, self->scratch, self->views);
-}
-
-static void measure_frame(struct v2v_estimator *whole, const float *views)
-{
-    struct tv *self = whole->self;
-    self->level = measure(self, views, whole->averaging);
 }
 
 static void inherit(struct v2v_estimator *window, const struct v2v_estimator *whole)

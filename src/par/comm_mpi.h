@@ -19,7 +19,15 @@ int *v2v_comm_scratch(const struct v2v_comm *comm);
 void v2v_par_list_parts(int *counts, int *offsets, int64_t count, int size);
 
 /** Who sends to a rank beside others tells its messages from theirs. */
-enum { V2V_TAG_PAIR = 1, V2V_TAG_PARTS, V2V_TAG_TRANSFER, V2V_TAG_AGREEMENT, V2V_TAG_ALIVE };
+enum {
+    V2V_TAG_PAIR = 1,
+    V2V_TAG_PARTS,
+    V2V_TAG_TRANSFER,
+    V2V_TAG_AGREEMENT,
+    V2V_TAG_ALIVE,
+    V2V_TAG_TIFF,
+    V2V_TAG_PACKED
+};
 
 /** Book the time since `began`, a v2v_clock_now() before a call of MPI that may wait. @kind Local,
  *  MPI's thread. */

@@ -263,13 +263,22 @@ static void begin(const struct v2v_combination *self, const float *views)
     memcpy(fit->along, fit->left, (size_t)n * sizeof *fit->along);
 }
 
+/** Collective(shard): the gradient's square. One number for all, as steps go by it: ranks may round
+ *  another way. */
+static double power_left(const struct v2v_combination *self)
+{
+    double power = dot(self->fit.left, self->fit.left, unknowns_of(self));
+    v2v_par_max_f64(self->grid->shard, &power, 1);
+    return power;
+}
+
 /** Collective(shard): lean = the least squares' solution, by conjugate gradients. */
 static void solve(const struct v2v_combination *self, const float *views)
 {
     const struct least_squares *fit = &self->fit;
     const int64_t n = unknowns_of(self);
     begin(self, views);
-    double power = dot(fit->left, fit->left, n);
+    double power = power_left(self);
     const double enough = ENOUGH * ENOUGH * power;
     for (int step = 0; step < STEPS && power > enough; step++) {
         v2v_watchdog_beat("weights of slices");
@@ -280,7 +289,7 @@ static void solve(const struct v2v_combination *self, const float *views)
             fit->lean[k] += length * fit->along[k];
             fit->left[k] -= length * fit->to[k];
         }
-        power = dot(fit->left, fit->left, n);
+        power = power_left(self);
         for (int64_t k = 0; k < n; k++) {
             fit->along[k] = fit->left[k] + power / before * fit->along[k];
         }

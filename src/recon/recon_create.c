@@ -92,30 +92,6 @@ static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
            v2v_fusion_floats(of_key, views, problem->height, problem->width);
 }
 
-/** Collective(world): ranks take frames; where there are too few, outputs and parts of a frame. */
-static enum v2v_status lay_out(struct v2v_recon *recon, struct v2v_grid_work *work,
-                               const struct v2v_problem *problem, int64_t frames,
-                               struct v2v_comm *world)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_grid_shape wanted = {
-        (int)v2v_smaller(problem->config->parallel.branches, work->most_branches),
-        (int)problem->config->parallel.shards};
-    const int64_t limit = (int64_t)(problem->config->parallel.max_mem_gb * 1e9);
-    if (wanted.shards > work->most_shards) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
-                         wanted.shards, work->most_shards));
-    }
-    work->items = frames;
-    work->most_bytes = limit > 0 ? v2v_larger(limit - v2v_mem_bytes(recon->fused, 0), 1) : 0;
-    work->most_shards = problem->config->parallel.reproducible
-                            ? 1
-                            : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));
-    V2V_TRY(v2v_grid_lay_out(&recon->grid, world, &wanted, work));
-done:
-    return rc;
-}
-
 /** Local: what frames need beside the method. */
 static enum v2v_status take_memory(struct v2v_recon *recon, int64_t neighbours)
 {
@@ -180,7 +156,11 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
                            .refresh = problem->config->recon.refresh,
                            .level = 1.0};
-    V2V_TRY(lay_out(made, &work, problem, frames, world));
+    work.items = frames;
+    V2V_TRY(v2v_estimator_lay_out(
+        &made->grid, &work,
+        (int)v2v_smaller(problem->config->parallel.branches, work.most_branches),
+        v2v_mem_bytes(made->fused, 0), problem->config, world));
     rc = v2v_agreement_create(&made->agreement, world);
     V2V_TRY(v2v_par_agree(world, rc));
     if (!made->grid.idle) {

@@ -34,19 +34,6 @@ done:
     return rc;
 }
 
-static enum v2v_status print_config(struct v2v_run_folder *folder, const struct v2v_config *config)
-{
-    enum v2v_status rc = V2V_OK;
-    static const char what[] = "the configuration's text";
-    FILE *stream = NULL;
-    size_t bytes = 0;
-    V2V_TRY(v2v_text_open(&stream, &folder->config_text, &bytes, what));
-    v2v_config_print(config, stream, NULL, 0);
-    V2V_TRY(v2v_text_close(V2V_OK, stream, &folder->config_text, what));
-done:
-    return rc;
-}
-
 static enum v2v_status enter_on_main_rank(struct v2v_run_folder *folder,
                                           const struct v2v_train_job *job)
 {
@@ -62,7 +49,7 @@ static enum v2v_status enter_on_main_rank(struct v2v_run_folder *folder,
                          "%s: holds a run already; --resume goes on with it, --force starts anew",
                          job->folder));
     }
-    V2V_TRY(print_config(folder, job->config));
+    V2V_TRY(v2v_config_text(&folder->config_text, job->config, NULL, 0));
 done:
     return rc;
 }
@@ -151,6 +138,6 @@ void v2v_run_folder_leave(struct v2v_run_folder *folder, int has_failed)
     if (folder->lock >= 0) {
         (void)close(folder->lock);
     }
-    free(folder->config_text); /* of v2v_text_open */
+    free(folder->config_text); /* of v2v_config_text */
     *folder = (struct v2v_run_folder){.lock = -1};
 }

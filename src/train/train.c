@@ -173,6 +173,7 @@ static enum v2v_status after_step(struct run *run, const struct v2v_step_result 
     }
     if (result->stop) {
         V2V_TRY(checkpoint(run));
+        V2V_TRY(v2v_par_agree(run->comm, run->unwritten));
         V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
                          (long long)run->step, (long long)settings->steps));
     }

@@ -46,20 +46,16 @@ const struct v2v_slab *v2v_slabs_at(const struct v2v_slabs *self, int64_t local)
 
 /* ---- features ---- */
 
-struct rows {
-    int64_t first, count;
-};
-
 /* Rows of the frame that a slab reads: those of its ring too. */
-static struct rows rows_read(const struct v2v_slabs *self, const struct v2v_slab *slab)
+static struct v2v_part rows_read(const struct v2v_slabs *self, const struct v2v_slab *slab)
 {
     if (slab->rows == 0) {
-        return (struct rows){0, 0};
+        return (struct v2v_part){0, 0};
     }
     int64_t start = v2v_slab_start(slab), end = start + v2v_slab_computed(slab);
     int64_t first = v2v_within(start - self->spec.ring, 0, self->spec.height);
     int64_t last = v2v_within(end + self->spec.ring, 0, self->spec.height);
-    return (struct rows){first, last - first};
+    return (struct v2v_part){first, last - first};
 }
 
 static int64_t floats_read(const struct v2v_slabs *self, int64_t index)
@@ -68,7 +64,8 @@ static int64_t floats_read(const struct v2v_slabs *self, int64_t index)
 }
 
 /* Rows of a whole view's features [feature,y,x] -> [feature,rows,x], or those added back. */
-static void pack_rows(const struct v2v_slabs *self, float *to, const float *whole, struct rows rows)
+static void pack_rows(const struct v2v_slabs *self, float *to, const float *whole,
+                      struct v2v_part rows)
 {
     int64_t width = self->spec.width, size = rows.count * width;
     for (int64_t c = 0; c < self->spec.features; c++) {
@@ -78,7 +75,7 @@ static void pack_rows(const struct v2v_slabs *self, float *to, const float *whol
 }
 
 static void add_rows(const struct v2v_slabs *self, float *whole, const float *from,
-                     struct rows rows)
+                     struct v2v_part rows)
 {
     int64_t width = self->spec.width, size = rows.count * width;
     for (int64_t c = 0; c < self->spec.features; c++) {
@@ -101,7 +98,7 @@ void v2v_slabs_begin_features(struct v2v_slabs *self, struct v2v_padded *feature
     float *sent = self->sent, *received = self->received;
     for (int64_t local = 0; local < count_held(self) && own_view >= 0; local++) {
         const struct v2v_slab *slab = v2v_slabs_at(self, local);
-        struct rows rows = rows_read(self, slab);
+        struct v2v_part rows = rows_read(self, slab);
         if (rows.count > 0) {
             v2v_padded_put_rows(&features[local], own_view, mine + rows.first * self->spec.width,
                                 self->spec.height, rows.first - v2v_slab_start(slab), rows.count);
@@ -126,7 +123,7 @@ void v2v_slabs_end_features(struct v2v_slabs *self, struct v2v_padded *features,
                             const int32_t *view)
 {
     const struct v2v_slab *slab = &self->slab[self->rank];
-    struct rows rows = rows_read(self, slab);
+    struct v2v_part rows = rows_read(self, slab);
     const float *received = self->received;
     v2v_transfers_wait(self->transfers);
     for (int r = 0; r < self->ranks; r++) {
@@ -143,7 +140,7 @@ static void send_gradients(struct v2v_slabs *self, const struct v2v_padded *dfea
                            const int32_t *view)
 {
     const struct v2v_slab *slab = &self->slab[self->rank];
-    struct rows rows = rows_read(self, slab);
+    struct v2v_part rows = rows_read(self, slab);
     float *sent = self->received; /* these are the sizes that the features came in */
     for (int r = 0; r < self->ranks; r++) {
         if (has_view(self, view, r) && rows.count > 0) {
@@ -176,7 +173,7 @@ void v2v_slabs_return_features(struct v2v_slabs *self, float *mine,
            (size_t)(self->spec.features * self->spec.height * self->spec.width) * sizeof *mine);
     for (int64_t index = 0; index < self->spec.count; index++) {
         const struct v2v_slab *slab = &self->slab[index];
-        struct rows rows = rows_read(self, slab);
+        struct v2v_part rows = rows_read(self, slab);
         int is_here = self->ranks == 1 || index == self->rank;
         if (is_here && rows.count > 0) {
             v2v_padded_get_rows(&dfeatures[self->ranks == 1 ? index : 0], own_view, self->gathered,
@@ -190,13 +187,14 @@ void v2v_slabs_return_features(struct v2v_slabs *self, float *mine,
 /* ---- whole images ---- */
 
 /* Rows of a slab's part, and where they lie in the frame, at the images' size. */
-static struct rows rows_of_part(const struct v2v_slab *slab, const struct v2v_slabs_images *images)
+static struct v2v_part rows_of_part(const struct v2v_slab *slab,
+                                    const struct v2v_slabs_images *images)
 {
     if (images->is_own) {
-        return (struct rows){slab->first >> images->half, slab->rows >> images->half};
+        return (struct v2v_part){slab->first >> images->half, slab->rows >> images->half};
     }
-    return (struct rows){v2v_slab_start(slab) >> images->half,
-                         v2v_slab_computed(slab) >> images->half};
+    return (struct v2v_part){v2v_slab_start(slab) >> images->half,
+                             v2v_slab_computed(slab) >> images->half};
 }
 
 static int64_t part_floats(const struct v2v_slabs_spec *spec, const struct v2v_slab *slab,
@@ -244,10 +242,10 @@ static void spread_parts(const struct v2v_slabs *self, float *whole, const float
                          const struct v2v_slab *slab, const struct v2v_slabs_images *images,
                          int is_sum)
 {
-    struct rows rows = rows_of_part(slab, images);
+    struct v2v_part rows = rows_of_part(slab, images);
     struct v2v_slabs_images own = *images;
     own.is_own = !is_sum || images->is_own;
-    struct rows taken = rows_of_part(slab, &own);
+    struct v2v_part taken = rows_of_part(slab, &own);
     int64_t width = self->spec.width >> images->half, height = self->spec.height >> images->half;
     int64_t count = taken.count * width;
 #pragma omp parallel for schedule(static)
@@ -298,7 +296,7 @@ void v2v_slabs_cut_out(const struct v2v_slabs *self, float *part, const float *w
 {
     const struct v2v_slab *slab = v2v_slabs_at(self, local);
     const struct v2v_slabs_images computed = {.half = images->half};
-    struct rows rows = rows_of_part(slab, &computed), taken = rows_of_part(slab, images);
+    struct v2v_part rows = rows_of_part(slab, &computed), taken = rows_of_part(slab, images);
     int64_t width = self->spec.width >> images->half, height = self->spec.height >> images->half;
     int64_t before = taken.first - rows.first, after = rows.count - taken.count - before;
 #pragma omp parallel for schedule(static)

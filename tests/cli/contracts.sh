@@ -353,6 +353,8 @@ says '^ mean +inf +1 '
 works convert --input one/truth.h5 -o truth.xml --compression gzip
 grep -q '<hdf5 type="relative">truth.bdv.h5</hdf5>' truth.xml || fail 'the XML names no data'
 [ -s truth.bdv.h5 ] || fail 'there are no data for BigDataViewer'
+refuses 65 'there is no such dataset' convert --kind recording --input rec.h5 -o out.h5 \
+    --dataset "$(printf 'a%.0s' {1..300})"
 works convert --input rec.h5 -o rec.ome.tif
 works convert --input rec.ome.tif -o rec_again.h5
 same rec.h5 rec_again.h5 /views

@@ -154,6 +154,8 @@ mv stdout uncorrected.json
 works evaluate --volume tv.h5 --psf psf.h5 --input recording.h5 --weights unrolled.h5 \
     --set recon.strength=1 --json --uncertainty corrected.h5
 cmp -s stdout uncorrected.json && fail 'evaluate does not correct by the weights'
+refuses 78 'parallel.shards: 2 ranks cannot share a frame, 1 at most' evaluate --volume tv.h5 \
+    --psf psf.h5 --input recording.h5 --weights unrolled.h5 --set parallel.shards=2
 works info corrected.h5
 says '^weights_crc32c: [0-9a-f]{8}$'
 refuses 65 "w.h5: the network 'v2v' cannot do without some of its views" evaluate --volume tv.h5 \

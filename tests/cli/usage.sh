@@ -67,7 +67,7 @@ refuses 2 '--seed: ' simulate --seed -1
 refuses 2 "--max-time: 'soon' is no duration" train --max-time soon
 refuses 2 '--skip: 1.5 is outside' \
     reconstruct --psf p --weights w --input r -o out.h5 --skip 1.5
-for frames in 3 3: :4 -1:2 0:0 a:b 1:2:3; do
+for frames in 3 3: :4 -1:2 0:0 a:b 1:2:3 "$(printf "1%.0s" {1..40}):1"; do
     refuses 2 '--frames FIRST:COUNT: ' \
         reconstruct --psf p --weights w --input r -o out.h5 "--frames=$frames"
 done
@@ -122,6 +122,8 @@ refuses 2 "--kind: 'film' is none of" preview v.h5 -o out.png --kind film
 refuses 2 'noise .salt. is none of' simulate --psf p --volume v -o out.h5 --noise salt
 refuses 78 "unknown section 'nonsense'" init --set nonsense.key=1
 refuses 78 'train.step' init --set train.step=1
+refuses 78 'optics.numerical_aperture: 1.4 is not below' init --set optics.numerical_aperture=1.4
+works init --set optics.numerical_aperture=1.4 --set optics.refractive_index=1.515
 
 # The name of a program may hold spaces; a closed standard output is no failure.
 mkdir 'a folder'

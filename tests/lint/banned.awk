@@ -14,7 +14,7 @@ BEGIN {
     ban("MPI_Abort", "^src/par/", "a rank ends the job through par alone")
     # These hand out memory of the C library, which only free() takes back: a file that calls one of
     # them may call free().
-    n = split("getline getdelim v2v_text_open v2v_step_config_text", list, " ")
+    n = split("getline getdelim v2v_text_open v2v_config_text", list, " ")
     for (i = 1; i <= n; i++)
         needs_free[list[i]] = 1
 }

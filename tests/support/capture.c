@@ -50,8 +50,7 @@ int test_own_job(int ranks, const char *argument, char *text, size_t bytes)
 {
     char self[512], command[1024], launch[128] = "";
     if (ranks > 1 && system("command -v mpirun > /dev/null") != 0) {
-        print_message("no mpirun here\n");
-        skip();
+        test_skip("no mpirun here");
     }
     ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
     assert_true(length > 0);

@@ -27,6 +27,13 @@ double test_rounding(double terms);
  * absent: the test then calls skip(). The string lives until the next call. */
 const char *test_shared(const char *name);
 
+/** Skip the test that calls it, and say why. */
+#define test_skip(reason)                                                                          \
+    do {                                                                                           \
+        print_message("%s\n", reason);                                                             \
+        skip();                                                                                    \
+    } while (0)
+
 /** Every element of a numeric HDF5 dataset as double; count (may be NULL) its number. Fails the
  * test when it can't be read. Free with test_release. */
 double *test_h5_read(const char *path, const char *dataset, int64_t *count);

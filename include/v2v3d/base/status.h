@@ -85,7 +85,7 @@ void v2v_status_restore(const struct v2v_status_record *record);
 /** Print rank and place of a bug and abort the whole job. @kind Local, does not return. */
 __attribute__((noreturn)) void v2v_status_bug(const char *file, int line, const char *condition);
 
-/** What v2v_status_bug calls instead of abort() once MPI runs (par sets it). */
+/** What v2v_status_bug calls instead of abort() once MPI runs (par sets it). @kind Local. */
 void v2v_status_on_bug(void (*abort_job)(void));
 
 #define V2V_FAIL(status, ...) v2v_status_fail((status), __FILE__, __LINE__, __VA_ARGS__)

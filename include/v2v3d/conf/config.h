@@ -82,9 +82,11 @@ struct v2v_input_settings {
     char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
     int64_t slices; /**< of a frame of a TIFF volume that does not say; 0: all pages */
     double pixel_size_um, slice_spacing_um, frame_interval_s; /**< 0: as the file says */
-    struct v2v_number offset; /**< subtracted from the counts; auto: 32767 when the mean is above */
-    struct v2v_number gain;   /**< multiplied on; auto: the recording's mean becomes 0.2 */
-    int hot_pixels;           /**< enum v2v_hot_pixels */
+    struct v2v_number
+        offset; /**< subtracted from the counts; auto: as the file states, else 32767 when the mean
+                                 is above */
+    struct v2v_number gain; /**< multiplied on; auto: the recording's mean becomes 0.2 */
+    int hot_pixels;         /**< enum v2v_hot_pixels */
 };
 
 /** Samples of the field that `psf simulate` propagates. BAND: as fine as its band asks for, a pixel
@@ -283,8 +285,13 @@ void v2v_config_defaults(struct v2v_config *config);
  *          can't be read, is larger than 1 MiB or holds NUL bytes) | V2V_E_MEMORY */
 enum v2v_status v2v_config_load(struct v2v_config *config, const char *path) V2V_MUST_CHECK;
 
-/** Apply one "section.key=value". @kind Local. @return V2V_OK | V2V_E_CONFIG */
+/** Apply one "section.key=value", which may contradict others until they are set, too:
+ *  v2v_config_check after the last. @kind Local. @return V2V_OK | V2V_E_CONFIG */
 enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment) V2V_MUST_CHECK;
+
+/** The rules between settings, as v2v_config_load checks them. @kind Local. @return V2V_OK |
+ *  V2V_E_CONFIG (names the key that breaks one) */
+enum v2v_status v2v_config_check(const struct v2v_config *config) V2V_MUST_CHECK;
 
 /** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`; 64
  *  are enough for all but texts. @return V2V_OK | V2V_E_CONFIG (no such key) */
@@ -296,6 +303,10 @@ enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config
  *  section alone; NULL: all */
 void v2v_config_print(const struct v2v_config *config, FILE *stream, const char *only,
                       int comments);
+
+/** The same as a text, which free() takes back. @kind Local. @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_config_text(char **text, const struct v2v_config *config, const char *only,
+                                int comments) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

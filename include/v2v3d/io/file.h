@@ -81,31 +81,10 @@ enum v2v_status v2v_file_check_output(const char *path, int force, const char *c
  *  bytes (-1: a product that left int64_t)? @kind Local. @return V2V_OK | V2V_E_IO */
 enum v2v_status v2v_file_check_room(const char *path, int64_t bytes) V2V_MUST_CHECK;
 
-/** The name under which an output is written until it is complete: path + ".v2v3d-part"; and what
- *  is made of that file in a pass over it: path + ".v2v3d-packed". Names that end so, or in
- *  ".v2v3d-lock", are this program's alone.
+/** The name under which an output is written until it is complete: path + ".v2v3d-part". Names that
+ *  end so, or in ".v2v3d-packed" or ".v2v3d-lock", are this program's alone.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_temporary(char temporary[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
-enum v2v_status v2v_file_packed(char packed[V2V_PATH_BYTES], const char *path) V2V_MUST_CHECK;
-
-/** Make the temporary file, open to read and write. What lies under its name, a killed run's or a
- *  link or pipe that somebody laid there, is removed and neither opened nor followed.
- *  @kind Local. @return V2V_OK | V2V_E_IO; *descriptor is -1 unless OK */
-enum v2v_status v2v_file_create(int *descriptor, const char *temporary) V2V_MUST_CHECK;
-
-/** Remove what lies under a temporary name; nothing may. @kind Local. @return V2V_OK | V2V_E_IO */
-enum v2v_status v2v_file_clear(const char *temporary) V2V_MUST_CHECK;
-
-/** fsync the temporary file, rename it to `path`, fsync the folder. When that fails, _move leaves
- *  the temporary file, and _commit removes it. @kind Local (call on one rank).
- *  @return V2V_OK | V2V_E_IO */
-enum v2v_status v2v_file_move(const char *temporary, const char *path) V2V_MUST_CHECK;
-enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUST_CHECK;
-
-/** Wait until what was written to a file has reached the disk. @kind Local. @return V2V_OK |
- * V2V_E_IO
- */
-enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 
 /** Create the file `path` when it isn't there, and hold a lock on it until *descriptor is closed or
  *  the process ends, however it ends. A link is not followed. @kind Local.

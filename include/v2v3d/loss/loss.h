@@ -69,6 +69,7 @@ struct v2v_loss;
 /** @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_loss_create(struct v2v_loss **loss,
                                 const struct v2v_loss_setup *setup) V2V_MUST_CHECK;
+/** @kind Collective(comm). */
 void v2v_loss_destroy(struct v2v_loss **loss);
 
 /** This rank will bring these rows of the volumes, instead of those that the projector has: they

@@ -142,7 +142,7 @@ struct v2v_estimator_ops {
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_CONFIG | V2V_E_INTERNAL; agreed by
      *  the shard */
     enum v2v_status (*create)(struct v2v_estimator *estimator, const struct v2v_problem *problem);
-    /** After whatever part of create was done; self may be NULL. @kind Local. */
+    /** After whatever part of create was done; self may be NULL. @kind Collective(shard). */
     void (*destroy)(struct v2v_estimator *estimator);
     /** Rows of the volumes that a rank of the shard computes; NULL: all. @kind Local. */
     struct v2v_part (*rows_of)(const struct v2v_estimator *estimator, int rank);
@@ -155,8 +155,9 @@ struct v2v_estimator_ops {
     /** What is measured of a frame's views [v,y,x] before its parts are computed by themselves;
      *  runs of `window`, of a part from even pixels on, shall take it, and the weights, from
      *  `whole`, of the frame. NULL, like `whole_light`: parts are not computed by themselves.
-     *  @kind Local, no allocation. */
+     *  @kind Collective(shard), no allocation. */
     void (*measure)(struct v2v_estimator *whole, const float *views);
+    /** @kind Local, no allocation. */
     void (*inherit)(struct v2v_estimator *window, const struct v2v_estimator *whole);
     /** The light that the last run ended with, the frame and what is beyond it, and the views that
      *  it gives: on a torus (optics/data_step.h), which `is_part` is a part of.
@@ -196,12 +197,24 @@ enum v2v_status v2v_estimator_settle(struct v2v_config *config, const struct v2v
 /** The one that a network's weights are for. @kind Local. */
 const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_network_ops *network);
 
+/** Lay the ranks out for frames, by section parallel of the configuration: ranks take frames; where
+ *  there are too few of them, outputs and parts of a frame.
+ *  @kind   Collective(world)
+ *  @param  work of describe_work, with the number of frames
+ *  @param  branches ranks that share a frame, outputs each; 0: as many as are best
+ *  @param  beside bytes that every rank takes beside the estimator
+ *  @return V2V_OK | V2V_E_CONFIG (more ranks than can share a frame) or as v2v_grid_lay_out */
+enum v2v_status v2v_estimator_lay_out(struct v2v_grid *grid, const struct v2v_grid_work *work,
+                                      int branches, int64_t beside, const struct v2v_config *config,
+                                      struct v2v_comm *world) V2V_MUST_CHECK;
+
 /** @kind Collective(shard), which is borrowed. @return V2V_OK or as describe_work and create;
  *  agreed */
 enum v2v_status v2v_estimator_create(struct v2v_estimator **estimator,
                                      const struct v2v_estimator_ops *ops,
                                      const struct v2v_problem *problem,
                                      const struct v2v_comm *shard) V2V_MUST_CHECK;
+/** @kind Collective(shard). */
 void v2v_estimator_destroy(struct v2v_estimator **estimator);
 
 /** For run: are the `count` views of a frame finite? @kind Local.

@@ -58,6 +58,7 @@ enum v2v_status v2v_data_step_create(struct v2v_data_step **step, const struct v
                                      int64_t height, int64_t width, const struct v2v_torus *torus,
                                      enum v2v_split split,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
+/** @kind Collective(comm). */
 void v2v_data_step_destroy(struct v2v_data_step **step);
 
 /** Bytes that the fullest of `ranks` ranks holds. @kind Local. */

@@ -20,7 +20,7 @@ struct v2v_grouped;
 enum v2v_status v2v_grouped_create(struct v2v_grouped **grouped, const struct v2v_psf_file *psf,
                                    int64_t height, int64_t width, enum v2v_split split,
                                    int64_t most_bytes, const struct v2v_comm *comm) V2V_MUST_CHECK;
-/** Accepts NULL; nulls the pointer. @kind Local. */
+/** Accepts NULL; nulls the pointer. @kind Collective(comm). */
 void v2v_grouped_destroy(struct v2v_grouped **grouped);
 
 /** Slices of this rank, an even share. @kind Local. */

@@ -36,6 +36,7 @@ enum v2v_status v2v_projector_create(struct v2v_projector **projector,
                                      const struct v2v_psf_file *psf, int64_t height, int64_t width,
                                      enum v2v_split split,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
+/** @kind Collective(comm). */
 void v2v_projector_destroy(struct v2v_projector **projector);
 
 /** Bytes that v2v_projector_create would hold on the fullest rank. @kind Local. */

@@ -14,7 +14,7 @@ extern "C" {
 void v2v_watchdog_arm(double seconds, const char *what);
 void v2v_watchdog_disarm(void);
 
-/** The program's time for one piece of work (<= 0: v2v_watchdog_beat does nothing, as before the
+/** The program's time for one piece of work (<= 0: v2v_watchdog_beat arms nothing, as before the
  *  first call), and the end of a piece: re-arm for it. Libraries beat, programs decide the time. */
 void v2v_watchdog_set_period(double seconds);
 void v2v_watchdog_beat(const char *what);

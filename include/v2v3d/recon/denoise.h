@@ -42,7 +42,7 @@ struct v2v_denoise_job {
 struct v2v_denoise_report {
     double seconds; /**< of the whole run, with the making of the network */
     /** With a clean recording: peak signal-to-noise ratio of all samples before and after, dB; the
-     *  peak is the largest clean sample. Else NaN. */
+     *  peak is the largest clean sample, less the offset. Else NaN. */
     double psnr_before, psnr_after;
 };
 

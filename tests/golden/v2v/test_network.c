@@ -141,8 +141,7 @@ static void network_in_bf16_matches_golden_volumes_within_its_rounding(void **st
         skip();
     }
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
     run_network(&(struct way){V2V_BACKEND_ONEDNN, 1, 0, V2V_PRECISION_BF16, BF16_TOLERANCE});
     run_network(&(struct way){V2V_BACKEND_ONEDNN, 1, 1, V2V_PRECISION_BF16, BF16_TOLERANCE});

@@ -50,8 +50,7 @@ static void two_thousand_steps_in_bf16_end_within_two_percent_of_float32(void **
     double exact[STRETCHES], rough[STRETCHES];
     (void)state;
     if (v2v_op_bf16() < V2V_BF16_EMULATED) {
-        print_message("this processor cannot compute in bf16\n");
-        skip();
+        test_skip("this processor cannot compute in bf16");
     }
     scene_init(&scene, test_folder(NULL), 1, NULL);
     scene.config.model.width = MODEL_WIDTH;

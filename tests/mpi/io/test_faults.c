@@ -40,10 +40,10 @@ static void every_fault_ends_all_ranks_and_leaves_nothing(void **state)
 {
     (void)state;
 #ifndef V2V_FAULTS
-    skip();
+    test_skip("this build has no fault points");
 #endif
     if (getenv("V2V_FAULT") == NULL) {
-        skip();
+        test_skip("V2V_FAULT plans no fault");
     }
     char path[512], temporary[V2V_PATH_BYTES];
     const size_t held = v2v_mem_held();

@@ -83,7 +83,7 @@ static void of_two_failures_in_a_round_the_worse_is_told(void **state)
     const int rank = v2v_comm_rank(test_world()), last = v2v_comm_size(test_world()) - 1;
     enum v2v_status mine = V2V_OK;
     if (last == 0) {
-        skip();
+        test_skip("one rank has nobody to agree with");
     }
     assert_ok(v2v_agreement_create(&agreement, test_world()));
     if (rank == 0 || rank == last) {
@@ -155,7 +155,7 @@ enum { MOST_RANKS = 4 };
 static void only_among_most_ranks(void)
 {
     if (v2v_comm_size(test_world()) < MOST_RANKS) {
-        skip();
+        test_skip("runs on four ranks: it waits for seconds");
     }
 }
 

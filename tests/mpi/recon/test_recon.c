@@ -307,7 +307,7 @@ static void branches_shared_by_ranks_give_one_ranks_volumes(void **state)
 {
     (void)state;
     if (v2v_comm_size(test_world()) < 2) {
-        skip();
+        test_skip("one rank shares nothing");
     }
     compare(2, 1);
 }
@@ -529,7 +529,7 @@ static void averaged_views_count_in_what_a_rank_may_hold(void **state)
     const int64_t floats = v2v_fusion_floats(config.recon.neighbours, VIEWS, HEIGHT, WIDTH);
     const int64_t ranks = v2v_comm_size(test_world());
     if (ranks < 2) {
-        skip();
+        test_skip("one rank shares nothing");
     }
     assert_ok(method->describe_work(&work, &problem));
     const int64_t both = work.bytes + floats * (int64_t)sizeof(float);

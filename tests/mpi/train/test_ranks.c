@@ -127,8 +127,7 @@ static void slabs_train_like_a_whole_crop(void **state)
 static void skip_without_bf16(void)
 {
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
 }
 

@@ -258,8 +258,7 @@ static void convolution_has_its_adjoints_in_data_and_weights(void **unused)
 static void skip_without_bf16(void)
 {
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
 }
 

@@ -323,8 +323,7 @@ static void a_blocked_output_is_the_plain_one_rounded(void **state)
 {
     (void)state;
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
     for (int way = 0; way < WAYS; way++) {
         if (ways[way].precision == V2V_PRECISION_BF16) {

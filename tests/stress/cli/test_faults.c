@@ -86,8 +86,7 @@ static void setup(struct scene *scene)
         "weights init -c config.yaml --psf psf.h5 --set model.method=deepcad -o deepcad.h5"};
     static char text[TEXT];
 #ifndef V2V_FAULTS
-    print_message("this build has no fault points: -DV2V_FAULTS=ON\n");
-    skip();
+    test_skip("this build has no fault points: -DV2V_FAULTS=ON");
 #endif
     program_init(scene);
     for (size_t i = 0; i < sizeof makes / sizeof *makes; i++) {

@@ -56,8 +56,7 @@ static void weights_that_part_end_the_job(void **state)
     static char text[TEXT];
     struct scene scene;
 #ifndef V2V_FAULTS
-    print_message("this build has no fault points: -DV2V_FAULTS=ON\n");
-    skip();
+    test_skip("this build has no fault points: -DV2V_FAULTS=ON");
 #endif
     program_init(&scene);
     setenv("V2V_FAULT", "train.weights:2:3", 1);

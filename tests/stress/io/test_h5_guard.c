@@ -102,7 +102,7 @@ static void a_child_cannot_take_all_memory(void **state)
 {
     (void)state;
 #ifdef __SANITIZE_ADDRESS__
-    skip(); /* the guard sets no such limit here */
+    test_skip("with the address sanitizer the guard sets no such limit");
 #endif
     assert_int_equal(v2v_h5_guard_with("a.h5", take_a_terabyte), V2V_E_INPUT);
 }

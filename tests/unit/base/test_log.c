@@ -160,8 +160,7 @@ static void log_line_on_a_terminal_clears_the_bar_and_redraws_it(void **state)
     char text[TEXT_BYTES];
     int master = posix_openpt(O_RDWR | O_NOCTTY);
     if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0) {
-        print_message("no pseudo terminal here\n");
-        skip();
+        test_skip("no pseudo terminal here");
     }
     int terminal = open(ptsname(master), O_RDWR | O_NOCTTY);
     struct termios mode;

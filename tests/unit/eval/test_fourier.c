@@ -1,9 +1,9 @@
 /* Resolution and shifts of images whose spectra are known. */
 #include "support.h"
 
+#include "eval/fourier.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
-#include "v2v3d/eval/fourier.h"
 
 #include <math.h>
 #include <string.h>

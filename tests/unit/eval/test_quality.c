@@ -1,10 +1,10 @@
 /* How views are met by a volume, where that is known. */
 #include "small_optics.h"
 
+#include "eval/uncertainty.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/eval/quality.h"
-#include "v2v3d/eval/uncertainty.h"
 #include "v2v3d/optics/projector.h"
 
 #include <stdlib.h>

@@ -61,7 +61,7 @@ static void a_helper_looks_until_it_is_stopped(void **state)
     v2v_file_guard_start();
     const pid_t helper = only_child();
     if (helper == 0) {
-        skip(); /* no such file in /proc */
+        test_skip("/proc does not tell a process' children");
     }
     snprintf(path, sizeof path, "%s/a.h5", test_folder(NULL));
     test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",

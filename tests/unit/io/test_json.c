@@ -86,8 +86,7 @@ static void a_stream_that_is_full_fails(void **state)
     FILE *stream = fopen("/dev/full", "we");
 
     if (stream == NULL) {
-        print_message("no /dev/full here\n");
-        skip();
+        test_skip("no /dev/full here");
     }
     assert_int_equal(v2v_json_print(stream, &item, 1), V2V_E_IO);
     (void)fclose(stream);

@@ -244,8 +244,7 @@ static void for_one_bf16(const struct v2v_conv_spec *spec, check check_one,
 static void skip_without_bf16(void)
 {
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
 }
 

@@ -14,8 +14,7 @@
 static void skip_without_tiles(void)
 {
     if (!v2v_amx_usable()) {
-        print_message("this processor has no tiles for bf16, or DNNL_MAX_CPU_ISA hides them\n");
-        skip();
+        test_skip("this processor has no tiles for bf16, or DNNL_MAX_CPU_ISA hides them");
     }
 }
 

@@ -187,8 +187,7 @@ static void training_and_inference_plans_give_the_same_bits_in_bf16(void **state
     enum { MOST = 32 };
     static float trained[BRANCHES][MOST * PIXELS], inferred[BRANCHES][MOST * PIXELS];
     if (v2v_op_bf16() == V2V_BF16_NONE) {
-        print_message("no bf16 convolutions on this processor\n");
-        skip();
+        test_skip("no bf16 convolutions on this processor");
     }
     for (int64_t slices = SLICES; slices <= MOST; slices += MOST - SLICES) {
         for (int every_slice = 0; every_slice < 2; every_slice++) {

@@ -1,11 +1,7 @@
-#ifndef V2V3D_EVAL_UNCERTAINTY_H
-#define V2V3D_EVAL_UNCERTAINTY_H
+#ifndef EVAL_UNCERTAINTY_H
+#define EVAL_UNCERTAINTY_H
 
 #include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /** What a volume may be wrong by, from volumes of half of the views each: its jackknife root mean
  *  square error.
@@ -21,9 +17,5 @@ extern "C" {
  *          two halves as groups */
 void v2v_uncertainty_of(float *a, const float *b, const float *c, float *scratch, int64_t slices,
                         int64_t height, int64_t width);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -1,12 +1,8 @@
-#ifndef V2V3D_EVAL_FOURIER_H
-#define V2V3D_EVAL_FOURIER_H
+#ifndef EVAL_FOURIER_H
+#define EVAL_FOURIER_H
 
 #include "v2v3d/base/status.h"
 #include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /** What two images have in common, by their transforms. Images lose their mean and fade out towards
  *  their edges first (Tukey window, an eighth a side). */
@@ -45,9 +41,5 @@ void v2v_fourier_correlate(struct v2v_fourier *fourier, struct v2v_ring *rings, 
  *          R. Henderson, J. Mol. Biol. 333, 721 (2003), R. P. J. Nieuwenhuizen et al., Nat. Methods
  *          10, 557 (2013); by direction: S. Koho et al., Nat. Commun. 10, 3103 (2019) */
 double v2v_fourier_resolution(const struct v2v_ring *rings, int64_t count);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif
