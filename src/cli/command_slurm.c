@@ -151,6 +151,19 @@ done:
     return rc;
 }
 
+/* The file that `command` writes by these arguments, or NULL. */
+static const char *output_of(const struct v2v_command *command, const struct v2v_common *parsed)
+{
+    for (const struct v2v_option *o = command->options; o->kind != V2V_OPTION_END; o++) {
+        if (o->name != NULL && strcmp(o->name, "output") == 0) {
+            const char *path = NULL;
+            memcpy(&path, (const char *)parsed + o->at, sizeof path);
+            return path;
+        }
+    }
+    return NULL;
+}
+
 /* What the job would say to its arguments, before it waits in a queue. Rank 0.
  *  @param of_job its settings */
 static enum v2v_status check_words(const struct arguments *given, struct v2v_config *of_job)
@@ -179,6 +192,14 @@ static enum v2v_status check_words(const struct arguments *given, struct v2v_con
         V2V_TRY(v2v_config_load(of_job, parsed->config));
     }
     V2V_TRY(v2v_options_apply(parsed, of_job));
+    const char *output = output_of(command, parsed);
+    if (output != NULL && v2v_file_kind_of_name(output) == V2V_FILE_TIFF) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_USAGE,
+                     "%s: a job that its time limit ends goes on with an .h5, but begins a TIFF "
+                     "anew: name an .h5, of which convert makes a TIFF",
+                     output));
+    }
 done:
     if (parsed != NULL) {
         v2v_options_fini(parsed, command->options);

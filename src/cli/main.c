@@ -334,7 +334,8 @@ int v2v_cli_main(int argc, char **argv)
     enum v2v_status rc = v2v_par_init(&world, &argc, &argv);
     int on_root = v2v_comm_rank(world) == 0;
     if (rc == V2V_OK) {
-        signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, not the end of the job */
+        signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, not the end of the job, .. */
+        signal(SIGXFSZ, SIG_IGN); /* .. nor is a file that may not get longer (ulimit -f) */
         v2v_stop_install();
         rc = run_program(argc, argv, world);
     }

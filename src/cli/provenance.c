@@ -74,9 +74,10 @@ done:
     return rc;
 }
 
-/* Everything the voxels depend on, as text; to be freed with free(). */
+/* Everything the output depends on, as text; to be freed with free(). */
 static enum v2v_status task_text(char **text, const struct v2v_provenance *provenance,
-                                 const struct v2v_session *session)
+                                 const struct v2v_session *session, int64_t frames,
+                                 unsigned datasets)
 {
     static const char what[] = "the task's text";
     enum v2v_status rc = V2V_OK;
@@ -88,6 +89,7 @@ static enum v2v_status task_text(char **text, const struct v2v_provenance *prove
     config = session->config;
     config.parallel = defaults.parallel;
     v2v_config_print(&config, stream, NULL, 0);
+    fprintf(stream, "%" PRId64 " frames, datasets %x\n", frames, datasets);
     for (int64_t i = 0; i < provenance->count; i++) {
         static const char *const by_run[] = {"command_line", "configuration", "written", "ranks",
                                              "threads"};
@@ -110,12 +112,13 @@ done:
 }
 
 enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
-                                    const struct v2v_session *session)
+                                    const struct v2v_session *session, int64_t frames,
+                                    unsigned datasets)
 {
     enum v2v_status rc = V2V_OK;
     char *text = NULL;
     if (v2v_step_on_root(session)) { /* the other ranks' attributes are not written */
-        rc = task_text(&text, provenance, session);
+        rc = task_text(&text, provenance, session, frames, datasets);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     snprintf(provenance->task, sizeof provenance->task, "%016" PRIx64,

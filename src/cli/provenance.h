@@ -29,11 +29,13 @@ enum v2v_status v2v_provenance_origin(struct v2v_provenance *provenance,
                                       const struct v2v_session *session, const char *recording,
                                       int64_t first_frame) V2V_MUST_CHECK;
 
-/** Add `task` (V2V_VOLUME_TASK): a hash of what was added so far, the origin among it, and of the
- *  calibration. Ranks, threads and the rest of the configuration's section `parallel` are not in
- *  it: they don't change what is computed. @kind Collective(world), agreed */
+/** Add `task` (V2V_VOLUME_TASK): a hash of what was added so far, the origin among it, of the
+ *  calibration, and of the number of frames and the datasets of the output. Ranks, threads and the
+ *  rest of the configuration's section `parallel` are not in it: they don't change what is
+ *  computed. @kind Collective(world), agreed */
 enum v2v_status v2v_provenance_task(struct v2v_provenance *provenance,
-                                    const struct v2v_session *session) V2V_MUST_CHECK;
+                                    const struct v2v_session *session, int64_t frames,
+                                    unsigned datasets) V2V_MUST_CHECK;
 void v2v_provenance_fini(struct v2v_provenance *provenance);
 
 #endif

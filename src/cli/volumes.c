@@ -167,7 +167,7 @@ static enum v2v_status describe(struct work *work, const struct v2v_session *ses
     V2V_TRY(
         v2v_provenance_init(&work->provenance, session, work->psf, given->weights, &work->scaling));
     V2V_TRY(v2v_provenance_origin(&work->provenance, session, given->input, work->frames.first));
-    V2V_TRY(v2v_provenance_task(&work->provenance, session));
+    V2V_TRY(v2v_provenance_task(&work->provenance, session, work->info.frames, work->datasets));
     V2V_TRY(check_weights(work, session));
 done:
     return rc;
@@ -212,14 +212,23 @@ static enum v2v_status meet_frames(const struct work *work, const struct v2v_ses
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_left left = {0};
+    const int is_tiff = v2v_file_kind_of_name(work->given->output) == V2V_FILE_TIFF;
     if (work->given->resume && !session->force && v2v_step_on_root(session)) {
         v2v_volume_left(&left, work->given->output, work->provenance.task);
     }
+    if (work->given->resume && is_tiff && v2v_step_on_root(session)) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: a TIFF is begun anew by every attempt; an .h5 is gone on with, and convert "
+                "makes a TIFF of it",
+                work->given->output);
+    }
     if (left.done > 0 && !left.is_same) {
-        rc = V2V_FAIL(V2V_E_INPUT,
-                      "%s: the %lld of %lld frames that an interrupted run left are of another "
-                      "task: inputs, settings or program differ; --force discards them",
-                      work->given->output, (long long)left.done, (long long)left.frames);
+        rc =
+            V2V_FAIL(V2V_E_INPUT,
+                     "%s: the %lld of %lld frames that an interrupted run left are of another "
+                     "task: inputs, frames, settings, datasets or program differ; --force discards "
+                     "them",
+                     work->given->output, (long long)left.done, (long long)left.frames);
     }
     return v2v_par_agree(session->world, rc);
 }

@@ -80,8 +80,9 @@ static enum v2v_status check_file(const char *path, const struct v2v_h5_plan *pl
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(v2v_h5_get_text(task, sizeof task, &there, file, path, V2V_VOLUME_TASK));
     if (!there || strcmp(task, plan->task) != 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is of another task: inputs, settings or program differ",
-                         path));
+        V2V_TRY(V2V_FAIL(
+            V2V_E_INPUT,
+            "%s: is of another task: inputs, frames, settings, datasets or program differ", path));
     }
     for (int i = 0; i < V2V_H5_WRITER_SETS; i++) {
         if (plan->dataset[i] != NULL) {

@@ -44,6 +44,11 @@ static const double usual_noise = 0.1, least_noise = 0.002;
  * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
  * to 0.991, four out of register by 1.34 and more all along. */
 static const double noise_alone = 1.05;
+
+/* PSFs of which a voxel sees so many times the usual noise (few slices, sharp ones) make points of
+ * light that noise does not tell the weight of: views left out do, where they want less than this
+ * part of what noise wants (tests/bench/quality.md). */
+static const double much_seen = 3.0, far_less = 0.6;
 enum { FIRST_LOOK = 6 };
 
 struct chooser {
@@ -269,10 +274,18 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
         v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
                 lambda->value, missed);
     }
-    if (is_asked || (missed > noise_alone && are_enough)) {
-        V2V_TRY(choose(&lambda->value, self));
-        v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value,
-                is_asked ? "" : ", since volumes miss more of the views than noise");
+    const int is_missed = missed > noise_alone;
+    const int is_sharp = missed > 0.0 && v2v_tv_noise_seen(self->problem.psf) > much_seen;
+    if (is_asked || (are_enough && (is_missed || is_sharp))) {
+        double chosen = lambda->value;
+        V2V_TRY(choose(&chosen, self));
+        if (is_asked || is_missed || chosen < far_less * lambda->value) {
+            lambda->value = chosen;
+            v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", chosen,
+                    is_asked    ? ""
+                    : is_missed ? ", since volumes miss more of the views than noise"
+                                : ", which want far less than noise does");
+        }
     }
     lambda->mode = V2V_NUMBER_GIVEN;
 done:

@@ -6,14 +6,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Centroids this near to the middle of two pixels lie there, as those of symmetric slices of even
+ * sides do: what samples are rounded by, or scaled, decides nothing then. */
+static const double rounding = 1e-5;
+
 /* One axis: the pixel nearest to the flipped slice's centroid, seen from the centre pixel. A
  * flipped slice is convolved, hence the sign: feat is read where the PSF puts the light. For even
  * sides the flip moves the centre pixel by one, which the reference doesn't undo
- * (golden/alignment.h5). */
+ * (golden/alignment.h5). Halfway, the even one. */
 static int32_t shift_of(double moment, double energy, int64_t side)
 {
     const double flipped = (double)(side - 1) - moment / energy;
-    return (int32_t)(v2v_psf_centre(side) - (int64_t)nearbyint(flipped));
+    const double halves = nearbyint(2.0 * flipped) / 2.0;
+    const double place = fabs(flipped - halves) < rounding ? halves : flipped;
+    return (int32_t)(v2v_psf_centre(side) - (int64_t)nearbyint(place));
 }
 
 enum v2v_status v2v_shifts_from_psf(struct v2v_shifts *shifts, const struct v2v_psf_file *psf)

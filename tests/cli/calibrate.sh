@@ -24,6 +24,7 @@ works calibrate --psf psf.h5 --input rec.h5 -o cal.yaml --json
 if [ "$(grep -c 'a gain of' stderr)" -ne 1 ] || ! grep -q 'view 1: a gain of 0\.0' stderr; then
     fail "what is said of gains: $(cat stderr)"
 fi
+grep -q 'views: by so few' stderr && fail 'five views are few'
 for key in heldout_before heldout_after heldout_frame_before heldout_frame_after shifts gains slopes \
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"

@@ -23,6 +23,10 @@ says '^configuration: [0-9]* lines, which --json shows$'
 for name in /volume /branch1 /branch2; do
     h5dump -H -d "$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no $name"
 done
+timed "$limit" reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.h5 --resume \
+    --offset none --gain none --normalize none --precision f32 --skip off
+[ $? -eq 65 ] || fail "a volume of other datasets is gone on with: $(cat stderr)"
+grep -q 'volumes.h5: is of another task' stderr || fail "not another task: $(cat stderr)"
 for name in configuration command_line psf_crc32c weights_crc32c offset gain ranks; do
     h5dump -a "/$name" volumes.h5 >/dev/null 2>&1 || fail "volumes.h5 has no attribute $name"
 done

@@ -35,7 +35,8 @@ for volume in done.h5 done.tif packed.h5 integers.tif; do
     refuses 65 "$volume: .*another task" "${common[@]}" --input other.h5 -o $volume --resume
     refuses 65 "$volume: .*another task" "${common[@]}" --input rec.h5 -o $volume --resume \
         --iterations 3
-    refuses 65 "$volume: .*shape" "${common[@]}" --input rec.h5 -o $volume --resume --frames 0:2
+    refuses 65 "$volume: .*another task" "${common[@]}" --input rec.h5 -o $volume --resume \
+        --frames 0:2
     stays $volume
     works "${common[@]}" --input other.h5 -o $volume --resume --force
     cmp -s $volume kept && fail "--force did not make $volume anew"
@@ -85,7 +86,7 @@ grep -q 'long.h5: 2 of 3 frames are done; --resume goes on' stderr ||
 [ ! -e long.h5 ] || fail 'a volume without all its frames has its name'
 [ -e long.h5.v2v3d-part ] || fail 'the finished frames were thrown away'
 cp long.h5.v2v3d-part left
-for words in '' '--iterations 3 --resume' '--resume'; do
+for words in '' '--iterations 3 --resume' '--frames 0:2 --resume' '--resume'; do
     case $words in
     '') code=2 pattern='2 of 3 frames; --resume goes on with them, --force discards' ;;
     *) code=65 pattern='2 of 3 frames .*another task.*--force discards' ;;

@@ -73,6 +73,8 @@ refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v.h5
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v_%n.h5
 refuses 2 'holds a line break' slurm train -- "${train[@]}" --psf $'two\nlines'
 # The arguments of the job itself.
+refuses 2 'v.tif: a job that its time limit ends' slurm reconstruct -- --psf p --weights w \
+    --input r -o v.tif
 refuses 2 '--input FILE... is missing' slurm train -- --psf p -o run
 refuses 2 'unknown option --wieghts; did you mean --weights' slurm reconstruct -- --wieghts w
 refuses 78 'train.step' slurm train -- "${train[@]}" --set train.step=1

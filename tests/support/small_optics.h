@@ -33,4 +33,22 @@ static struct v2v_psf_file small_psf(void)
     return psf;
 }
 
+/* A pixel of light a slice, where small_psf is brightest. */
+static inline struct v2v_psf_file point_psf(void)
+{
+    struct v2v_psf_file psf = small_psf();
+    const int64_t pixels = psf.height * psf.width;
+    for (int64_t k = 0; k < VIEWS * SLICES; k++) {
+        float *kernel = psf.data + k * pixels;
+        int64_t brightest = 0;
+        for (int64_t i = 0; i < pixels; i++) {
+            brightest = kernel[i] > kernel[brightest] ? i : brightest;
+        }
+        for (int64_t i = 0; i < pixels; i++) {
+            kernel[i] = i == brightest ? 1.0f / SLICES : 0.0f;
+        }
+    }
+    return psf;
+}
+
 #endif
