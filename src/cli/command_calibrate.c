@@ -55,19 +55,18 @@ static void warn(const struct v2v_calibration *calibration,
                     v, ratio);
         }
     }
-    if (calibration->views < MANY_VIEWS && !report->is_in_vain) {
-        v2v_log(V2V_LOG_WARNING,
-                "%" PRId64
-                " views: by so few others a view's shift is found to half a pixel or so; "
-                "compare volumes with this calibration and without",
-                calibration->views);
-    }
     if (report->is_in_vain) {
         v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual: the calibration leaves the "
                                  "views as they are");
     } else if (report->frame_after > hardly_lower * report->frame_before) {
         v2v_log(V2V_LOG_WARNING, "the held-out residual is hardly lower: the views are in register "
                                  "without it, or too few or too noisy to tell");
+    } else if (calibration->views < MANY_VIEWS) {
+        v2v_log(V2V_LOG_WARNING,
+                "%" PRId64
+                " views: by so few others a view's shift is found to half a pixel or so; "
+                "compare volumes with this calibration and without",
+                calibration->views);
     }
 }
 

@@ -229,15 +229,23 @@ done:
 
 /* Whether a TIFF stack has the views of a recording: as many are asked for, or it has channels,
  * none of which is chosen, and no slices, as recordings are written. Collective(world). */
-static enum v2v_status has_views(int64_t *has, const char *path, const struct v2v_session *session)
+static enum v2v_status has_views(int64_t *has, const struct arguments *given,
+                                 const struct v2v_session *session)
 {
     const struct v2v_input_settings *input = &session->config.input;
+    const int may = input->channel == 0 && input->slices == 0 && !v2v_bdv_is_name(given->output);
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff *tiff = NULL;
     *has = input->views > 0;
-    if (v2v_step_on_root(session) && !*has && input->channel == 0 && input->slices == 0) {
-        rc = v2v_tiff_open(&tiff, path);
+    if (v2v_step_on_root(session) && !*has && may) {
+        rc = v2v_tiff_open(&tiff, given->input);
         *has = rc == V2V_OK && v2v_tiff_info(tiff)->channels > 1 && v2v_tiff_info(tiff)->slices < 2;
+        if (*has) {
+            v2v_log(V2V_LOG_INFO,
+                    "%s: its %lld channels are a recording's views; --channel K takes "
+                    "one of them, as a volume",
+                    given->input, (long long)v2v_tiff_info(tiff)->channels);
+        }
         v2v_tiff_close(&tiff);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -271,7 +279,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (content == V2V_CONTENT_TIFF) {
         int64_t is_recording = 0;
-        V2V_TRY(has_views(&is_recording, given->input, session));
+        V2V_TRY(has_views(&is_recording, given, session));
         content = is_recording ? V2V_CONTENT_RECORDING : V2V_CONTENT_VOLUME;
     }
     if (content != V2V_CONTENT_VOLUME) {

@@ -82,10 +82,12 @@ static enum v2v_status number_before(int64_t *number, const char *text, char end
 {
     enum v2v_status rc = V2V_OK;
     char first[32];
-    const int most_digits = (int)sizeof first - 1; /* more than any number has */
-    const int digits = (int)(strchrnul(text, end) - text);
-    V2V_TRY(v2v_text_format(first, sizeof first, "%.*s",
-                            digits < most_digits ? digits : most_digits, text));
+    const size_t bytes = (size_t)(strchrnul(text, end) - text);
+    if (bytes >= sizeof first) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: '%.40s' is too long for a number", what, text));
+    }
+    memcpy(first, text, bytes);
+    first[bytes] = '\0';
     V2V_TRY(v2v_text_to_i64(number, first, least, most, what, V2V_E_USAGE));
 done:
     return rc;

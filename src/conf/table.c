@@ -219,7 +219,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     USUAL(deconv, lambda, 0.0, 1e3, 0.03,
           "tv: weight of the variation, in noise of the views; auto: by views left out; default: "
-          "by the noise, auto where more than noise is missed"),
+          "by the noise, auto where more than noise is missed or far less is wanted"),
     WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
          "tv: the same for all samples, or of photons; auto: as the first frame shows", "auto",
          "gaussian", "poisson"),

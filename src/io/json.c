@@ -235,7 +235,7 @@ enum v2v_status v2v_json_lines_read(struct v2v_json_lines *lines, const char *pa
         take_line(lines, line, (size_t)length);
     }
     if (ferror(in)) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: %s", path, strerror(errno)));
     }
 done:
     free(line);

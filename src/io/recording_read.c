@@ -90,25 +90,6 @@ done:
     return rc;
 }
 
-/* Of files by other programs (CF conventions), whose samples are counts here all the same. */
-static enum v2v_status tell_packing(const struct v2v_stack *stack, const struct v2v_comm *comm)
-{
-    enum v2v_status rc = V2V_OK;
-    double scale = 1.0, added = 0.0;
-    int found = 0;
-    const hid_t set = stack->array.set;
-    V2V_TRY(v2v_h5_get_numbers(&scale, &found, set, stack->path, "scale_factor", 1));
-    V2V_TRY(v2v_h5_get_numbers(&added, &found, set, stack->path, "add_offset", 1));
-    if ((scale != 1.0 || added != 0.0) && v2v_comm_rank(comm) == 0) {
-        v2v_log(V2V_LOG_WARNING,
-                "%s: its scale_factor, %g, and add_offset, %g, are not used: samples are taken as "
-                "they are stored",
-                stack->path, scale, added);
-    }
-done:
-    return rc;
-}
-
 /* Pixel size, offset, and the time between frames: the file states the time between its own steps,
  * which a stride cuts or stretches. */
 static enum v2v_status read_metadata(struct v2v_recording *recording,
@@ -148,9 +129,6 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
     rc = lay_out(fresh, settings);
     if (rc == V2V_OK) {
         rc = read_metadata(fresh, settings);
-    }
-    if (rc == V2V_OK && !fresh->stack.is_tiff) {
-        rc = tell_packing(&fresh->stack, comm);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     *recording = fresh;

@@ -82,6 +82,7 @@ static enum v2v_status open_temporary(struct v2v_tiff_writer *writer)
     if (!writer->info.is_packed) {
         V2V_TRY(v2v_file_lock_output(&writer->lock, writer->lock_name, writer->path));
     }
+    V2V_TRY(v2v_file_clear(writer->temporary)); /* a killed run's */
     V2V_TRY(v2v_file_check_room(writer->temporary,
                                 v2v_mem_product(writer->info.pages, writer->page_bytes, 1)));
     V2V_TRY(v2v_file_create(&descriptor, writer->temporary));

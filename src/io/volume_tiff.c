@@ -11,6 +11,7 @@
 
 /* Floats of one message: MPI counts are ints. */
 #define MOST_MESSAGE ((int64_t)1 << 28)
+
 /* A frame that waits on rank 0 for its slices or for its turn. */
 struct pending {
     struct pending *next;

@@ -44,12 +44,13 @@ static const double usual_noise = 0.1, least_noise = 0.002;
  * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
  * to 0.991, four out of register by 1.34 and more all along. */
 static const double noise_alone = 1.05;
+enum { FIRST_LOOK = 6 };
 
 /* PSFs of which a voxel sees so many times the usual noise (few slices, sharp ones) make points of
  * light that noise does not tell the weight of: views left out do, where they want less than this
- * part of what noise wants (tests/bench/quality.md). */
-static const double much_seen = 3.0, far_less = 0.6;
-enum { FIRST_LOOK = 6 };
+ * part of what noise wants; with more of it extended scenes lose similarity
+ * (tests/bench/quality.md). */
+static const double much_seen = 3.0, far_less = 0.2;
 
 struct chooser {
     struct v2v_square_views square;

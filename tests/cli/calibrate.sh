@@ -29,6 +29,13 @@ for key in heldout_before heldout_after heldout_frame_before heldout_frame_after
     has_fields rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
 done
+works psf simulate -c tiny.yaml --set 'optics.tilts=0 0, 0 0.5, 0 -0.5' -o few.h5
+sed -e '/gain: 1$/d' -e 's/gain: 0.05/gain: 0.9/' -e 's/64/128/' spoil.yaml >few.yaml
+echo '  - gain: 1' >>few.yaml
+works simulate --psf few.h5 --scene neurons --size 128 -o few_rec.h5 --noise gaussian:0.02 \
+    --calibration few.yaml
+works calibrate --psf few.h5 --input few_rec.h5 -o few_cal.yaml
+grep -q '3 views: by so few others' stderr || fail "what is said of three views: $(cat stderr)"
 works simulate --psf psf.h5 --scene neurons --size 64 -o seen.h5 --noise gaussian:0.05 \
     --calibration spoil.yaml
 works deconvolve --psf psf.h5 --input seen.h5 -o dim.h5

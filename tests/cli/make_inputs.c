@@ -329,7 +329,6 @@ struct set {
     int is_packed;             /* in chunks, deflated */
     const char *axes;          /* the attribute */
     int is_counted;            /* element i is i + 1 */
-    double scale;              /* the attribute scale_factor; 0: none */
 };
 
 static void write_set(const struct set *row)
@@ -363,13 +362,6 @@ static void write_set(const struct set *row)
         H5Sclose(scalar);
         H5Tclose(text);
     }
-    if (row->scale > 0.0) {
-        hid_t scalar = H5Screate(H5S_SCALAR);
-        hid_t attribute =
-            H5Acreate2(set, "scale_factor", H5T_IEEE_F64LE, scalar, H5P_DEFAULT, H5P_DEFAULT);
-        CHECK(H5Awrite(attribute, H5T_NATIVE_DOUBLE, &row->scale) >= 0 && H5Aclose(attribute) >= 0);
-        H5Sclose(scalar);
-    }
     H5Dclose(set);
     H5Sclose(space);
     H5Pclose(storage);
@@ -401,7 +393,6 @@ static void write_sets(void)
         {.name = "i16.h5", .dataset = "/views", .type = H5T_STD_I16LE},
         {.name = "i32_packed.h5", .dataset = "/views", .type = H5T_STD_I32LE, .is_packed = 1},
         {.name = "u64.h5", .dataset = "/views", .type = H5T_STD_U64LE},
-        {.name = "scaled.h5", .dataset = "/views", .type = H5T_STD_U16LE, .scale = 0.5},
         {.name = "f64.h5", .dataset = "/views", .type = H5T_IEEE_F64LE},
         {.name = "vyx.h5", .dataset = "/views", .type = H5T_STD_U16LE, .frames = -1, .axes = "vyx"},
         {.name = "other.h5", .dataset = "/stack", .type = H5T_STD_U16LE},

@@ -50,6 +50,10 @@ for volume in done.h5 done.tif packed.h5 integers.tif; do
 done
 common=("${plain[@]}")
 
+works "${common[@]}" --input rec.h5 -o begun.tif --resume
+grep -q '^warning.*begun.tif: a TIFF is begun anew' stderr || fail "no word of a TIFF: $(cat stderr)"
+rm begun.tif
+
 # A complete output of another type is none that was asked for.
 works "${common[@]}" --input rec.h5 -o done.h5
 refuses 65 'done.h5: .*stored with another type.*--force makes it anew' "${common[@]}" \

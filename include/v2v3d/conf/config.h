@@ -11,6 +11,7 @@
  *      v2v_config_defaults(&config);
  *      V2V_TRY(v2v_config_load(&config, "configs/tiny.yaml"));
  *      V2V_TRY(v2v_config_set(&config, "train.steps=20"));
+ *      V2V_TRY(v2v_config_check(&config));
  *      printf("%lld steps\n", (long long)config.train.steps);
  *  done:
  *      return rc;

@@ -39,6 +39,7 @@ static enum v2v_status header_example(const char *path, int64_t *steps)
     v2v_config_defaults(&config);
     V2V_TRY(v2v_config_load(&config, path));
     V2V_TRY(v2v_config_set(&config, "train.steps=20"));
+    V2V_TRY(v2v_config_check(&config));
     *steps = config.train.steps;
 done:
     return rc;

@@ -39,8 +39,7 @@ static void check_light(double usual, const struct v2v_problem *problem, const f
 }
 
 /* The weight found without the truth is that of the best volume, within a factor of two. By default
- * it goes by the noise, but is searched for where that wants far more, as here, and where more than
- * noise is missed: views are moved by two pixels. */
+ * it goes by the noise, but is searched for where that wants far more, as here. */
 static void the_weight_is_found_by_views_left_out(void **state)
 {
     (void)state;

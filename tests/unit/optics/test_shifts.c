@@ -66,6 +66,22 @@ static void centroids_half_way_round_to_the_even_flipped_pixel(void **state)
     v2v_mem_free(psf.data);
 }
 
+/* Brighter by so little that float32 samples could be rounded so: halfway still. */
+static void centroids_beside_half_way_by_rounding_lie_there(void **state)
+{
+    struct v2v_psf_file psf;
+    struct v2v_shifts shifts;
+    (void)state;
+    make_psf(&psf, 1, 2, 9, 9); /* centre 4 */
+    *pixel(&psf, 0, 0, 4, 4) = *pixel(&psf, 0, 1, 5, 4) = 1;
+    *pixel(&psf, 0, 0, 5, 4) = *pixel(&psf, 0, 1, 4, 4) = 1 - 4e-6f; /* flipped 3.5 +- 1e-6: 4 */
+    assert_ok(v2v_shifts_from_psf(&shifts, &psf));
+    assert_int_equal(shifts.dy[0], 0);
+    assert_int_equal(shifts.dy[1], 0);
+    v2v_shifts_fini(&shifts);
+    v2v_mem_free(psf.data);
+}
+
 static void slice_without_energy_has_shift_zero(void **state)
 {
     struct v2v_psf_file psf;
@@ -191,6 +207,7 @@ int main(void)
         cmocka_unit_test(shift_of_a_point_is_its_distance_from_the_centre),
         cmocka_unit_test(shift_of_an_even_side_counts_from_the_flipped_centre),
         cmocka_unit_test(centroids_half_way_round_to_the_even_flipped_pixel),
+        cmocka_unit_test(centroids_beside_half_way_by_rounding_lie_there),
         cmocka_unit_test(slice_without_energy_has_shift_zero),
         cmocka_unit_test(shifts_short_of_memory_hold_nothing),
         cmocka_unit_test(flip_that_maps_the_set_onto_itself_names_the_partners),
