@@ -263,6 +263,20 @@ static void shapes_that_cannot_be_written_are_refused(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+static void a_stack_larger_than_the_disk_is_refused_at_once(void **state)
+{
+    (void)state;
+    struct v2v_tiff_writer *writer = NULL;
+    const struct v2v_tiff_info large = {.slices = INT64_C(1) << 30, .height = 512, .width = 512};
+
+    assert_int_equal(v2v_tiff_create(&writer, in_folder("large.tif"), &large), V2V_E_IO);
+    assert_null(writer);
+    assert_non_null(strstr(v2v_status_message(), "the disk has"));
+    assert_false(v2v_file_exists(in_folder("large.tif.v2v3d-part")));
+    assert_false(v2v_file_exists(in_folder("large.tif.v2v3d-lock")));
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 /* A limit on the size of files stands for a full disk: write() fails with EFBIG. */
 static void a_failing_write_is_an_io_error_that_leaves_nothing(void **state)
 {
@@ -481,6 +495,7 @@ int main(void)
         cmocka_unit_test(an_unfinished_file_leaves_nothing),
         cmocka_unit_test(two_writers_of_one_file_are_refused),
         cmocka_unit_test(shapes_that_cannot_be_written_are_refused),
+        cmocka_unit_test(a_stack_larger_than_the_disk_is_refused_at_once),
         cmocka_unit_test(a_failing_write_is_an_io_error_that_leaves_nothing),
         cmocka_unit_test(more_than_65536_pages_are_written_and_read),
         cmocka_unit_test(bigtiff_is_used_from_4_gb_on),
