@@ -212,15 +212,14 @@ static enum v2v_status meet_frames(const struct work *work, const struct v2v_ses
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_left left = {0};
-    const int is_tiff = v2v_file_kind_of_name(work->given->output) == V2V_FILE_TIFF;
-    if (work->given->resume && !session->force && v2v_step_on_root(session)) {
-        v2v_volume_left(&left, work->given->output, work->provenance.task);
-    }
-    if (work->given->resume && is_tiff && v2v_step_on_root(session)) {
+    const int is_asked = work->given->resume && v2v_step_on_root(session);
+    if (is_asked && v2v_file_kind_of_name(work->given->output) == V2V_FILE_TIFF) {
         v2v_log(V2V_LOG_WARNING,
                 "%s: a TIFF is begun anew by every attempt; an .h5 is gone on with, and convert "
                 "makes a TIFF of it",
                 work->given->output);
+    } else if (is_asked && !session->force) {
+        v2v_volume_left(&left, work->given->output, work->provenance.task);
     }
     if (left.done > 0 && !left.is_same) {
         rc =

@@ -17,13 +17,13 @@
  * focus contribute little, which counts all the same (2psam: 6e-6 at least; of 39 slices, an even
  * share is 2.6e-2). Transforms round by some 1e-9 of the largest ratio: a spot 3000 times as bright
  * as the mean leaves the outermost voxels 2e-4 of round-off (rld), 1e-2 (frl). */
-static const double invisible = 1e-6;
+static const double voxel_floor = 1e-6;
 
 /* A pixel is blind that would see less than this fraction of a volume of ones: near the border of a
  * tilted view all of its voxels may lie beyond the frame. Its ratio is recorded light over round-
  * off, up to 1 / V2V_PROJECTION_FLOOR; the adjoint takes it nowhere, but the transforms' round-off
  * of a number so large spreads over the whole volume (1e-3 of it, measured). */
-static const double blind = 1e-4;
+static const double pixel_floor = 1e-4;
 
 /* What only the creation needs. */
 struct scratch {
@@ -41,7 +41,7 @@ static void project_ones(struct v2v_richardson_lucy *self, const struct v2v_psf_
     int64_t pixels = v2v_richardson_lucy_pixels(self), all_rows = self->views * self->height;
     for (int64_t v = 0; v < self->views; v++) {
         double *of_row = scratch->of_row + v * self->height + self->share.view_rows.first;
-        double floor = blind * self->sensitivity.total[v];
+        double floor = pixel_floor * self->sensitivity.total[v];
         v2v_sensitivity_light(&self->sensitivity, scratch->light, psf, v, self->share.view_rows,
                               scratch->table);
         for (int64_t i = 0; i < pixels; i++) {
@@ -218,7 +218,7 @@ static void add_sensitivities(struct v2v_richardson_lucy *self, const struct v2v
     for (int64_t i = 0; i < list->count; i++) {
         total += self->sensitivity.total[list->view[i]];
     }
-    const double floor = invisible * total / (double)list->count;
+    const double floor = voxel_floor * total / (double)list->count;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;
@@ -253,7 +253,7 @@ static void start(const struct v2v_richardson_lucy *self, float *volume)
                 row[x] = 0;
             }
             for (int64_t v = 0; v < self->views; v++) {
-                double floor = invisible * self->sensitivity.total[v];
+                double floor = voxel_floor * self->sensitivity.total[v];
                 v2v_sensitivity_row(&self->sensitivity, seen, v, z, self->share.rows.first + y);
                 for (int64_t x = 0; x < self->width; x++) {
                     row[x] = seen[x] > floor ? value : row[x];
@@ -293,7 +293,7 @@ static void multiply_row(float *restrict volume, const float *numerator, const f
 
 static void multiply(const struct v2v_richardson_lucy *self, float *volume, int64_t v)
 {
-    const double floor = invisible * self->sensitivity.total[v];
+    const double floor = voxel_floor * self->sensitivity.total[v];
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;

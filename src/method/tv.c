@@ -54,6 +54,7 @@ static const double smooth_below = 0.03;
  * goes by the root of it (tests/bench/iteration.md). */
 static const double plain = 0.5, bend = 0.5;
 
+/* v2v_psf_voxel_noise of the 13 views of 39 slices that the constants here were chosen for. */
 static const double usual_voxel_noise = 0.02976;
 
 /* Weights below count as this one: none, nearly. */

@@ -54,6 +54,7 @@ static const double much_seen = 3.0, far_less = 0.2;
 
 struct chooser {
     struct v2v_square_views square;
+    double seen;      /* v2v_tv_noise_seen */
     float *volume;    /* [z,height,width] */
     float *predicted; /* [left out,height,width] */
     struct v2v_config config;
@@ -165,6 +166,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
     const int64_t height = self->square.height, width = self->square.width;
+    self->seen = v2v_tv_noise_seen(problem->psf);
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
@@ -181,13 +183,13 @@ done:
 }
 
 /* The weight for noise such as was measured; `fallback` for dark views. */
-static double usual_weight(const struct v2v_estimator *estimator, const struct v2v_psf_file *psf,
+static double usual_weight(const struct v2v_estimator *estimator, const struct chooser *self,
                            double fallback)
 {
     const struct v2v_tv_noise noise = v2v_tv_noise(estimator);
     const struct usual *usual = noise.gain > 0.0 ? &of_photons : &of_normal_noise;
     const double times = fmax(noise.part, least_noise) / usual_noise;
-    const double seen = fmax(v2v_tv_noise_seen(psf), psf->views > 1 ? 0.0 : 1.0);
+    const double seen = fmax(self->seen, self->problem.psf->views > 1 ? 0.0 : 1.0);
     const double weight = usual->weight * pow(times, usual->power) * sqrt(seen);
     return noise.part > 0.0 ? weight : fallback;
 }
@@ -210,7 +212,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     estimator->averaging = v2v_square_averaging(&self->square);
     estimator->ops->measure(estimator, self->square.views);
     estimator->ops->inherit(estimator, estimator); /* so that the run does not look again */
-    *weight = usual_weight(estimator, self->problem.psf, *weight);
+    *weight = usual_weight(estimator, self, *weight);
     v2v_tv_set_lambda(estimator, *weight);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));
     *missed = estimator->misfit.missed;
@@ -276,7 +278,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
                 lambda->value, missed);
     }
     const int is_missed = missed > noise_alone;
-    const int is_sharp = missed > 0.0 && v2v_tv_noise_seen(self->problem.psf) > much_seen;
+    const int is_sharp = missed > 0.0 && self->seen > much_seen;
     if (is_asked || (are_enough && (is_missed || is_sharp))) {
         double chosen = lambda->value;
         V2V_TRY(choose(&chosen, self));

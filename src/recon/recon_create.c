@@ -124,6 +124,34 @@ static void announce_memory(const struct v2v_grid *grid)
     v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * held);
 }
 
+/** Collective(shard): the method and what frames need beside it, on ranks that are not idle. The
+ *  status is this rank's. @param own of this rank from here on */
+static enum v2v_status equip(struct v2v_recon *recon, const struct v2v_estimator_ops *ops,
+                             struct v2v_problem *own, int64_t unit, int is_still)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t neighbours = own->config->recon.neighbours;
+    give_share(own, recon, unit);
+    rc = v2v_estimator_create(&recon->estimator, ops, own, recon->grid.shard);
+    if (rc == V2V_OK) {
+        rc = take_memory(recon, neighbours);
+    }
+    if (rc == V2V_OK && is_still && neighbours < NEIGHBOURS_OF_KEY) {
+        rc = v2v_fusion_create(&recon->of_key, NEIGHBOURS_OF_KEY, recon->views, recon->height,
+                               recon->width);
+    }
+    V2V_TRY(v2v_par_agree(recon->grid.shard, rc));
+    if (recon->outputs > 1) {
+        V2V_TRY(v2v_combination_create(&recon->combination, own, &recon->grid, recon->slicing,
+                                       recon->own_rows));
+    }
+    if (is_still) {
+        V2V_TRY(v2v_still_create(&recon->still, recon->estimator, own));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_estimator_ops *ops,
                                  const struct v2v_problem *problem, int64_t frames,
                                  struct v2v_comm *world)
@@ -164,23 +192,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     rc = v2v_agreement_create(&made->agreement, world);
     V2V_TRY(v2v_par_agree(world, rc));
     if (!made->grid.idle) {
-        give_share(&own, made, work.unit);
-        rc = v2v_estimator_create(&made->estimator, ops, &own, made->grid.shard);
-        if (rc == V2V_OK) {
-            rc = take_memory(made, problem->config->recon.neighbours);
-        }
-        if (rc == V2V_OK && is_still && problem->config->recon.neighbours < NEIGHBOURS_OF_KEY) {
-            rc = v2v_fusion_create(&made->of_key, NEIGHBOURS_OF_KEY, made->views, made->height,
-                                   made->width);
-        }
-        rc = v2v_par_agree(made->grid.shard, rc);
-        if (rc == V2V_OK && made->outputs > 1) {
-            rc = v2v_combination_create(&made->combination, &own, &made->grid, made->slicing,
-                                        made->own_rows);
-        }
-        if (rc == V2V_OK && is_still) {
-            rc = v2v_still_create(&made->still, made->estimator, &own);
-        }
+        rc = equip(made, ops, &own, work.unit, is_still);
     }
     V2V_TRY(v2v_par_agree(world, rc));
     announce_memory(&made->grid);
