@@ -46,15 +46,18 @@ static const double usual_noise = 0.1, least_noise = 0.002;
 static const double noise_alone = 1.05;
 enum { FIRST_LOOK = 6 };
 
-/* PSFs of which a voxel sees so many times the usual noise (few slices, sharp ones) make points of
- * light that noise does not tell the weight of: views left out do, where they want less than this
- * part of what noise wants; with more of it extended scenes lose similarity
+/* Noise does not tell the weight of points and lines of light: views left out do, where they want
+ * less than a part of what noise wants; with more of it extended scenes lose similarity. Of PSFs of
+ * which a voxel sees so many times the usual noise (few slices, sharp ones) they are always asked,
+ * of others where the recording has the pixels of so many squares, so that they cost a tenth
  * (tests/bench/quality.md). */
-static const double much_seen = 3.0, far_less = 0.2;
+static const double much_seen = 3.0, far_less = 0.2, less = 0.6;
+enum { SQUARES = 36, HALF = 2 /* steps of the weight */ };
 
 struct chooser {
     struct v2v_square_views square;
     double seen;      /* v2v_tv_noise_seen */
+    int is_long;      /* bool: the recording has the pixels of many squares */
     float *volume;    /* [z,height,width] */
     float *predicted; /* [left out,height,width] */
     struct v2v_config config;
@@ -121,10 +124,10 @@ done:
 }
 
 /* Downhill to a weight that neither neighbour is better than. */
-static enum v2v_status descend(struct chooser *self, int *best)
+static enum v2v_status descend(struct chooser *self, int start, int *best)
 {
     enum v2v_status rc = V2V_OK;
-    int here = MIDDLE, last = -1;
+    int here = start, last = -1;
     V2V_TRY(try_weight(self, here));
     while (here != last) {
         last = here;
@@ -167,6 +170,8 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
     const int64_t height = self->square.height, width = self->square.width;
     self->seen = v2v_tv_noise_seen(problem->psf);
+    self->is_long = (double)problem->frames * (double)(problem->height * problem->width) >=
+                    (double)(SQUARES * height * width);
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
@@ -239,15 +244,31 @@ done:
 }
 
 /* Collective(self->comm). */
-static enum v2v_status choose(double *weight, struct chooser *self)
+static enum v2v_status choose(double *weight, struct chooser *self, int start)
 {
     enum v2v_status rc = V2V_OK;
     int best = 0;
-    V2V_TRY(v2v_par_agree(self->comm, create_folds(self)));
-    V2V_TRY(descend(self, &best));
+    V2V_TRY(descend(self, start, &best));
     *weight = OF_ALL_VIEWS * between(self->missed, best);
     if (tells_nothing(self->missed, best)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
+    }
+done:
+    return rc;
+}
+
+/* Where half of a weight predicts better, the weight may be far less. Collective(self->comm). */
+static enum v2v_status choose_less(double *weight, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const int index = (int)lround(log(*weight / LEAST_WEIGHT) / log(WEIGHT_RATIO));
+    if (index < HALF || index >= WEIGHTS) {
+        return V2V_OK;
+    }
+    V2V_TRY(try_weight(self, index));
+    V2V_TRY(try_weight(self, index - HALF));
+    if (self->missed[index - HALF] < self->missed[index]) {
+        V2V_TRY(choose(weight, self, index - HALF));
     }
 done:
     return rc;
@@ -265,33 +286,57 @@ done:
     return rc;
 }
 
+/** Views left out are to say. Collective(self->comm). */
+static enum v2v_status ask(struct v2v_number *lambda, struct chooser *self, const char *why)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_par_agree(self->comm, create_folds(self)));
+    V2V_TRY(choose(&lambda->value, self, MIDDLE));
+    v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value, why);
+done:
+    return rc;
+}
+
+/** What they say, where it is far less than noise says. Collective(self->comm). */
+static enum v2v_status ask_for_less(struct v2v_number *lambda, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const double part = self->seen > much_seen ? far_less : less;
+    double chosen = lambda->value;
+    V2V_TRY(v2v_par_agree(self->comm, create_folds(self)));
+    V2V_TRY(choose_less(&chosen, self));
+    if (chosen < part * lambda->value) {
+        lambda->value = chosen;
+        v2v_log(V2V_LOG_INFO,
+                "lambda %.3g, by views left out of a frame, which want far less than noise does",
+                chosen);
+    }
+done:
+    return rc;
+}
+
 /** Collective(self->comm). */
 static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
-    const int is_asked = lambda->mode == V2V_NUMBER_AUTO;
-    const int are_enough = self->problem.psf->views > FOLDS; /* to leave some out */
     double missed = 0.0;
-    if (!is_asked) {
+    if (lambda->mode == V2V_NUMBER_AUTO) {
+        V2V_TRY(ask(lambda, self, ""));
+    } else {
         V2V_TRY(miss_all(&missed, &lambda->value, self));
         v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
                 lambda->value, missed);
     }
-    const int is_missed = missed > noise_alone;
-    const int is_sharp = missed > 0.0 && self->seen > much_seen;
-    if (is_asked || (are_enough && (is_missed || is_sharp))) {
-        double chosen = lambda->value;
-        V2V_TRY(choose(&chosen, self));
-        if (is_asked || is_missed || chosen < far_less * lambda->value) {
-            lambda->value = chosen;
-            v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", chosen,
-                    is_asked    ? ""
-                    : is_missed ? ", since volumes miss more of the views than noise"
-                                : ", which want far less than noise does");
-        }
+    if (self->problem.psf->views <= FOLDS) { /* too few to leave some out */
+        goto done;
     }
-    lambda->mode = V2V_NUMBER_GIVEN;
+    if (missed > noise_alone) {
+        V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
+    } else if (missed > 0.0 && (self->is_long || self->seen > much_seen)) {
+        V2V_TRY(ask_for_less(lambda, self));
+    }
 done:
+    lambda->mode = V2V_NUMBER_GIVEN;
     return rc;
 }
 

@@ -110,11 +110,68 @@ static void few_sharp_points_are_weighed_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* PSFs that show a voxel of 3 x 3 pixels where small_psf shows one: less of the noise is seen. */
+static struct v2v_psf_file broad_psf(void)
+{
+    struct v2v_psf_file psf = small_psf();
+    const struct v2v_psf_file sharp = small_psf();
+    for (int64_t i = 0; i < VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH; i++) {
+        const int64_t y = i / KERNEL_WIDTH % KERNEL_HEIGHT, x = i % KERNEL_WIDTH;
+        double sum = 0.0;
+        for (int64_t near = 0; near < 9; near++) {
+            const int64_t dy = near / 3 - 1, dx = near % 3 - 1;
+            const int is_inside =
+                y + dy >= 0 && y + dy < KERNEL_HEIGHT && x + dx >= 0 && x + dx < KERNEL_WIDTH;
+            sum += is_inside ? sharp.data[i + dy * KERNEL_WIDTH + dx] : 0.0;
+        }
+        psf.data[i] = (float)sum;
+    }
+    v2v_mem_free(sharp.data);
+    v2v_psf_normalize_views(&psf);
+    return psf;
+}
+
+/* Thin lines want less than noise says, and get it where the recording is long: views left out are
+ * asked there. Elsewhere noise decides. */
+static void lines_of_long_recordings_are_weighed_by_views_left_out(void **state)
+{
+    (void)state;
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = broad_psf();
+    struct v2v_projector *projector = NULL;
+    struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE, .frames = 35};
+    double error[2];
+    assert_true(v2v_tv_noise_seen(&psf) < 3.0);
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+        const int64_t z = i / PIXELS, x = i % SIDE;
+        truth[i] = (float)(z == 2 && x % 10 == 3);
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] += (float)(0.01 * v2v_random_normal(48, 0, (uint64_t)i));
+    }
+    const double by_noise = settled(V2V_NUMBER_NONE, &problem, views);
+    problem.frames++;
+    const double asked = settled(V2V_NUMBER_NONE, &problem, views);
+    assert_true(asked == settled(V2V_NUMBER_AUTO, &problem, views) && asked < 0.5 * by_noise);
+    for (int k = 0; k < 2; k++) {
+        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, k == 0 ? by_noise : asked};
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        error[k] = test_relative_l2(volume, truth, SLICES * PIXELS);
+    }
+    assert_true(error[1] < 0.85 * error[0]);
+    v2v_psf_file_fini(&psf);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(few_sharp_points_are_weighed_by_views_left_out, setup),
+        cmocka_unit_test_setup(lines_of_long_recordings_are_weighed_by_views_left_out, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
