@@ -69,7 +69,7 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         V2V_TRY(v2v_par_agree(session->world, rc));
         V2V_TRY(v2v_projection_forward(&p));
         if (scratch != NULL) {
-            v2v_calibration_distort(p.views, scratch, calibration);
+            v2v_calibration_distort(p.views, scratch, calibration, info.height, info.width);
         }
         V2V_TRY(v2v_par_agree(session->world, check(own, out.count * p.pixels, t)));
         V2V_TRY(v2v_recording_write(writer, own, t, out.first, out.count));

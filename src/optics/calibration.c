@@ -169,12 +169,12 @@ void v2v_calibration_distort_view(float *image, float *scratch,
 }
 
 void v2v_calibration_distort(float *views, float *scratch,
-                             const struct v2v_calibration *calibration)
+                             const struct v2v_calibration *calibration, int64_t height,
+                             int64_t width)
 {
-    const int64_t pixels = calibration->height * calibration->width;
     for (int64_t v = 0; v < calibration->views; v++) {
-        v2v_calibration_distort_view(views + v * pixels, scratch, &calibration->view[v],
-                                     calibration->height, calibration->width);
+        v2v_calibration_distort_view(views + v * height * width, scratch, &calibration->view[v],
+                                     height, width);
     }
 }
 

@@ -191,7 +191,8 @@ static enum v2v_status project_frame(struct v2v_simulator *simulator,
     }
     V2V_TRY(v2v_grouped_forward(simulator->projector, simulator->clean, simulator->slab, 1.0f));
     if (simulator->calibration != NULL) {
-        v2v_calibration_distort(simulator->clean, simulator->scratch, simulator->calibration);
+        v2v_calibration_distort(simulator->clean, simulator->scratch, simulator->calibration,
+                                simulator->height, simulator->width);
     }
     if (v2v_first_not_finite(simulator->clean, simulator->views * simulator->pixels) >= 0) {
         rc = V2V_FAIL(V2V_E_NUMERIC, "frame %lld: its views leave the range of float32",

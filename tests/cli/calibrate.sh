@@ -61,6 +61,11 @@ says 'held-out residual: .* before, .* after'
 works project --psf psf.h5 --volume volume.h5 -o spoilt.h5 --calibration spoil.yaml
 works simulate --psf psf.h5 --volume volume.h5 -o clean.h5 --calibration spoil.yaml
 same spoilt.h5 clean.h5 /views
+sed 's/64/128/' spoil.yaml >larger.yaml # without fields of any frame's size
+works project --psf psf.h5 --volume volume.h5 -o larger.h5 --calibration larger.yaml
+same spoilt.h5 larger.h5 /views
+works simulate --psf psf.h5 --volume volume.h5 -o clean.h5 --force --calibration larger.yaml
+same spoilt.h5 clean.h5 /views
 more='since volumes miss more of the views than noise'
 works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5
 grep -q "lambda [0-9.]*, by views left out of a frame, $more" stderr || fail "lambda: $(cat stderr)"

@@ -22,10 +22,11 @@ void v2v_calibration_distort_view(float *image, float *scratch,
                                   const struct v2v_view_calibration *view, int64_t height,
                                   int64_t width);
 
-/** Into all views of a frame. @kind Local. @param views [v,height,width] of the calibration, in
- *  place @param scratch [height,width] */
+/** Into all views of a frame, of any size where there are no such fields (v2v_calibration_check).
+ *  @kind Local. @param views [v,height,width], in place @param scratch [height,width] */
 void v2v_calibration_distort(float *views, float *scratch,
-                             const struct v2v_calibration *calibration);
+                             const struct v2v_calibration *calibration, int64_t height,
+                             int64_t width);
 
 /** Taken out of the views of a frame.
  *  @kind Local. @param to, views [v,height,width] of the calibration

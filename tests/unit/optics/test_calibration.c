@@ -122,7 +122,7 @@ static void distortion_is_undone(void **state)
         views[i] = (float)(1.0 + 0.5 * sin(0.2 * (i / SIDE)) * cos(0.15 * (i % SIDE)));
     }
     memcpy(seen, views, sizeof seen);
-    v2v_calibration_distort(seen, scratch, &c);
+    v2v_calibration_distort(seen, scratch, &c, SIDE, SIDE);
     v2v_calibration_undistort(back, seen, scratch, &c);
     double changed = 0.0, left = 0.0;
     for (int i = 0; i < SIDE * SIDE; i++) {
