@@ -163,7 +163,6 @@ static enum v2v_status settle(const struct material *material, struct v2v_sessio
                                         .psf = &material->psf,
                                         .height = info->height,
                                         .width = info->width,
-                                        .frames = info->frames,
                                         .precision = V2V_PRECISION_F32};
     const struct v2v_network_ops *ops = NULL;
     struct v2v_scaling scaling;

@@ -367,7 +367,9 @@ static void find_faults(struct work *work)
     if (work->levels[0] != '\0') {
         warn(work, work->levels);
     }
-    for (int64_t v = 0; v < evaluation->consistency.views; v++) {
+    /* one other view tells too little of where a view should be */
+    const int64_t views = evaluation->consistency.views > 2 ? evaluation->consistency.views : 0;
+    for (int64_t v = 0; v < views; v++) {
         const double y = evaluation->of_view[V2V_VIEW_SHIFT_Y][v];
         const double x = evaluation->of_view[V2V_VIEW_SHIFT_X][v];
         if (sqrt(y * y + x * x) > out_of_register && !shows_nothing(&work->of_view[v].structure)) {

@@ -126,7 +126,6 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
                                          .weights = given->weights,
                                          .height = info->height,
                                          .width = info->width,
-                                         .frames = info->frames,
                                          .precision = V2V_PRECISION_F32};
     if (work->ops->is_learned) {
         V2V_TRY(settle_network(work, session));

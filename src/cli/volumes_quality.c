@@ -136,11 +136,14 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
     }
 }
 
-/* Light is not below zero, noise is: what is left of it in the dark is above. */
-static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made)
+/* Light is not below zero, noise is: what is left of it in the dark is above. So is light that few
+ * iterations, where they are given, have left too much of. */
+static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made,
+                          const struct v2v_session *session)
 {
     const double flux = v2v_match_flux(&found->match);
-    if (knows_misfit(made) && found->is_seen && flux > V2V_MATCH_MUCH_LIGHT) {
+    if (knows_misfit(made) && session->config.deconv.iterations == 0 && found->is_seen &&
+        flux > V2V_MATCH_MUCH_LIGHT) {
         v2v_log(
             V2V_LOG_WARNING,
             "frame %lld: the volume has %.3g times the light of its views, by noise where it is "
@@ -222,7 +225,7 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
         log_match(&found->match, found->frame);
-        warn_of_light(found, made);
+        warn_of_light(found, made, session);
         warn_of_odd_view(found, made);
         warn_of_misfit(found, made);
         warn_of_saturation(found);

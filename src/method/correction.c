@@ -12,7 +12,8 @@ enum { SIDE = 96, HALO = DEPTH_NET_HALO };
 
 /* Tiles along one axis. */
 struct axis {
-    int64_t whole, tile; /* pixels; `tile` is even */
+    int64_t whole, even; /* pixels; of an odd side the network sees the last but one once more */
+    int64_t tile;        /* even */
     int64_t tiles;
 };
 
@@ -25,18 +26,15 @@ struct v2v_correction {
 
 static struct axis axis_of(int64_t whole)
 {
-    const int64_t even = whole - whole % 2, tile = v2v_smaller(SIDE, even);
-    const int64_t tiles = tile == 0      ? 0
-                          : tile == even ? 1
-                                         : v2v_parts(even - 2 * HALO, tile - 2 * HALO);
-    return (struct axis){whole, tile, tiles};
+    const int64_t even = whole + whole % 2, tile = v2v_smaller(SIDE, even);
+    const int64_t tiles = tile == even ? 1 : v2v_parts(even - 2 * HALO, tile - 2 * HALO);
+    return (struct axis){whole, even, tile, tiles};
 }
 
 /* The first pixel of a tile: even. */
 static int64_t start_of(const struct axis *axis, int64_t tile)
 {
-    const int64_t last = axis->whole - axis->whole % 2 - axis->tile;
-    return v2v_smaller(tile * (axis->tile - 2 * HALO), last);
+    return v2v_smaller(tile * (axis->tile - 2 * HALO), axis->even - axis->tile);
 }
 
 /* The pixels of the frame that a tile gives. */
@@ -44,7 +42,14 @@ static struct v2v_part given_by(const struct axis *axis, int64_t tile)
 {
     const int64_t first = tile > 0 ? start_of(axis, tile - 1) + axis->tile - HALO : 0;
     const int64_t inner = tile < axis->tiles - 1 ? HALO : 0;
-    return (struct v2v_part){first, start_of(axis, tile) + axis->tile - inner - first};
+    const int64_t end = start_of(axis, tile) + axis->tile - inner;
+    return (struct v2v_part){first, v2v_smaller(end, axis->whole) - first};
+}
+
+/* The pixel of the frame that place `i` shows. */
+static int64_t shown_at(const struct axis *axis, int64_t i)
+{
+    return i < axis->whole ? i : v2v_larger(axis->whole - 2, 0);
 }
 
 enum v2v_status v2v_correction_create(struct v2v_correction **correction,
@@ -58,9 +63,7 @@ enum v2v_status v2v_correction_create(struct v2v_correction **correction,
     const int64_t voxels = v2v_mem_product(network->slices, plan.height, plan.width);
     V2V_TRY(V2V_ALLOC(self->features, "correction.tile", v2v_mem_product(V2V_FEATURES, voxels, 1)));
     V2V_TRY(V2V_ALLOC(self->volume, "correction.tile", voxels));
-    if (voxels > 0) {
-        V2V_TRY(network->ops->plan(network, &plan));
-    }
+    V2V_TRY(network->ops->plan(network, &plan));
 done:
     if (rc != V2V_OK) {
         v2v_correction_destroy(&self);
@@ -83,9 +86,7 @@ void v2v_correction_destroy(struct v2v_correction **correction)
 void v2v_correction_weights_changed(struct v2v_correction *correction)
 {
     struct v2v_network *network = correction->network;
-    if (correction->y.tiles * correction->x.tiles > 0) { /* else it is not planned */
-        network->ops->weights_changed(network);
-    }
+    network->ops->weights_changed(network);
 }
 
 int64_t v2v_correction_bytes(int64_t slices)
@@ -103,10 +104,14 @@ static void take(const struct v2v_correction *self, const float *features, int64
     const int64_t planes = V2V_FEATURES * self->network->slices;
 #pragma omp parallel for schedule(static)
     for (int64_t row = 0; row < planes * y->tile; row++) {
-        const int64_t plane = row / y->tile, line = top + row % y->tile;
-        memcpy(self->features + row * x->tile,
-               features + (plane * y->whole + line) * x->whole + left,
-               (size_t)x->tile * sizeof *features);
+        const int64_t plane = row / y->tile, line = shown_at(y, top + row % y->tile);
+        const float *from = features + (plane * y->whole + line) * x->whole;
+        float *to = self->features + row * x->tile;
+        const int64_t inside = v2v_smaller(x->tile, x->whole - left);
+        memcpy(to, from + left, (size_t)inside * sizeof *to);
+        for (int64_t i = inside; i < x->tile; i++) {
+            to[i] = from[shown_at(x, left + i)];
+        }
     }
 }
 
@@ -130,8 +135,6 @@ void v2v_correction_run(struct v2v_correction *correction, float *volume, const 
 {
     struct v2v_correction *self = correction;
     struct v2v_network *network = self->network;
-    const int64_t voxels = network->slices * self->y.whole * self->x.whole;
-    memcpy(volume, features, (size_t)voxels * sizeof *volume);
     for (int64_t tile_y = 0; tile_y < self->y.tiles; tile_y++) {
         for (int64_t tile_x = 0; tile_x < self->x.tiles; tile_x++) {
             v2v_watchdog_beat("a tile of the correction");

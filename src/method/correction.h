@@ -22,8 +22,8 @@ void v2v_correction_weights_changed(struct v2v_correction *correction);
 /** Bytes that it and the network's layers take at most, of so many slices. @kind Local. */
 int64_t v2v_correction_bytes(int64_t slices);
 
-/** The network's volume, none below zero. Of frames with an odd side the last line keeps the first
- *  feature, for the network pools pixels by two. @kind Local, no allocation.
+/** The network's volume, none below zero. The network pools pixels by two: of frames with an odd
+ *  side it sees the last line but one once more behind the last. @kind Local, no allocation.
  *  @param volume [z,height,width] out @param features [V2V_FEATURES,z,height,width] */
 void v2v_correction_run(struct v2v_correction *correction, float *volume, const float *features);
 

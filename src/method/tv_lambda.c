@@ -47,26 +47,25 @@ static const double noise_alone = 1.05;
 enum { FIRST_LOOK = 6 };
 
 /* Noise does not tell the weight of points and lines of light: views left out do, where they want
- * less than a part of what noise wants; with more of it extended scenes lose similarity. Of PSFs of
- * which a voxel sees so many times the usual noise (few slices, sharp ones) they are always asked,
- * of others where the recording has the pixels of so many squares, so that they cost a tenth
+ * less than a part of what noise wants, and far less of PSFs of which a voxel sees so many times
+ * the usual noise (few slices, sharp ones); with more of it extended scenes lose similarity
  * (tests/bench/quality.md). */
 static const double much_seen = 3.0, far_less = 0.2, less = 0.6;
-enum { SQUARES = 36, HALF = 2 /* steps of the weight */ };
+enum { HALF = 2 /* steps of the weight */ };
 
 struct chooser {
     struct v2v_square_views square;
     double seen;      /* v2v_tv_noise_seen */
-    int is_long;      /* bool: the recording has the pixels of many squares */
     float *volume;    /* [z,height,width] */
     float *predicted; /* [left out,height,width] */
     struct v2v_config config;
     struct v2v_problem problem; /* of the square */
     struct v2v_comm *comm;      /* of the ranks that share the work .. */
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
-    struct v2v_part folds;      /* of this rank: both, or one of them */
+    int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    double missed[WEIGHTS]; /* squares of the views left out; < 0: not tried */
+    double of_fold[FOLDS][WEIGHTS], missed[WEIGHTS]; /* squares of the views left out, of a fold and
+                                                        of both; < 0: not tried */
 };
 
 /* Squares that the volume misses the views left out by. */
@@ -91,18 +90,43 @@ static double weight_of(double index)
     return LEAST_WEIGHT * pow(WEIGHT_RATIO, index);
 }
 
-/* Squares that volumes of this weight miss by, of the folds here. Collective(self->sharing). */
-static enum v2v_status try_folds(double squares[FOLDS], struct chooser *self, double weight)
+/* A volume without the views of a fold, by a weight. */
+struct trial {
+    int fold, index;
+};
+enum { TRIALS = 2 }; /* at once */
+
+/* What a volume misses by. Collective(self->sharing). */
+static enum v2v_status run_trial(double *squares, struct chooser *self, const struct trial *trial)
 {
     enum v2v_status rc = V2V_OK;
-    for (int64_t f = self->folds.first; f < self->folds.first + self->folds.count; f++) {
-        struct v2v_left_out *fold = self->fold[f];
-        v2v_watchdog_beat("trying a weight of the total variation");
-        v2v_tv_set_lambda(fold->estimator, weight);
-        V2V_TRY(v2v_left_out_run(fold, self->volume, self->square.views,
-                                 v2v_square_averaging(&self->square)));
-        const double missed = miss(self, fold);
-        squares[f] = v2v_comm_rank(self->sharing) == 0 ? missed : 0.0;
+    struct v2v_left_out **fold = &self->fold[trial->fold];
+    v2v_watchdog_beat("trying a weight of the total variation");
+    if (*fold == NULL) {
+        V2V_TRY(v2v_left_out_choose(fold, &v2v_estimator_tv, &self->problem, trial->fold,
+                                    self->sharing));
+    }
+    v2v_tv_set_lambda((*fold)->estimator, weight_of(trial->index));
+    V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
+                             v2v_square_averaging(&self->square)));
+    const double missed = miss(self, *fold);
+    *squares = v2v_comm_rank(self->sharing) == 0 ? missed : 0.0;
+done:
+    return rc;
+}
+
+/* of_fold of trials, a group's ranks one or all of them. Collective(self->comm). */
+static enum v2v_status run_trials(struct chooser *self, const struct trial *trials, int count)
+{
+    enum v2v_status rc = V2V_OK;
+    double squares[TRIALS] = {0};
+    for (int k = self->group; k < count && rc == V2V_OK; k += self->groups) {
+        rc = run_trial(&squares[k], self, &trials[k]);
+    }
+    V2V_TRY(v2v_par_agree(self->comm, rc));
+    v2v_par_sum_f64(self->comm, squares, TRIALS);
+    for (int k = 0; k < count; k++) {
+        self->of_fold[trials[k].fold][trials[k].index] = squares[k];
     }
 done:
     return rc;
@@ -112,13 +136,15 @@ done:
 static enum v2v_status try_weight(struct chooser *self, int index)
 {
     enum v2v_status rc = V2V_OK;
-    double squares[FOLDS] = {0};
-    if (self->missed[index] >= 0.0) {
-        return V2V_OK;
+    struct trial trials[FOLDS];
+    int count = 0;
+    for (int f = 0; f < FOLDS; f++) {
+        if (self->of_fold[f][index] < 0.0) {
+            trials[count++] = (struct trial){f, index};
+        }
     }
-    V2V_TRY(v2v_par_agree(self->comm, try_folds(squares, self, weight_of(index))));
-    v2v_par_sum_f64(self->comm, squares, FOLDS);
-    self->missed[index] = squares[0] + squares[1];
+    V2V_TRY(run_trials(self, trials, count));
+    self->missed[index] = self->of_fold[0][index] + self->of_fold[1][index];
 done:
     return rc;
 }
@@ -170,15 +196,13 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
     const int64_t height = self->square.height, width = self->square.width;
     self->seen = v2v_tv_noise_seen(problem->psf);
-    self->is_long = (double)problem->frames * (double)(problem->height * problem->width) >=
-                    (double)(SQUARES * height * width);
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
     self->problem = (struct v2v_problem){
         .config = &self->config, .psf = problem->psf, .height = height, .width = width};
     for (int i = 0; i < WEIGHTS; i++) {
-        self->missed[i] = -1.0;
+        self->missed[i] = self->of_fold[0][i] = self->of_fold[1][i] = -1.0;
     }
     V2V_TRY(
         V2V_ALLOC(self->volume, "tv.lambda", v2v_mem_product(problem->psf->slices, height, width)));
@@ -226,23 +250,6 @@ done:
     return rc;
 }
 
-/* Ranks take one fold each as far as there are folds, then parts of its volume.
- * Collective(self->comm). */
-static enum v2v_status create_folds(struct chooser *self)
-{
-    enum v2v_status rc = V2V_OK;
-    const int rank = v2v_comm_rank(self->comm);
-    const int groups = (int)v2v_smaller(v2v_comm_size(self->comm), FOLDS);
-    self->folds = v2v_par_part(FOLDS, groups, rank % groups);
-    V2V_TRY(v2v_comm_split(&self->sharing, self->comm, rank % groups, rank));
-    for (int64_t f = self->folds.first; f < self->folds.first + self->folds.count; f++) {
-        V2V_TRY(v2v_left_out_choose(&self->fold[f], &v2v_estimator_tv, &self->problem, f,
-                                    self->sharing));
-    }
-done:
-    return rc;
-}
-
 /* Collective(self->comm). */
 static enum v2v_status choose(double *weight, struct chooser *self, int start)
 {
@@ -257,17 +264,18 @@ done:
     return rc;
 }
 
-/* Where half of a weight predicts better, the weight may be far less. Collective(self->comm). */
+/* Where half of a weight predicts one fold better, the weight may be far less.
+ * Collective(self->comm). */
 static enum v2v_status choose_less(double *weight, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
     const int index = (int)lround(log(*weight / LEAST_WEIGHT) / log(WEIGHT_RATIO));
+    const struct trial trials[] = {{0, index}, {0, index - HALF}};
     if (index < HALF || index >= WEIGHTS) {
         return V2V_OK;
     }
-    V2V_TRY(try_weight(self, index));
-    V2V_TRY(try_weight(self, index - HALF));
-    if (self->missed[index - HALF] < self->missed[index]) {
+    V2V_TRY(run_trials(self, trials, TRIALS));
+    if (self->of_fold[0][index - HALF] < self->of_fold[0][index]) {
         V2V_TRY(choose(weight, self, index - HALF));
     }
 done:
@@ -282,6 +290,10 @@ static enum v2v_status share(struct chooser *self, const struct v2v_comm *world)
     V2V_TRY(v2v_par_agree(world, v2v_estimator_tv.describe_work(&work, &self->problem)));
     const int most = self->config.parallel.reproducible ? 1 : MOST_TOGETHER;
     V2V_TRY(v2v_comm_split_host(&self->comm, world, (int)v2v_smaller(most, work.most_shards)));
+    const int rank = v2v_comm_rank(self->comm);
+    self->groups = (int)v2v_smaller(v2v_comm_size(self->comm), TRIALS);
+    self->group = rank % self->groups;
+    V2V_TRY(v2v_comm_split(&self->sharing, self->comm, self->group, rank));
 done:
     return rc;
 }
@@ -290,7 +302,6 @@ done:
 static enum v2v_status ask(struct v2v_number *lambda, struct chooser *self, const char *why)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_par_agree(self->comm, create_folds(self)));
     V2V_TRY(choose(&lambda->value, self, MIDDLE));
     v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value, why);
 done:
@@ -303,7 +314,6 @@ static enum v2v_status ask_for_less(struct v2v_number *lambda, struct chooser *s
     enum v2v_status rc = V2V_OK;
     const double part = self->seen > much_seen ? far_less : less;
     double chosen = lambda->value;
-    V2V_TRY(v2v_par_agree(self->comm, create_folds(self)));
     V2V_TRY(choose_less(&chosen, self));
     if (chosen < part * lambda->value) {
         lambda->value = chosen;
@@ -332,7 +342,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
     }
     if (missed > noise_alone) {
         V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
-    } else if (missed > 0.0 && (self->is_long || self->seen > much_seen)) {
+    } else if (missed > 0.0) {
         V2V_TRY(ask_for_less(lambda, self));
     }
 done:

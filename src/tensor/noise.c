@@ -11,7 +11,7 @@ enum { NOISE_LEVELS = 128, NOISE_FITS = 8 };
 static const double noise_least = 0.05;
 
 struct noise_level {
-    double count, level, squares; /* sums */
+    double count, level, fine, coarse; /* sums; squares of 3 x 3 and of 2 x 2 differences */
 };
 
 /* a - 2 b + c of three rows or numbers; and their 1 : 2 : 1 mean. */
@@ -25,32 +25,50 @@ static double mean_of(double a, double b, double c)
     return 0.25 * (a + c) + 0.5 * b;
 }
 
-/* One image into its levels. @param coarse += squares of the 2 x 2 differences, over 4 */
-static void sort_noise(struct noise_level levels[NOISE_LEVELS], double *coarse, const float *image,
-                       int64_t height, int64_t width, double most)
+/* What 3 x 3 samples say, from `a` on, of white noise's variance. */
+static struct noise_level block_of(const float *a, int64_t width)
 {
     const double of_bent = 1.0 / 36.0, of_step = 0.25; /* over the sums of their taps' squares */
+    const float *b = a + width, *c = b + width;
+    double d[3], m[3];
+    for (int i = 0; i < 3; i++) {
+        const double p = (double)a[i], q = (double)b[i], r = (double)c[i];
+        d[i] = bent(p, q, r);
+        m[i] = mean_of(p, q, r);
+    }
+    const double twice = bent(d[0], d[1], d[2]);
+    const double step = ((double)a[0] - (double)a[1]) - ((double)b[0] - (double)b[1]);
+    return (struct noise_level){.count = 1.0,
+                                .level = mean_of(m[0], m[1], m[2]),
+                                .fine = of_bent * twice * twice,
+                                .coarse = of_step * step * step};
+}
+
+static void add_level(struct noise_level *to, const struct noise_level *from)
+{
+    to->count += from->count;
+    to->level += from->level;
+    to->fine += from->fine;
+    to->coarse += from->coarse;
+}
+
+/* One image into its levels: each block into that of another, whose samples aren't its own. By its
+ * own level, noise alone would spread the dark over many levels of one variance. */
+static void sort_noise(struct noise_level levels[NOISE_LEVELS], const float *image, int64_t height,
+                       int64_t width, double most)
+{
+    enum { APART = 3 };
     /* counts of photons and 0 lie on no border: round-off would move many at once */
     const double end = 1.0123 * most, per_level = NOISE_LEVELS / (2.0317 * most);
+    struct noise_level last[APART];
     for (int64_t y = 0; y + 2 < height; y++) {
-        const float *a = image + y * width, *b = a + width, *c = b + width;
         for (int64_t x = 0; x + 2 < width; x++) {
-            double d[3], m[3];
-            for (int i = 0; i < 3; i++) {
-                const double p = (double)a[x + i], q = (double)b[x + i], r = (double)c[x + i];
-                d[i] = bent(p, q, r);
-                m[i] = mean_of(p, q, r);
+            const struct noise_level block = block_of(image + y * width + x, width);
+            const struct noise_level *before = &last[x % APART];
+            if (x >= APART && fabs(block.level) < end && fabs(before->level) < end) {
+                add_level(&levels[(int)((block.level + end) * per_level)], before);
             }
-            const double twice = bent(d[0], d[1], d[2]), level = mean_of(m[0], m[1], m[2]);
-            const double step =
-                ((double)a[x] - (double)a[x + 1]) - ((double)b[x] - (double)b[x + 1]);
-            if (fabs(level) < end) {
-                struct noise_level *to = &levels[(int)((level + end) * per_level)];
-                to->count += 1.0;
-                to->level += level;
-                to->squares += of_bent * twice * twice;
-                *coarse += of_step * step * step;
-            }
+            last[x % APART] = block;
         }
     }
 }
@@ -59,16 +77,18 @@ static void sort_noise(struct noise_level levels[NOISE_LEVELS], double *coarse, 
  * samples: (1, -4, 6, -4, 1) / 6 of them, squared and summed, in both directions. */
 static const double noise_neighbours = 2.0 * (70.0 / 36.0) * (70.0 / 36.0);
 
-/* The line through the levels' means, each weighted by its count over the line's own square. */
+/* The line through the levels' means, each weighted by its count over the line's own square; and
+ * the slope of one through those of the coarse differences, over its own. */
 static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEVELS], double mean)
 {
     struct v2v_noise_line line = {.variance = mean};
     for (int fit = 0; fit < NOISE_FITS; fit++) {
-        double sum[5] = {0}; /* of 1, level, variance, level^2, level * variance */
+        double sum[5] = {0};    /* of 1, level, variance, level^2, level * variance */
+        double coarse[2] = {0}; /* of variance, level * variance */
         for (int i = 0; i < NOISE_LEVELS; i++) {
             const double count = levels[i].count;
             if (count > 0.0) {
-                const double level = levels[i].level / count, found = levels[i].squares / count;
+                const double level = levels[i].level / count, found = levels[i].fine / count;
                 const double size =
                     fmax(line.gain * level + line.variance, noise_least * mean) / mean;
                 const double weight = count / (size * size);
@@ -77,12 +97,16 @@ static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEV
                 sum[2] += weight * found;
                 sum[3] += weight * level * level;
                 sum[4] += weight * level * found;
+                coarse[0] += weight * levels[i].coarse / count;
+                coarse[1] += weight * levels[i].coarse / count * level;
             }
         }
         const double spread = sum[3] - sum[1] * sum[1] / sum[0];
-        line.gain = spread > 0.0 ? (sum[4] - sum[1] * sum[2] / sum[0]) / spread : 0.0;
+        const double rise = sum[4] - sum[1] * sum[2] / sum[0];
+        line.gain = spread > 0.0 ? rise / spread : 0.0;
         line.variance = (sum[2] - line.gain * sum[1]) / sum[0];
         line.gain_error = spread > 0.0 ? mean * sqrt(noise_neighbours / spread) : 0.0;
+        line.colour = rise > 0.0 ? (coarse[1] - sum[1] * coarse[0] / sum[0]) / rise : 0.0;
     }
     return line;
 }
@@ -90,21 +114,14 @@ static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEV
 struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
                                                int64_t width, double most)
 {
-    struct noise_level levels[NOISE_LEVELS] = {0};
-    double coarse = 0.0, squares = 0.0, blocks = 0.0;
+    struct noise_level levels[NOISE_LEVELS] = {0}, all = {0};
     for (int64_t i = 0; i < count; i++) {
-        sort_noise(levels, &coarse, images + i * height * width, height, width, most);
+        sort_noise(levels, images + i * height * width, height, width, most);
     }
     for (int i = 0; i < NOISE_LEVELS; i++) {
-        blocks += levels[i].count;
-        squares += levels[i].squares;
+        add_level(&all, &levels[i]);
     }
-    if (!(squares > 0.0)) {
-        return (struct v2v_noise_line){0};
-    }
-    struct v2v_noise_line line = fit_noise(levels, squares / blocks);
-    line.colour = coarse / squares;
-    return line;
+    return all.fine > 0.0 ? fit_noise(levels, all.fine / all.count) : (struct v2v_noise_line){0};
 }
 
 double v2v_noise_of_differences(float *differences, int64_t count)

@@ -149,7 +149,9 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
                 (long long)i + 1, (long long)info->frames, (long long)info->height,
                 (long long)info->width, of->scaling.offset, of->scaling.gain);
     }
-    if (maker != NULL && sampler->levels.frames == 0) { /* on all ranks */
+    const int is_dark =
+        sampler->levels.frames == 0 || sampler->levels.most[V2V_LEVEL_PEAK] < 0.0; /* everywhere */
+    if (maker != NULL && is_dark) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "every frame is dark: there is nothing to learn from"));
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));

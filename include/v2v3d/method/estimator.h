@@ -38,7 +38,6 @@ struct v2v_problem {
     const char *weights; /**< file of the network in config; NULL: the method needs none, or has to
                               be told of them */
     int64_t height, width;        /**< of a frame as recorded */
-    int64_t frames;               /**< of the recording that is settled by; 0: not known, few */
     int is_part;                  /**< bool: no frame, but a part of the plane that a frame and what
                                        is beyond it are given on; for methods that `tell`;
                                        v2v_fft_good_size keeps its sides */

@@ -137,7 +137,8 @@ static void noise_of_the_views_is_found(void **state)
 
 /* A ramp of light 0 .. 4, photons of 0.5 each: variance 0.5 light, and 0.02 beside it. Their
  * squares' mean over a tenth of 11,500 blocks, which overlap nine times, is known to sqrt(2 * 9 /
- * 1150), a tenth; the slope of the line, from all of them, to half of that. */
+ * 1150), a tenth; the slope of the line, from all of them, to half of that, and the variance to
+ * 0.012 (40 such ramps), of which this allows three. */
 static void noise_of_photons_is_found(void **state)
 {
     (void)state;
@@ -150,7 +151,7 @@ static void noise_of_photons_is_found(void **state)
         images[i] = (float)(0.5 * photons + sqrt(0.02) * v2v_random_normal(53, 1, pixel));
     }
     struct v2v_noise_line line = v2v_noise_line_of_images(images, COUNT, SIDE, SIDE, 6.0);
-    if (!(fabs(line.gain / 0.5 - 1.0) < 0.1 && fabs(line.variance - 0.02) < 0.02 &&
+    if (!(fabs(line.gain / 0.5 - 1.0) < 0.1 && fabs(line.variance - 0.02) < 0.036 &&
           fabs(line.colour - 1.0) < 0.1)) {
         fail_msg("gain %g, variance %g, colour %g", line.gain, line.variance, line.colour);
     }
