@@ -49,6 +49,8 @@ works simulate --psf psf.h5 --scene neurons --size 128 --seed 3 -o moved.h5 --no
 works deconvolve --psf psf.h5 --input moved.h5 -o displaced.h5
 grep -q 'frame 0: the views lie [0-9.]* pixels from where the volume has them' stderr ||
     fail "out of register in silence: $(cat stderr)"
+works deconvolve --psf psf.h5 --input moved.h5 -o one.h5 --iterations 1
+grep -q 'by noise where it is dark' stderr && fail "light of one iteration is not noise: $(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
 works info cal.yaml
 says 'calibration of 5 views, of frames of 64 x 64 pixels'

@@ -241,6 +241,25 @@ static void slopes_of_even_noise_scatter_by_their_standard_error(void **state)
     assert_true(fabs(squares / TRIALS - 1.0) <= 5.0 * sqrt(2.0 / TRIALS));
 }
 
+/* Photons of squares of light, one in sixteen, on the dark, and readout everywhere: by its own
+ * level the dark would be many levels of one variance, and the gain a fifth of what it is. */
+static void noise_in_the_dark_hides_no_photons(void **state)
+{
+    (void)state;
+    enum { WIDTH = 256, SQUARE = 16, PIXELS = WIDTH * WIDTH };
+    const double gain = 0.02, read = 0.02;
+    float *image = normal_numbers(PIXELS, 77);
+    for (int i = 0; i < PIXELS; i++) {
+        const int y = i / WIDTH / SQUARE, x = i % WIDTH / SQUARE;
+        const double light = y % 4 == 1 && x % 4 == 1 ? 0.25 * (1 + (y + x) / 4 % 4) : 0.0;
+        image[i] = (float)(gain * (double)v2v_random_poisson(78, 0, (uint64_t)i, light / gain) +
+                           read * (double)image[i]);
+    }
+    const struct v2v_noise_line line = v2v_noise_line_of_images(image, 1, WIDTH, WIDTH, 1.0);
+    assert_true(fabs(line.gain - gain) < 5.0 * line.gain_error && line.gain_error < 0.1 * gain);
+    v2v_mem_free(image);
+}
+
 static void figures_of_parts_are_those_of_the_whole(void **state)
 {
     (void)state;
@@ -341,6 +360,7 @@ int main(void)
         cmocka_unit_test(figures_of_parts_are_those_of_the_whole),
         cmocka_unit_test(selection_parts_an_array_at_its_kth_value),
         cmocka_unit_test(slopes_of_even_noise_scatter_by_their_standard_error),
+        cmocka_unit_test(noise_in_the_dark_hides_no_photons),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
         cmocka_unit_test(a_pedestal_is_what_is_nowhere_dark),
         cmocka_unit_test(a_deficit_is_what_no_light_can_be),
