@@ -136,8 +136,8 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
     }
 }
 
-/* Light is not below zero, noise is: what is left of it in the dark is above. So is light that few
- * iterations, where they are given, have left too much of. */
+/* Light is not below zero, noise is: what is left of it in the dark is above. So is light that
+ * iterations of a given number may have left too much of. */
 static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made,
                           const struct v2v_session *session)
 {

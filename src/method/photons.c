@@ -11,7 +11,7 @@
 static const double brighter_part = 1e-3;
 
 /* The variance is four times as large in the light as in the dark: below, weights by it gained
- * nothing. It grows by five times what its growth is known to. The noise is white: else it isn't
+ * nothing. It grows by five times what its growth is known to. What grows is white: else it isn't
  * noise. And so many samples are brighter than the percentile: else it may be a hot pixel. */
 static const double least_contrast = 3.0, least_certain = 5.0, most_colour = 2.0,
                     least_brighter = 4.0;

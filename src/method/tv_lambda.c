@@ -11,8 +11,9 @@
 
 #include <math.h>
 
-/* Weights that may be tried, 0.0075 to 1.92 of sigma; from 0.03 on downhill. */
-enum { WEIGHTS = 17, MIDDLE = 4 };
+/* Weights that may be tried, 0.0075 to 1.92 of sigma; downhill from 0.03, or from HALF below what
+ * noise says. */
+enum { WEIGHTS = 17, MIDDLE = 4, HALF = 2 };
 #define LEAST_WEIGHT 0.0075
 #define WEIGHT_RATIO 1.4142135623730951
 
@@ -46,12 +47,11 @@ static const double usual_noise = 0.1, least_noise = 0.002;
 static const double noise_alone = 1.05;
 enum { FIRST_LOOK = 6 };
 
-/* Noise does not tell the weight of points and lines of light: views left out do, where they want
- * less than a part of what noise wants, and far less of PSFs of which a voxel sees so many times
- * the usual noise (few slices, sharp ones); with more of it extended scenes lose similarity
+/* Noise does not tell the weight of points and lines of light: what views left out say is taken
+ * below the first part of what noise says; where a voxel sees so many times the usual noise (PSFs
+ * of few slices, sharp ones), below the second, since extended scenes lose similarity by more
  * (tests/bench/quality.md). */
-static const double much_seen = 3.0, far_less = 0.2, less = 0.6;
-enum { HALF = 2 /* steps of the weight */ };
+static const double taken_below = 0.6, much_seen = 3.0, taken_below_if_sharp = 0.2;
 
 struct chooser {
     struct v2v_square_views square;
@@ -90,11 +90,11 @@ static double weight_of(double index)
     return LEAST_WEIGHT * pow(WEIGHT_RATIO, index);
 }
 
-/* A volume without the views of a fold, by a weight. */
+/* A volume without the views of a fold, by a weight; by which group, as far as there are groups. */
 struct trial {
-    int fold, index;
+    int fold, index, group;
 };
-enum { TRIALS = 2 }; /* at once */
+enum { TRIALS = FOLDS }; /* at once */
 
 /* What a volume misses by. Collective(self->sharing). */
 static enum v2v_status run_trial(double *squares, struct chooser *self, const struct trial *trial)
@@ -115,13 +115,15 @@ done:
     return rc;
 }
 
-/* of_fold of trials, a group's ranks one or all of them. Collective(self->comm). */
+/* Each by its group; of_fold on all ranks. Collective(self->comm). */
 static enum v2v_status run_trials(struct chooser *self, const struct trial *trials, int count)
 {
     enum v2v_status rc = V2V_OK;
     double squares[TRIALS] = {0};
-    for (int k = self->group; k < count && rc == V2V_OK; k += self->groups) {
-        rc = run_trial(&squares[k], self, &trials[k]);
+    for (int k = 0; k < count && rc == V2V_OK; k++) {
+        if (trials[k].group % self->groups == self->group) {
+            rc = run_trial(&squares[k], self, &trials[k]);
+        }
     }
     V2V_TRY(v2v_par_agree(self->comm, rc));
     v2v_par_sum_f64(self->comm, squares, TRIALS);
@@ -140,7 +142,7 @@ static enum v2v_status try_weight(struct chooser *self, int index)
     int count = 0;
     for (int f = 0; f < FOLDS; f++) {
         if (self->of_fold[f][index] < 0.0) {
-            trials[count++] = (struct trial){f, index};
+            trials[count++] = (struct trial){f, index, f};
         }
     }
     V2V_TRY(run_trials(self, trials, count));
@@ -270,13 +272,14 @@ static enum v2v_status choose_less(double *weight, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
     const int index = (int)lround(log(*weight / LEAST_WEIGHT) / log(WEIGHT_RATIO));
-    const struct trial trials[] = {{0, index}, {0, index - HALF}};
-    if (index < HALF || index >= WEIGHTS) {
+    const int half = (int)v2v_larger(index - HALF, 0);
+    const struct trial trials[TRIALS] = {{0, index, 0}, {0, half, 1}};
+    if (half >= index || index >= WEIGHTS) {
         return V2V_OK;
     }
     V2V_TRY(run_trials(self, trials, TRIALS));
-    if (self->of_fold[0][index - HALF] < self->of_fold[0][index]) {
-        V2V_TRY(choose(weight, self, index - HALF));
+    if (self->of_fold[0][half] < self->of_fold[0][index]) {
+        V2V_TRY(choose(weight, self, half));
     }
 done:
     return rc;
@@ -312,13 +315,13 @@ done:
 static enum v2v_status ask_for_less(struct v2v_number *lambda, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
-    const double part = self->seen > much_seen ? far_less : less;
+    const double part = self->seen > much_seen ? taken_below_if_sharp : taken_below;
     double chosen = lambda->value;
     V2V_TRY(choose_less(&chosen, self));
     if (chosen < part * lambda->value) {
         lambda->value = chosen;
         v2v_log(V2V_LOG_INFO,
-                "lambda %.3g, by views left out of a frame, which want far less than noise does",
+                "lambda %.3g, by views left out of a frame, which want less than noise does",
                 chosen);
     }
 done:
@@ -329,6 +332,7 @@ done:
 static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
+    const int are_enough = self->problem.psf->views > FOLDS; /* to leave some out */
     double missed = 0.0;
     if (lambda->mode == V2V_NUMBER_AUTO) {
         V2V_TRY(ask(lambda, self, ""));
@@ -337,16 +341,13 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
         v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
                 lambda->value, missed);
     }
-    if (self->problem.psf->views <= FOLDS) { /* too few to leave some out */
-        goto done;
-    }
-    if (missed > noise_alone) {
+    if (are_enough && missed > noise_alone) {
         V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
-    } else if (missed > 0.0) {
+    } else if (are_enough && missed > 0.0) {
         V2V_TRY(ask_for_less(lambda, self));
     }
-done:
     lambda->mode = V2V_NUMBER_GIVEN;
+done:
     return rc;
 }
 

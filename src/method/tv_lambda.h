@@ -7,9 +7,11 @@
 /** A number of what deconv.lambda says. `auto`: views of a frame are left out, volumes are made
  *  of the others with more weight and with less, and the weight is taken whose volumes predict the
  *  views left out best; on two choices of them, and on a square of the frame where it varies most.
- *  `default`: as it is, unless the square's volume misses its views by more than their noise, as
- *  where they are out of register, or views left out want far less, as of points and lines; then
- *  likewise, if there are three views. The ranks of a host share the volumes, never the answer.
+ *  `default`: as the noise says; where the square's volume misses its views by more than their
+ *  noise, as where they are out of register, as `auto`; where one choice of views is predicted
+ *  better by half of that, what `auto` would say if it is below 0.6 of it (0.2 of sharp PSFs), as
+ *  of points and lines; of one or two views, as the noise says. The ranks of a host share the
+ *  volumes, never the answer.
  *  @kind Collective(world). @param lambda in and out, then of mode V2V_NUMBER_GIVEN
  *  @param problem of the whole frame; its deconv.lambda is not read @param views [v,y,x], no offset
  *  @param averaging of views; may be NULL

@@ -149,10 +149,11 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
                 (long long)i + 1, (long long)info->frames, (long long)info->height,
                 (long long)info->width, of->scaling.offset, of->scaling.gain);
     }
-    const int is_dark =
-        sampler->levels.frames == 0 || sampler->levels.most[V2V_LEVEL_PEAK] < 0.0; /* everywhere */
-    if (maker != NULL && is_dark) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "every frame is dark: there is nothing to learn from"));
+    const int is_dark = sampler->levels.frames == 0 || sampler->levels.most[V2V_LEVEL_PEAK] < 0.0;
+    if (maker != NULL && is_dark) { /* on all ranks */
+        V2V_TRY(
+            V2V_FAIL(V2V_E_INPUT,
+                     "every frame is dark, or below its offset: there is nothing to learn from"));
     }
     V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
     V2V_TRY(v2v_par_agree(comm, check_sources(sampler)));

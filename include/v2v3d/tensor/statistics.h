@@ -54,13 +54,15 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
 struct v2v_noise_line {
     double gain, variance;
     double gain_error; /**< standard error of `gain`, of white normal noise */
-    double colour; /**< what 2 x 2 differences see of it, of what 3 x 3 see: 1 for white noise */
+    double colour;     /**< how fast squares of 2 x 2 differences grow with the level, over those of
+                        3 x 3: 1 for white noise; 0 where these don't grow */
 };
 
-/** The line of images of at least 3 x 3 pixels (0 below), by the squares of their second
+/** The line of images of at least 3 x 6 pixels (0 below), by the squares of their second
  *  differences in both directions, which light that PSFs have smoothed leaves alone, over its level
- *  in 1 : 2 : 1 means; through the means of levels, weighted by the variance to the power of -2.
- *  Levels beyond +-most, about, count for nothing. @kind Local, nothing is allocated. */
+ *  in 1 : 2 : 1 means; through the means of levels, weighted by the variance to the power of -2. A
+ *  block of 3 x 3 counts to the level of the one three columns on, whose noise is another's. Levels
+ *  beyond +-most, about, count for nothing. @kind Local, nothing is allocated. */
 struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
                                                int64_t width, double most);
 

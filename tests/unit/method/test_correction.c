@@ -20,7 +20,8 @@ static void check_frame(int64_t height, int64_t width)
     float *features = small_draw(FEATURES * voxels, 1, 1.0), *volume = small_draw(voxels, 2, 1.0);
     float *even = small_draw(FEATURES * even_voxels, 3, 1.0);
     float *whole = small_draw(even_voxels, 4, 1.0);
-    for (int64_t i = 0; i < FEATURES * even_voxels; i++) { /* odd sides are mirrored */
+    /* behind an odd side comes its last line but one */
+    for (int64_t i = 0; i < FEATURES * even_voxels; i++) {
         const int64_t y = i / even_x % even_y, x = i % even_x;
         const int64_t from_y = y < height ? y : height > 1 ? height - 2 : 0;
         const int64_t from_x = x < width ? x : width > 1 ? width - 2 : 0;

@@ -140,7 +140,7 @@ static void lines_are_weighed_by_views_left_out(void **state)
     struct v2v_projector *projector = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
-    double weight[2] = {0.05, 0.0}, error[2]; /* as noise says, and as is settled */
+    double weight[2] = {0.05, 0.0}, error[2]; /* as noise says, about, and as is settled */
     assert_true(v2v_tv_noise_seen(&psf) < 3.0);
     for (int64_t i = 0; i < SLICES * PIXELS; i++) {
         const int64_t z = i / PIXELS, x = i % SIDE;
@@ -154,6 +154,7 @@ static void lines_are_weighed_by_views_left_out(void **state)
     }
     weight[1] = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(weight[1] == settled(V2V_NUMBER_AUTO, &problem, views));
+    assert_true(weight[1] < 0.5 * weight[0]);
     for (int k = 0; k < 2; k++) {
         config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight[k]};
         assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
