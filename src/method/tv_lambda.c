@@ -64,8 +64,7 @@ struct chooser {
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
     int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    double of_fold[FOLDS][WEIGHTS], missed[WEIGHTS]; /* squares of the views left out, of a fold and
-                                                        of both; < 0: not tried */
+    double missed[FOLDS][WEIGHTS]; /* squares of the views left out; < 0: not tried */
 };
 
 /* Squares that the volume misses the views left out by. */
@@ -115,7 +114,7 @@ done:
     return rc;
 }
 
-/* Each by its group; of_fold on all ranks. Collective(self->comm). */
+/* Each by its group; missed on all ranks. Collective(self->comm). */
 static enum v2v_status run_trials(struct chooser *self, const struct trial *trials, int count)
 {
     enum v2v_status rc = V2V_OK;
@@ -128,27 +127,33 @@ static enum v2v_status run_trials(struct chooser *self, const struct trial *tria
     V2V_TRY(v2v_par_agree(self->comm, rc));
     v2v_par_sum_f64(self->comm, squares, TRIALS);
     for (int k = 0; k < count; k++) {
-        self->of_fold[trials[k].fold][trials[k].index] = squares[k];
+        self->missed[trials[k].fold][trials[k].index] = squares[k];
     }
 done:
     return rc;
 }
 
-/* missed[index], unless it is known. Collective(self->comm). */
+/* Both folds by a weight, unless they are known. Collective(self->comm). */
 static enum v2v_status try_weight(struct chooser *self, int index)
 {
     enum v2v_status rc = V2V_OK;
     struct trial trials[FOLDS];
     int count = 0;
     for (int f = 0; f < FOLDS; f++) {
-        if (self->of_fold[f][index] < 0.0) {
+        if (self->missed[f][index] < 0.0) {
             trials[count++] = (struct trial){f, index, f};
         }
     }
-    V2V_TRY(run_trials(self, trials, count));
-    self->missed[index] = self->of_fold[0][index] + self->of_fold[1][index];
+    if (count > 0) {
+        V2V_TRY(run_trials(self, trials, count));
+    }
 done:
     return rc;
+}
+
+static double missed_by(const struct chooser *self, int index)
+{
+    return self->missed[0][index] + self->missed[1][index];
 }
 
 /* Downhill to a weight that neither neighbour is better than. */
@@ -162,7 +167,7 @@ static enum v2v_status descend(struct chooser *self, int start, int *best)
         for (int next = last - 1; next <= last + 1; next += 2) {
             if (next >= 0 && next < WEIGHTS) {
                 V2V_TRY(try_weight(self, next));
-                here = self->missed[next] < self->missed[here] ? next : here;
+                here = missed_by(self, next) < missed_by(self, here) ? next : here;
             }
         }
     }
@@ -172,22 +177,22 @@ done:
 }
 
 /* The least of a parabola through the best weight and its neighbours, on a logarithmic scale. */
-static double between(const double missed[WEIGHTS], int best)
+static double between(const struct chooser *self, int best)
 {
     if (best == 0 || best == WEIGHTS - 1) {
         return weight_of(best);
     }
-    const double before = missed[best - 1] - missed[best];
-    const double behind = missed[best + 1] - missed[best];
+    const double before = missed_by(self, best - 1) - missed_by(self, best);
+    const double behind = missed_by(self, best + 1) - missed_by(self, best);
     return weight_of(best +
                      (before + behind > 0.0 ? 0.5 * (before - behind) / (before + behind) : 0.0));
 }
 
 /* All weights predict the same: dark volumes. */
-static int tells_nothing(const double missed[WEIGHTS], int best)
+static int tells_nothing(const struct chooser *self, int best)
 {
-    return best > 0 && best < WEIGHTS - 1 && missed[best - 1] == missed[best] &&
-           missed[best + 1] == missed[best];
+    return best > 0 && best < WEIGHTS - 1 && missed_by(self, best - 1) == missed_by(self, best) &&
+           missed_by(self, best + 1) == missed_by(self, best);
 }
 
 /** Local. */
@@ -204,7 +209,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     self->problem = (struct v2v_problem){
         .config = &self->config, .psf = problem->psf, .height = height, .width = width};
     for (int i = 0; i < WEIGHTS; i++) {
-        self->missed[i] = self->of_fold[0][i] = self->of_fold[1][i] = -1.0;
+        self->missed[0][i] = self->missed[1][i] = -1.0;
     }
     V2V_TRY(
         V2V_ALLOC(self->volume, "tv.lambda", v2v_mem_product(problem->psf->slices, height, width)));
@@ -258,8 +263,8 @@ static enum v2v_status choose(double *weight, struct chooser *self, int start)
     enum v2v_status rc = V2V_OK;
     int best = 0;
     V2V_TRY(descend(self, start, &best));
-    *weight = OF_ALL_VIEWS * between(self->missed, best);
-    if (tells_nothing(self->missed, best)) {
+    *weight = OF_ALL_VIEWS * between(self, best);
+    if (tells_nothing(self, best)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
     }
 done:
@@ -278,7 +283,7 @@ static enum v2v_status choose_less(double *weight, struct chooser *self)
         return V2V_OK;
     }
     V2V_TRY(run_trials(self, trials, TRIALS));
-    if (self->of_fold[0][half] < self->of_fold[0][index]) {
+    if (self->missed[0][half] < self->missed[0][index]) {
         V2V_TRY(choose(weight, self, half));
     }
 done:

@@ -75,36 +75,36 @@ done:
     return rc;
 }
 
-/** Collective(shard): frame t by itself, or what of it is not as in the key frame. The status is
- *  this rank's. @param part of the frame that was computed; out */
-static enum v2v_status run_frame(struct v2v_recon *recon, double *part, int64_t t, int is_whole)
+/** Collective(shard): frame t by itself. The status is this rank's. */
+static enum v2v_status run_whole(struct v2v_recon *recon, int64_t t)
 {
-    enum v2v_status rc = V2V_OK;
     struct v2v_estimator *estimator = recon->estimator;
     estimator->frame = number_of(recon, t);
-    if (is_whole) {
-        V2V_TRY(estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor));
-        *part = estimator->computed_part;
-    } else {
-        V2V_TRY(v2v_still_run(recon->still, part, recon->output[0], recon->padded));
-    }
-done:
-    return rc;
+    return estimator->ops->run(estimator, recon->output, recon->padded, recon->monitor);
+}
+
+/** Collective(shard): what of frame t is not as in the key frame. The status is this rank's.
+ *  @param part of the frame that was computed; out */
+static enum v2v_status run_rest(struct v2v_recon *recon, double *part, int64_t t)
+{
+    recon->estimator->frame = number_of(recon, t);
+    return v2v_still_run(recon->still, part, recon->output[0], recon->padded);
 }
 
 /** Collective(shard): the outputs that this rank holds. The status is this rank's. */
 static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    double part = 1.0;
-    if (recon->still == NULL || t != recon->key) { /* else it is there */
-        V2V_TRY(run_frame(recon, &part, t, recon->still == NULL));
+    double part = 1.0; /* a key frame is there */
+    if (recon->still == NULL) {
+        V2V_TRY(run_whole(recon, t));
+        part = recon->estimator->computed_part;
+        recon->misfit[t] = recon->estimator->misfit;
+    } else if (t != recon->key) {
+        V2V_TRY(run_rest(recon, &part, t));
     }
     recon->parts[0] += part;
     recon->parts[1] += 1.0;
-    if (recon->still == NULL) {
-        recon->misfit[t] = recon->estimator->misfit;
-    }
     V2V_TRY(v2v_volume_wait(recon->writer)); /* the frame before has left these volumes */
     for (int o = 0; o < recon->outputs; o++) {
         if (v2v_estimator_holds(recon->estimator, o)) {
@@ -143,12 +143,11 @@ static enum v2v_status make_key(struct v2v_recon *recon, int64_t t)
     enum v2v_status rc = V2V_OK;
     const int64_t before = v2v_recording_info(recon->recording)->before;
     const int64_t key = t - (t + before) % recon->refresh;
-    double part = 0.0;
     struct v2v_fusion *fusion = recon->of_key != NULL ? recon->of_key : recon->fusion;
     if (key != recon->key) {
         recon->key = NO_FRAME;
         V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, fusion, key)));
-        V2V_TRY(v2v_par_agree(recon->grid.sample, run_frame(recon, &part, key, 1)));
+        V2V_TRY(v2v_par_agree(recon->grid.sample, run_whole(recon, key)));
         v2v_still_keep(recon->still, recon->padded, recon->output[0]);
         recon->key = key;
     }

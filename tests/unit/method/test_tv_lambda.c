@@ -38,6 +38,19 @@ static void check_light(double usual, const struct v2v_problem *problem, const f
     assert_float_equal(settled(V2V_NUMBER_NONE, &own, brighter), usual, 1e-5 * usual);
 }
 
+/* What the views show of a volume, with normal noise. */
+static void show(float *views, const float *truth, const struct v2v_psf_file *psf, double noise,
+                 uint64_t seed)
+{
+    struct v2v_projector *projector = NULL;
+    assert_ok(v2v_projector_create(&projector, psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] += (float)(noise * v2v_random_normal(seed, 0, (uint64_t)i));
+    }
+}
+
 /* The weight found without the truth is that of the best volume, within a factor of two. By default
  * it goes by the noise, but is searched for where that wants far more, as here. */
 static void the_weight_is_found_by_views_left_out(void **state)
@@ -45,7 +58,6 @@ static void the_weight_is_found_by_views_left_out(void **state)
     (void)state;
     static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
     struct v2v_psf_file psf = small_psf();
-    struct v2v_projector *projector = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
     struct v2v_number lambda = {V2V_NUMBER_AUTO, 0.03};
@@ -54,11 +66,7 @@ static void the_weight_is_found_by_views_left_out(void **state)
         const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
         truth[i] = (float)((y / 6 + 2 * (x / 7) + z / 2) % 5 == 0);
     }
-    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
-    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
-        views[i] += (float)(0.05 * v2v_random_normal(47, 0, (uint64_t)i));
-    }
+    show(views, truth, &psf, 0.05, 47);
     for (double weight = 0.01; weight < 0.3; weight *= 1.5) {
         config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight};
         assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
@@ -80,7 +88,6 @@ static void the_weight_is_found_by_views_left_out(void **state)
     const double of_two = settled(V2V_NUMBER_NONE, &problem, views); /* too few to leave some out */
     assert_true(of_two > 2.0 * best);                                /* by the noise */
     check_light(of_two, &problem, views);
-    v2v_projector_destroy(&projector);
     v2v_psf_file_fini(&psf);
 }
 
@@ -91,16 +98,13 @@ static void few_sharp_points_are_weighed_by_views_left_out(void **state)
     enum { POINTS = 20 };
     static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
     struct v2v_psf_file psf = point_psf();
-    struct v2v_projector *projector = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
     assert_true(v2v_tv_noise_seen(&psf) > 3.0);
     for (uint64_t k = 0; k < POINTS; k++) {
         truth[(int64_t)(v2v_random_uniform(5, 0, k) * SLICES * PIXELS)] = 1.0f;
     }
-    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
-    v2v_projector_destroy(&projector);
+    show(views, truth, &psf, 0.0, 0);
     const double weight = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(weight == settled(V2V_NUMBER_AUTO, &problem, views));
     config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight};
@@ -137,7 +141,6 @@ static void lines_are_weighed_by_views_left_out(void **state)
     (void)state;
     static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
     struct v2v_psf_file psf = broad_psf();
-    struct v2v_projector *projector = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
     double weight[2] = {0.05, 0.0}, error[2]; /* as noise says, about, and as is settled */
@@ -146,12 +149,7 @@ static void lines_are_weighed_by_views_left_out(void **state)
         const int64_t z = i / PIXELS, x = i % SIDE;
         truth[i] = (float)(z == 2 && x % 10 == 3);
     }
-    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, truth, NULL, VIEWS, 1.0f);
-    v2v_projector_destroy(&projector);
-    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
-        views[i] += (float)(0.01 * v2v_random_normal(48, 0, (uint64_t)i));
-    }
+    show(views, truth, &psf, 0.01, 48);
     weight[1] = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(weight[1] == settled(V2V_NUMBER_AUTO, &problem, views));
     assert_true(weight[1] < 0.5 * weight[0]);
