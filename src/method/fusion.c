@@ -13,8 +13,19 @@
 
 /* REFERENCE.md 12. Gaussians end at four standard deviations: 6e-5 of their weight is beyond. */
 enum { FINE = 2, COARSE = 3, REACH = 4, FINE_TAPS = REACH * FINE, COARSE_TAPS = REACH * COARSE };
-static const float tolerated = 1.5f; /* mean square of a difference, which noise makes 1 */
-static const float steepness = 2.0f;
+
+/* Of mean squares of a difference, which noise makes 1: from where on a neighbour weighs less. */
+struct gate {
+    float tolerated, steepness;
+};
+static const struct gate of_view = {1.5f, 2.0f};
+
+/* Of the mean over V views, smoothed once more: three of the deviations, 0.447 / sqrt V, that noise
+ * makes there. */
+static struct gate of_all(int64_t views)
+{
+    return (struct gate){1.0f + 1.34f / sqrtf((float)views), 12.0f};
+}
 
 /* Of the variance in the light, the least of photons. */
 static const double least_variance = 0.01;
@@ -43,6 +54,8 @@ struct v2v_fusion {
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
+    float *change;    /* [v,y,x] of a neighbour: mean square of its difference */
+    float *mean;      /* [y,x] of that over the views */
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
     float *image;     /* [y,x] */
 };
@@ -50,8 +63,8 @@ struct v2v_fusion {
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
 {
     return neighbours == 0 ? 0
-                           : 4 * v2v_mem_product(views, height, width) +
-                                 height * (2 * width + 2 * COARSE_TAPS) +
+                           : 5 * v2v_mem_product(views, height, width) +
+                                 height * (3 * width + 2 * COARSE_TAPS) +
                                  2 * v2v_brightness_pieces(views, height, width);
 }
 
@@ -92,6 +105,8 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
         V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->neighbour, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->change, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->mean, "method.fusion", v2v_mem_product(height, width, 1)));
         V2V_TRY(V2V_ALLOC(made->padded, "method.fusion", v2v_mem_product(height, made->pitch, 1)));
         V2V_TRY(V2V_ALLOC(made->image, "method.fusion", v2v_mem_product(height, width, 1)));
     }
@@ -109,6 +124,8 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion)
     if (old != NULL) {
         v2v_mem_free(old->image);
         v2v_mem_free(old->padded);
+        v2v_mem_free(old->mean);
+        v2v_mem_free(old->change);
         v2v_mem_free(old->neighbour);
         v2v_mem_free(old->weight);
         v2v_mem_free(old->sum);
@@ -138,6 +155,15 @@ V2V_SIMD_CLONES static void add_row(float *restrict to, const float *restrict ro
     }
 }
 
+/* What is finite. */
+V2V_SIMD_CLONES static void add_finite_row(float *restrict to, const float *restrict row, float tap,
+                                           int64_t width)
+{
+    for (int64_t x = 0; x < width; x++) {
+        to[x] += row[x] < INFINITY ? tap * row[x] : 0.0f;
+    }
+}
+
 /* Along a row with its ends repeated. */
 static void smooth_row(float *to, const float *padded, const float *taps, int reach, int64_t width)
 {
@@ -163,6 +189,7 @@ struct beside {
     float factor, weight;
     float inverse; /* of the unit's root, smoothed */
     float photons, even, least;
+    struct gate gate; /* of all views together */
 };
 
 V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *restrict views,
@@ -177,14 +204,20 @@ V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *rest
     }
 }
 
+static float beyond(struct gate gate, float change)
+{
+    return change > gate.tolerated ? gate.steepness * (change - gate.tolerated) : 0.0f;
+}
+
 /* Nothing of what is not finite. */
 V2V_SIMD_CLONES static void weigh_row(float *restrict sum, float *restrict weight,
-                                      const float *restrict change, const float *restrict row,
-                                      struct beside beside, int64_t width)
+                                      const float *restrict change, const float *restrict mean,
+                                      const float *restrict row, struct beside beside,
+                                      int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
-        const float beyond = change[x] > tolerated ? change[x] - tolerated : 0.0f;
-        const float w = change[x] < INFINITY ? beside.weight / (1.0f + steepness * beyond) : 0.0f;
+        const float less = 1.0f + beyond(of_view, change[x]) + beyond(beside.gate, mean[x]);
+        const float w = change[x] < INFINITY ? beside.weight / less : 0.0f;
         sum[x] += w > 0.0f ? w * beside.factor * row[x] : 0.0f;
         weight[x] += w;
     }
@@ -272,12 +305,13 @@ static struct beside place(const struct v2v_fusion *fusion, double factor)
                            .inverse = (float)(1.0 / (sqrt(noise->unit) * fusion->smoothed)),
                            .photons = (float)(1.0 + factor),
                            .even = (float)((1.0 + square) * noise->even),
-                           .least = (float)(least_variance * (1.0 + own))};
+                           .least = (float)(least_variance * (1.0 + own)),
+                           .gate = of_all(fusion->views)};
 }
 
-/* Of one view: the smoothed difference of two frames, its square smoothed again, the weights. */
-static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
-                     const float *neighbour, struct beside beside)
+/* Of one view: the smoothed difference of two frames, its square smoothed again. */
+static void find_change(struct v2v_fusion *fusion, int64_t v, const float *views,
+                        const float *neighbour, struct beside beside)
 {
     const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
     const int64_t first = v * height * width;
@@ -307,10 +341,33 @@ static void add_view(struct v2v_fusion *fusion, int64_t v, const float *views,
         }
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
-            const int64_t at = first + y * width;
-            float *change = padded + y * pitch;
-            smooth_column(change, image, fusion->coarse, COARSE_TAPS, y, height, width);
-            weigh_row(fusion->sum + at, fusion->weight + at, change, neighbour + at, beside, width);
+            smooth_column(fusion->change + first + y * width, image, fusion->coarse, COARSE_TAPS, y,
+                          height, width);
+        }
+    }
+}
+
+/* Over all views, smoothed once more: what moves too little to be seen in one view. */
+static void find_mean_change(struct v2v_fusion *fusion)
+{
+    const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
+    const float share = 1.0f / (float)fusion->views;
+#pragma omp parallel
+    {
+#pragma omp for schedule(static)
+        for (int64_t y = 0; y < height; y++) {
+            float *padded = fusion->padded + y * pitch, *row = padded + COARSE_TAPS;
+            memset(row, 0, (size_t)width * sizeof *row);
+            for (int64_t v = 0; v < fusion->views; v++) {
+                add_finite_row(row, fusion->change + (v * height + y) * width, share, width);
+            }
+            repeat_ends(padded, width);
+            smooth_row(fusion->image + y * width, padded, fusion->coarse, COARSE_TAPS, width);
+        }
+#pragma omp for schedule(static)
+        for (int64_t y = 0; y < height; y++) {
+            smooth_column(fusion->mean + y * width, fusion->image, fusion->coarse, COARSE_TAPS, y,
+                          height, width);
         }
     }
 }
@@ -321,8 +378,16 @@ void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *
         const struct beside beside = place(
             fusion, v2v_brightness_factor(fusion->ratios, views, neighbour, fusion->views,
                                           fusion->height, fusion->width, fusion->noise.sigma));
+        const int64_t rows = fusion->views * fusion->height, width = fusion->width;
         for (int64_t v = 0; v < fusion->views; v++) {
-            add_view(fusion, v, views, neighbour, beside);
+            find_change(fusion, v, views, neighbour, beside);
+        }
+        find_mean_change(fusion);
+#pragma omp parallel for schedule(static)
+        for (int64_t row = 0; row < rows; row++) {
+            const int64_t at = row * width;
+            weigh_row(fusion->sum + at, fusion->weight + at, fusion->change + at,
+                      fusion->mean + row % fusion->height * width, neighbour + at, beside, width);
         }
     }
 }
