@@ -53,6 +53,12 @@ enum { FIRST_LOOK = 6 };
  * (tests/bench/quality.md). */
 static const double taken_below = 0.6, much_seen = 3.0, taken_below_if_sharp = 0.2;
 
+/* And where they are sure of it: deviations of noise by which one choice of views, and both, are
+ * predicted better; fewer are chance where views or slices are few or the square is small. Two of
+ * three views say what is not so, surely (tests/bench/quality.md). */
+static const double sure_of_one = 5.0, sure_of_all = 6.0;
+enum { ASKED = 4 };
+
 struct chooser {
     struct v2v_square_views square;
     double seen;      /* v2v_tv_noise_seen */
@@ -64,24 +70,32 @@ struct chooser {
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
     int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    double missed[FOLDS][WEIGHTS]; /* squares of the views left out; < 0: not tried */
+    double missed[FOLDS][WEIGHTS]; /* sums of the squares; < 0: not tried */
+    int64_t judged;                /* samples of the views that a fold leaves out */
+    float *samples; /* [fold,weight,judged]: by how much they are missed; 0 where not tried */
 };
 
-/* Squares that the volume misses the views left out by. */
-static double miss(struct chooser *self, struct v2v_left_out *fold)
+static float *samples_of(const struct chooser *self, int fold, int index)
 {
-    const int64_t pixels = self->square.height * self->square.width;
+    return self->samples + (fold * WEIGHTS + index) * self->judged;
+}
+
+/* What the volume misses samples of the views left out by. */
+static void miss(float *samples, struct chooser *self, struct v2v_left_out *fold)
+{
+    const int64_t width = self->square.width, pixels = self->square.height * width;
     const struct v2v_part rows = v2v_registration_judged(self->square.height);
-    const struct v2v_part columns = v2v_registration_judged(self->square.width);
-    double squares = 0.0;
+    const struct v2v_part columns = v2v_registration_judged(width);
     v2v_left_out_predict(fold, self->predicted, self->volume);
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
         const float *recorded = self->square.views + fold->view[i] * pixels;
-        squares +=
-            v2v_registration_missed(recorded, predicted, self->square.width, rows, columns).squares;
+        for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
+            for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
+                *samples++ = recorded[y * width + x] - predicted[y * width + x];
+            }
+        }
     }
-    return squares;
 }
 
 static double weight_of(double index)
@@ -95,8 +109,8 @@ struct trial {
 };
 enum { TRIALS = FOLDS }; /* at once */
 
-/* What a volume misses by. Collective(self->sharing). */
-static enum v2v_status run_trial(double *squares, struct chooser *self, const struct trial *trial)
+/* What a volume misses by, on one rank of the group. Collective(self->sharing). */
+static enum v2v_status run_trial(struct chooser *self, const struct trial *trial)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_left_out **fold = &self->fold[trial->fold];
@@ -108,8 +122,9 @@ static enum v2v_status run_trial(double *squares, struct chooser *self, const st
     v2v_tv_set_lambda((*fold)->estimator, weight_of(trial->index));
     V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
                              v2v_square_averaging(&self->square)));
-    const double missed = miss(self, *fold);
-    *squares = v2v_comm_rank(self->sharing) == 0 ? missed : 0.0;
+    if (v2v_comm_rank(self->sharing) == 0) {
+        miss(samples_of(self, trial->fold, trial->index), self, *fold);
+    }
 done:
     return rc;
 }
@@ -118,16 +133,21 @@ done:
 static enum v2v_status run_trials(struct chooser *self, const struct trial *trials, int count)
 {
     enum v2v_status rc = V2V_OK;
-    double squares[TRIALS] = {0};
     for (int k = 0; k < count && rc == V2V_OK; k++) {
         if (trials[k].group % self->groups == self->group) {
-            rc = run_trial(&squares[k], self, &trials[k]);
+            rc = run_trial(self, &trials[k]);
         }
     }
     V2V_TRY(v2v_par_agree(self->comm, rc));
-    v2v_par_sum_f64(self->comm, squares, TRIALS);
     for (int k = 0; k < count; k++) {
-        self->missed[trials[k].fold][trials[k].index] = squares[k];
+        const int fold = trials[k].fold, index = trials[k].index;
+        float *samples = samples_of(self, fold, index);
+        double squares = 0.0;
+        v2v_par_sum_f32(self->comm, samples, self->judged); /* of one rank and zeros */
+        for (int64_t i = 0; i < self->judged; i++) {
+            squares += (double)samples[i] * (double)samples[i];
+        }
+        self->missed[fold][index] = squares;
     }
 done:
     return rc;
@@ -154,6 +174,22 @@ done:
 static double missed_by(const struct chooser *self, int index)
 {
     return self->missed[0][index] + self->missed[1][index];
+}
+
+/* By how many deviations a weight predicts the first folds better than another. What it misses
+ * samples by is their noise, each its own, which scatters the difference of squares. */
+static double better_by(const struct chooser *self, int index, int than, int folds)
+{
+    double gained = 0.0, variance = 0.0;
+    for (int f = 0; f < folds; f++) {
+        const float *a = samples_of(self, f, index), *b = samples_of(self, f, than);
+        for (int64_t i = 0; i < self->judged; i++) {
+            const double missed = (double)a[i], apart = (double)b[i] - missed;
+            gained += apart * (apart + 2.0 * missed);
+            variance += pow(2.0 * apart * missed, 2.0);
+        }
+    }
+    return variance > 0.0 ? gained / sqrt(variance) : 0.0;
 }
 
 /* Downhill to a weight that neither neighbour is better than. */
@@ -214,6 +250,9 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(
         V2V_ALLOC(self->volume, "tv.lambda", v2v_mem_product(problem->psf->slices, height, width)));
     V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * height * width));
+    self->judged = V2V_LEFT_OUT_MOST * v2v_registration_judged(height).count *
+                   v2v_registration_judged(width).count;
+    V2V_TRY(V2V_ALLOC(self->samples, "tv.lambda", v2v_mem_product(FOLDS, WEIGHTS, self->judged)));
 done:
     return rc;
 }
@@ -271,7 +310,7 @@ done:
     return rc;
 }
 
-/* Where half of a weight predicts one fold better, the weight may be far less.
+/* Where half of a weight surely predicts one fold better, the weight may be far less.
  * Collective(self->comm). */
 static enum v2v_status choose_less(double *weight, struct chooser *self)
 {
@@ -283,8 +322,13 @@ static enum v2v_status choose_less(double *weight, struct chooser *self)
         return V2V_OK;
     }
     V2V_TRY(run_trials(self, trials, TRIALS));
-    if (self->missed[0][half] < self->missed[0][index]) {
-        V2V_TRY(choose(weight, self, half));
+    if (better_by(self, half, index, 1) > sure_of_one) {
+        int best = half;
+        V2V_TRY(descend(self, half, &best));
+        V2V_TRY(try_weight(self, index));
+        if (better_by(self, best, index, FOLDS) > sure_of_all) {
+            *weight = OF_ALL_VIEWS * between(self, best);
+        }
     }
 done:
     return rc;
@@ -348,7 +392,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
     }
     if (are_enough && missed > noise_alone) {
         V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
-    } else if (are_enough && missed > 0.0) {
+    } else if (self->problem.psf->views >= ASKED && missed > 0.0) {
         V2V_TRY(ask_for_less(lambda, self));
     }
     lambda->mode = V2V_NUMBER_GIVEN;
@@ -381,6 +425,7 @@ done:
         }
         v2v_comm_destroy(&self->sharing);
         v2v_comm_destroy(&self->comm);
+        v2v_mem_free(self->samples);
         v2v_mem_free(self->predicted);
         v2v_mem_free(self->volume);
         v2v_square_views_fini(&self->square);

@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-enum { SIDE = 40, PIXELS = SIDE * SIDE };
+enum { SIDE = 64, PIXELS = SIDE * SIDE };
 
 /* A weight that is left to be settled; it is settled to the same bits once more. */
 static double settled(int mode, const struct v2v_problem *problem, const float *views)
@@ -52,7 +52,7 @@ static void show(float *views, const float *truth, const struct v2v_psf_file *ps
 }
 
 /* The weight found without the truth is that of the best volume, within a factor of two. By default
- * it goes by the noise, but is searched for where that wants far more, as here. */
+ * it goes by the noise, but is searched for where views are missed by more. */
 static void the_weight_is_found_by_views_left_out(void **state)
 {
     (void)state;
@@ -79,7 +79,8 @@ static void the_weight_is_found_by_views_left_out(void **state)
     const double chosen = settled(V2V_NUMBER_AUTO, &problem, views);
     assert_true(chosen > 0.5 * best && chosen < 2.0 * best);
     const double usual = settled(V2V_NUMBER_NONE, &problem, views);
-    assert_true(usual == chosen); /* PSFs of few slices: boxes want far less than noise does */
+    assert_true(chosen > 0.2 * usual &&
+                chosen < 0.6 * usual); /* boxes: as noise says, all the same */
     memmove(views, views + 2, (PIXELS - 2) * sizeof *views);
     const double moved = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(moved != usual && moved == settled(V2V_NUMBER_AUTO, &problem, views));
@@ -95,7 +96,7 @@ static void the_weight_is_found_by_views_left_out(void **state)
 static void few_sharp_points_are_weighed_by_views_left_out(void **state)
 {
     (void)state;
-    enum { POINTS = 20 };
+    enum { POINTS = 200 };
     static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
     struct v2v_psf_file psf = point_psf();
     const struct v2v_problem problem = {
