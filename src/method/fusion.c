@@ -223,6 +223,23 @@ V2V_SIMD_CLONES static void weigh_row(float *restrict sum, float *restrict weigh
     }
 }
 
+/* The rows of `padded`, smoothed in both directions: to[y,pitch]. In a parallel region. */
+static void smooth_padded(const struct v2v_fusion *fusion, float *to, int64_t pitch,
+                          const float *taps, int reach)
+{
+    const int64_t height = fusion->height, width = fusion->width;
+#pragma omp for schedule(static)
+    for (int64_t y = 0; y < height; y++) {
+        float *padded = fusion->padded + y * fusion->pitch;
+        repeat_ends(padded, width);
+        smooth_row(fusion->image + y * width, padded, taps, reach, width);
+    }
+#pragma omp for schedule(static)
+    for (int64_t y = 0; y < height; y++) {
+        smooth_column(to + y * pitch, fusion->image, taps, reach, y, height, width);
+    }
+}
+
 /* ---- frames ---- */
 
 /* By the level about every pixel of a view. */
@@ -231,22 +248,18 @@ static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *view
     const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
     const int64_t first = v * height * width;
     const float factor = (float)(gain / fusion->noise.unit);
+    float *photons = fusion->photons + first;
 #pragma omp parallel
     {
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
-            float *padded = fusion->padded + y * pitch;
-            memcpy(padded + COARSE_TAPS, views + first + y * width, (size_t)width * sizeof *views);
-            repeat_ends(padded, width);
-            smooth_row(fusion->image + y * width, padded, fusion->fine, FINE_TAPS, width);
+            float *row = fusion->padded + y * pitch + COARSE_TAPS;
+            memcpy(row, views + first + y * width, (size_t)width * sizeof *views);
         }
+        smooth_padded(fusion, photons, width, fusion->fine, FINE_TAPS);
 #pragma omp for schedule(static)
-        for (int64_t y = 0; y < height; y++) {
-            float *row = fusion->photons + first + y * width;
-            smooth_column(row, fusion->image, fusion->fine, FINE_TAPS, y, height, width);
-            for (int64_t x = 0; x < width; x++) {
-                row[x] = row[x] > 0.0f ? factor * row[x] : 0.0f;
-            }
+        for (int64_t i = 0; i < height * width; i++) {
+            photons[i] = photons[i] > 0.0f ? factor * photons[i] : 0.0f;
         }
     }
 }
@@ -315,35 +328,23 @@ static void find_change(struct v2v_fusion *fusion, int64_t v, const float *views
 {
     const int64_t height = fusion->height, width = fusion->width, pitch = fusion->pitch;
     const int64_t first = v * height * width;
-    float *padded = fusion->padded, *image = fusion->image;
+    float *rows = fusion->padded + COARSE_TAPS; /* [y,pitch] */
 #pragma omp parallel
     {
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
             const int64_t at = first + y * width;
-            difference_row(padded + y * pitch + COARSE_TAPS, views + at, neighbour + at,
-                           fusion->photons + at, beside, width);
-            repeat_ends(padded + y * pitch, width);
-            smooth_row(image + y * width, padded + y * pitch, fusion->fine, FINE_TAPS, width);
+            difference_row(rows + y * pitch, views + at, neighbour + at, fusion->photons + at,
+                           beside, width);
         }
+        smooth_padded(fusion, rows, pitch, fusion->fine, FINE_TAPS);
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
-            float *row = padded + y * pitch + COARSE_TAPS;
-            smooth_column(row, image, fusion->fine, FINE_TAPS, y, height, width);
             for (int64_t x = 0; x < width; x++) {
-                row[x] *= row[x];
+                rows[y * pitch + x] *= rows[y * pitch + x];
             }
-            repeat_ends(padded + y * pitch, width);
         }
-#pragma omp for schedule(static)
-        for (int64_t y = 0; y < height; y++) {
-            smooth_row(image + y * width, padded + y * pitch, fusion->coarse, COARSE_TAPS, width);
-        }
-#pragma omp for schedule(static)
-        for (int64_t y = 0; y < height; y++) {
-            smooth_column(fusion->change + first + y * width, image, fusion->coarse, COARSE_TAPS, y,
-                          height, width);
-        }
+        smooth_padded(fusion, fusion->change + first, width, fusion->coarse, COARSE_TAPS);
     }
 }
 
@@ -356,19 +357,13 @@ static void find_mean_change(struct v2v_fusion *fusion)
     {
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
-            float *padded = fusion->padded + y * pitch, *row = padded + COARSE_TAPS;
+            float *row = fusion->padded + y * pitch + COARSE_TAPS;
             memset(row, 0, (size_t)width * sizeof *row);
             for (int64_t v = 0; v < fusion->views; v++) {
                 add_finite_row(row, fusion->change + (v * height + y) * width, share, width);
             }
-            repeat_ends(padded, width);
-            smooth_row(fusion->image + y * width, padded, fusion->coarse, COARSE_TAPS, width);
         }
-#pragma omp for schedule(static)
-        for (int64_t y = 0; y < height; y++) {
-            smooth_column(fusion->mean + y * width, fusion->image, fusion->coarse, COARSE_TAPS, y,
-                          height, width);
-        }
+        smooth_padded(fusion, fusion->mean, width, fusion->coarse, COARSE_TAPS);
     }
 }
 

@@ -57,7 +57,7 @@ static const double taken_below = 0.6, much_seen = 3.0, taken_below_if_sharp = 0
  * predicted better; fewer are chance where views or slices are few or the square is small. Two of
  * three views say what is not so, surely (tests/bench/quality.md). */
 static const double sure_of_one = 5.0, sure_of_all = 6.0;
-enum { ASKED = 4 };
+enum { FEWEST_ASKED = 4 };
 
 struct chooser {
     struct v2v_square_views square;
@@ -296,20 +296,6 @@ done:
     return rc;
 }
 
-/* Collective(self->comm). */
-static enum v2v_status choose(double *weight, struct chooser *self, int start)
-{
-    enum v2v_status rc = V2V_OK;
-    int best = 0;
-    V2V_TRY(descend(self, start, &best));
-    *weight = OF_ALL_VIEWS * between(self, best);
-    if (tells_nothing(self, best)) {
-        v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
-    }
-done:
-    return rc;
-}
-
 /* Where half of a weight surely predicts one fold better, the weight may be far less.
  * Collective(self->comm). */
 static enum v2v_status choose_less(double *weight, struct chooser *self)
@@ -354,7 +340,12 @@ done:
 static enum v2v_status ask(struct v2v_number *lambda, struct chooser *self, const char *why)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(choose(&lambda->value, self, MIDDLE));
+    int best = MIDDLE;
+    V2V_TRY(descend(self, MIDDLE, &best));
+    lambda->value = OF_ALL_VIEWS * between(self, best);
+    if (tells_nothing(self, best)) {
+        v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
+    }
     v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value, why);
 done:
     return rc;
@@ -392,7 +383,7 @@ static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
     }
     if (are_enough && missed > noise_alone) {
         V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
-    } else if (self->problem.psf->views >= ASKED && missed > 0.0) {
+    } else if (self->problem.psf->views >= FEWEST_ASKED && missed > 0.0) {
         V2V_TRY(ask_for_less(lambda, self));
     }
     lambda->mode = V2V_NUMBER_GIVEN;

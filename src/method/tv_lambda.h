@@ -8,10 +8,10 @@
  *  of the others with more weight and with less, and the weight is taken whose volumes predict the
  *  views left out best; on two choices of them, and on a square of the frame where it varies most.
  *  `default`: as the noise says; where the square's volume misses its views by more than their
- *  noise, as where they are out of register, as `auto`; where one choice of views is predicted
- *  better by half of that, what `auto` would say if it is below 0.6 of it (0.2 of sharp PSFs), as
- *  of points and lines; of one or two views, as the noise says. The ranks of a host share the
- *  volumes, never the answer.
+ *  noise, as where they are out of register, as `auto`; where half of that surely predicts one
+ *  choice of views better, the weight downhill from there that predicts both best, if it surely
+ *  does and is below 0.6 of it (0.2 of sharp PSFs), as of points and lines. Of three views that is
+ *  not asked, of one or two nothing is. The ranks of a host share the volumes, never the answer.
  *  @kind Collective(world). @param lambda in and out, then of mode V2V_NUMBER_GIVEN
  *  @param problem of the whole frame; its deconv.lambda is not read @param views [v,y,x], no offset
  *  @param averaging of views; may be NULL
