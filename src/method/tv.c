@@ -57,6 +57,11 @@ static const double plain = 0.5, bend = 0.5;
 /* v2v_psf_voxel_noise of the 13 views of 39 slices that the constants here were chosen for. */
 static const double usual_voxel_noise = 0.02976;
 
+/* Noise over the brightness, from which down the tolerance goes with it, and the least part of it
+ * that is asked for: what an iteration still gains is less than noise leaves above
+ * (tests/bench/quality.md). */
+static const double clear_noise = 0.0125, least_asked = 0.1;
+
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
@@ -352,6 +357,13 @@ static enum v2v_status look(const struct v2v_estimator *estimator, int64_t itera
     return rc;
 }
 
+/* Of the volume's length, what an iteration moves it by at most when it ends. */
+static double tolerance_of(const struct tv *self)
+{
+    const double noise = self->level.sigma / self->level.brightness;
+    return self->tolerance * fmin(fmax(noise / clear_noise, least_asked), 1.0);
+}
+
 /* What a dual's step is multiplied by, so that what it is of counts by its square where it is
  * small. */
 static double shrink_of(double step, double weight)
@@ -388,13 +400,14 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const int64_t pixels =
         around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
     const double variance = (double)(self->views * pixels) * level->mean_variance;
+    const double tolerance = tolerance_of(self);
     double change = INFINITY;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
     self->steps = steps_of(self, step_of(self));
     const struct v2v_penalty penalty = v2v_tv_planes_penalty(&self->steps);
     v2v_data_step_factor(self->step, &penalty);
-    for (int64_t i = 1, enough = 0; i <= most && !enough && change > self->tolerance; i++) {
+    for (int64_t i = 1, enough = 0; i <= most && !enough && change > tolerance; i++) {
         v2v_watchdog_beat("an iteration of total variation");
         v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
