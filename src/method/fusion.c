@@ -1,6 +1,7 @@
 #include "v2v3d/method/fusion.h"
 
 #include "method/brightness.h"
+#include "method/motion.h"
 #include "method/photons.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
@@ -50,10 +51,12 @@ struct v2v_fusion {
     struct noise noise;
     struct v2v_averaging averaging; /* no frames: what was given last is of one frame */
     struct v2v_ratio *ratios;
+    struct v2v_motion *motion;
     float *photons;   /* [v,y,x] of frame t: this part of the variance, in the noise's unit */
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
+    float *moved;     /* [v,y,x]: a neighbour, moved onto frame t */
     float *change;    /* [v,y,x] of a neighbour: mean square of its difference */
     float *mean;      /* [y,x] of that over the views */
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
@@ -63,7 +66,8 @@ struct v2v_fusion {
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
 {
     return neighbours == 0 ? 0
-                           : 5 * v2v_mem_product(views, height, width) +
+                           : 6 * v2v_mem_product(views, height, width) +
+                                 v2v_motion_floats(views, height, width) +
                                  height * (3 * width + 2 * COARSE_TAPS) +
                                  2 * v2v_brightness_pieces(views, height, width);
 }
@@ -101,6 +105,8 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     if (neighbours > 0) {
         V2V_TRY(
             V2V_ALLOC(made->ratios, "method.fusion", v2v_brightness_pieces(views, height, width)));
+        V2V_TRY(v2v_motion_create(&made->motion, views, height, width));
+        V2V_TRY(V2V_ALLOC(made->moved, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->photons, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
@@ -130,6 +136,8 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion)
         v2v_mem_free(old->weight);
         v2v_mem_free(old->sum);
         v2v_mem_free(old->photons);
+        v2v_mem_free(old->moved);
+        v2v_motion_destroy(&old->motion);
         v2v_mem_free(old->ratios);
         v2v_mem_free(old);
     }
@@ -299,12 +307,30 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
     fusion->averaging = (struct v2v_averaging){0};
     if (sigma > 0.0) {
         take_noise(fusion, views, sigma);
+        v2v_motion_begin(fusion->motion, views, sigma);
     }
     v2v_bulk_copy(fusion->sum, views, samples);
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < samples; i++) {
         fusion->weight[i] = 1.0f;
     }
+}
+
+static double brightness_of(const struct v2v_fusion *fusion, const float *views,
+                            const float *neighbour)
+{
+    return v2v_brightness_factor(fusion->ratios, views, neighbour, fusion->views, fusion->height,
+                                 fusion->width, fusion->noise.sigma);
+}
+
+const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views, const float *neighbour)
+{
+    if (!(fusion->noise.sigma > 0.0)) {
+        return neighbour;
+    }
+    v2v_motion_find(fusion->motion, neighbour, brightness_of(fusion, views, neighbour));
+    v2v_motion_undo(fusion->motion, fusion->moved, neighbour);
+    return fusion->moved;
 }
 
 /* The neighbour's noise is that of frame t at its own level, times the factor. */
@@ -370,9 +396,7 @@ static void find_mean_change(struct v2v_fusion *fusion)
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour)
 {
     if (fusion->noise.sigma > 0.0) {
-        const struct beside beside = place(
-            fusion, v2v_brightness_factor(fusion->ratios, views, neighbour, fusion->views,
-                                          fusion->height, fusion->width, fusion->noise.sigma));
+        const struct beside beside = place(fusion, brightness_of(fusion, views, neighbour));
         const int64_t rows = fusion->views * fusion->height, width = fusion->width;
         for (int64_t v = 0; v < fusion->views; v++) {
             find_change(fusion, v, views, neighbour, beside);
@@ -453,7 +477,7 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
             v2v_watchdog_beat("reading a neighbouring frame");
             V2V_TRY(v2v_recording_read(recording, fusion->neighbour, t + i * apart));
             v2v_scaling_apply(scaling, fusion->neighbour, samples);
-            v2v_fusion_add(fusion, views, fusion->neighbour);
+            v2v_fusion_add(fusion, views, v2v_fusion_align(fusion, views, fusion->neighbour));
         }
     }
     v2v_fusion_end(fusion, views);

@@ -20,22 +20,60 @@ static void cubic(double weight[TAPS], double t)
     weight[3] = t * t * (-0.5 + 0.5 * t);
 }
 
-static double sample(const float *image, int64_t height, int64_t width, double y, double x)
+/* Pixels about a place of an image, and what they count there. */
+struct neighbourhood {
+    int64_t row[TAPS], column[TAPS]; /* offsets */
+    double along_y[TAPS], along_x[TAPS];
+};
+
+static struct neighbourhood neighbourhood_of(int64_t height, int64_t width, double y, double x)
 {
+    struct neighbourhood about;
     const double top = floor(y), left = floor(x);
-    const int64_t y0 = (int64_t)top, x0 = (int64_t)left;
-    double along_y[TAPS], along_x[TAPS], sum = 0.0;
-    cubic(along_y, y - top);
-    cubic(along_x, x - left);
+    cubic(about.along_y, y - top);
+    cubic(about.along_x, x - left);
     for (int i = 0; i < TAPS; i++) {
-        const float *row = image + v2v_within(y0 - 1 + i, 0, height - 1) * width;
+        about.row[i] = v2v_within((int64_t)top - 1 + i, 0, height - 1) * width;
+        about.column[i] = v2v_within((int64_t)left - 1 + i, 0, width - 1);
+    }
+    return about;
+}
+
+static double value_in(const float *image, const struct neighbourhood *about)
+{
+    double sum = 0.0;
+    for (int i = 0; i < TAPS; i++) {
+        const float *row = image + about->row[i];
         double of_row = 0.0;
         for (int j = 0; j < TAPS; j++) {
-            of_row += along_x[j] * (double)row[v2v_within(x0 - 1 + j, 0, width - 1)];
+            of_row += about->along_x[j] * (double)row[about->column[j]];
         }
-        sum += along_y[i] * of_row;
+        sum += about->along_y[i] * of_row;
     }
     return sum;
+}
+
+static double sample(const float *image, int64_t height, int64_t width, double y, double x)
+{
+    const struct neighbourhood about = neighbourhood_of(height, width, y, x);
+    return value_in(image, &about);
+}
+
+void v2v_warp_pixel(float *to, const float *from, int64_t count, int64_t height, int64_t width,
+                    int64_t y, int64_t x, const float way[2])
+{
+    const int64_t at = y * width + x, pixels = height * width;
+    if (way[0] == 0.0f && way[1] == 0.0f) {
+        for (int64_t k = 0; k < count; k++) {
+            to[k * pixels + at] = from[k * pixels + at];
+        }
+        return;
+    }
+    const struct neighbourhood about =
+        neighbourhood_of(height, width, (double)y + (double)way[0], (double)x + (double)way[1]);
+    for (int64_t k = 0; k < count; k++) {
+        to[k * pixels + at] = (float)value_in(from + k * pixels, &about);
+    }
 }
 
 /* What polynomials of x count in row y of a field. */

@@ -11,8 +11,8 @@
 extern "C" {
 #endif
 
-/** Views of a frame, averaged with those of its neighbours where nothing but noise, and brightness
- *  as a whole, changed. */
+/** Views of a frame, averaged with those of its neighbours, structures moved to where the frame has
+ *  them, where nothing but noise, and brightness as a whole, changed. */
 struct v2v_fusion;
 
 /** Floats that v2v_fusion_create takes. @kind Local. */
@@ -28,6 +28,16 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion);
 
 /** Start with frame t: y_t, of weight 1. @kind Local, no allocation. @param views [v,y,x] of t */
 void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views);
+
+/** A neighbour whose structures are where frame t has them, as far as noise lets tell.
+ *  @kind   Local, no allocation; the same bits with any number of threads
+ *  @param  views [v,y,x] of t, as at begin @param neighbour [v,y,x], in the same units
+ *  @return [v,y,x], until the next call; `neighbour` where frame t has no noise, or samples that
+ *          are not finite
+ *  @cost   as two or three passes over the views; one of 16 taps where something moved
+ *  @source REFERENCE.md 12 */
+const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views,
+                              const float *neighbour);
 
 /** Add a neighbour u: y[v,y,x] += w f y_u, w = f^-2 / (1 + 2 max(0, E - 1.5)), where f makes its
  *  brightness that of t, and E is the mean square of the smoothed difference of the two frames
@@ -47,10 +57,10 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views);
  *  frame. @kind Local. */
 const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion);
 
-/** Frame t of a recording, scaled, and fused with `neighbours` frames on either side, at the ends
- *  of a recording with more on the other one; also with those beyond a cut; in a sliding window
- *  with every so many-th, which shares no page with the next. The watchdog is re-armed for every
- *  neighbour.
+/** Frame t of a recording, scaled, and fused with `neighbours` frames on either side, aligned, at
+ *  the ends of a recording with more on the other one; also with those beyond a cut; in a sliding
+ *  window with every so many-th, which shares no page with the next. The watchdog is re-armed for
+ *  every neighbour.
  *  @kind   Local, no allocation @param views [v,y,x] out
  *  @return V2V_OK | V2V_E_INPUT (as v2v_recording_read, of any of these frames) */
 enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,

@@ -20,6 +20,12 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
 void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
                       const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
+/** One pixel of images that move alike: to[k,y,x] = from[k,y+way[0],x+way[1]], likewise; where the
+ *  way is 0, a copy. @kind Local. @param to, from [count,height,width], not the same
+ *  @param way pixels */
+void v2v_warp_pixel(float *to, const float *from, int64_t count, int64_t height, int64_t width,
+                    int64_t y, int64_t x, const float way[2]);
+
 /** image *= exp(sign * field). @kind Local. */
 void v2v_shade_image(float *image, int64_t height, int64_t width,
                      const double field[V2V_FIELD_TERMS], double sign);

@@ -112,7 +112,7 @@ static void fuse(float *views, float (*from)[SAMPLES], int64_t t)
         const int64_t first = middle + all <= FRAMES ? middle : FRAMES - all;
         for (int64_t u = first; u < first + all; u++) {
             if (u != t) {
-                v2v_fusion_add(fusion, from[t], from[u]);
+                v2v_fusion_add(fusion, from[t], v2v_fusion_align(fusion, from[t], from[u]));
             }
         }
         v2v_fusion_end(fusion, views);

@@ -119,6 +119,29 @@ static void without_a_field_nothing_changes(void **state)
     assert_memory_equal(to, from, sizeof to);
 }
 
+/* Two images, the second twice as bright. */
+static void pixels_of_images_move_alike(void **state)
+{
+    (void)state;
+    static const float way[2] = {0.7f, -1.4f}, stays[2] = {0.0f, 0.0f};
+    float from[2 * PIXELS], to[2 * PIXELS];
+    fill(from);
+    for (int i = 0; i < PIXELS; i++) {
+        from[PIXELS + i] = 2.0f * from[i];
+    }
+    for (int y = EDGE; y < HEIGHT - EDGE; y++) {
+        for (int x = EDGE; x < WIDTH - EDGE; x++) {
+            const int i = y * WIDTH + x;
+            const double moved = parabola(y + (double)way[0], x + (double)way[1]);
+            v2v_warp_pixel(to, from, 2, HEIGHT, WIDTH, y, x, way);
+            assert_true(fabs((double)to[i] - moved) < 8e-6);
+            assert_true(to[PIXELS + i] == 2.0f * to[i]);
+            v2v_warp_pixel(to, from, 2, HEIGHT, WIDTH, y, x, stays);
+            assert_true(to[i] == from[i] && to[PIXELS + i] == from[PIXELS + i]);
+        }
+    }
+}
+
 static void shading_is_the_exponential_of_its_field(void **state)
 {
     (void)state;
@@ -160,6 +183,7 @@ int main(void)
         cmocka_unit_test(a_parabola_goes_back_to_where_it_came_from),
         cmocka_unit_test(beyond_the_image_its_edge_goes_on),
         cmocka_unit_test(without_a_field_nothing_changes),
+        cmocka_unit_test(pixels_of_images_move_alike),
         cmocka_unit_test(shading_is_the_exponential_of_its_field),
         cmocka_unit_test(the_last_term_is_the_tenth_polynomial_of_y),
     };

@@ -1,0 +1,447 @@
+#include "method/motion.h"
+
+#include "v2v3d/base/bounds.h"
+#include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/smooth.h"
+#include "v2v3d/tensor/warp.h"
+
+#include <math.h>
+#include <string.h>
+
+/* REFERENCE.md 12. Squares of 8, 4 and 2 pixels; what is about a square lies within two times so
+ * many others. */
+enum { LEVELS = 3, COARSEST = 8, FINEST = COARSEST >> (LEVELS - 1), RADIUS = 4 };
+
+/* Steps of the whole frame, squares of 8 pixels; of finer ones. */
+enum { FIRST_STEPS = 6, STEPS = 2 };
+
+/* What noise makes of a step's squares, 2 in the mean, once in 150 times. */
+static const double clear = 10.0;
+
+/* Standard deviation of what is about a square beside the whole frame, pixels. */
+static const double apart = 0.5;
+
+/* Pixels: what is nearer stays where it is. */
+static const float least_way = 0.1f;
+
+/* Of gradients g and of what is missed, e: g g^T and g e. */
+enum { XX, XY, YY, XE, YE, MOMENTS };
+enum { ALONG_Y, ALONG_X, AXES };
+
+/* Means of squares of the views, smoothed, in units of the frame's noise. */
+struct level {
+    int64_t side, height, width; /* pixels of a square; squares */
+    float *frame, *neighbour;    /* [v,height,width] */
+};
+
+struct v2v_motion {
+    int64_t views, height, width;
+    double sigma;
+    struct level level[LEVELS]; /* from coarse to fine */
+    float *moved;               /* [v,height,width] of the finest, as all that follows */
+    float *moments;             /* [MOMENTS,height,width] */
+    float *scratch;             /* [height,width] */
+    float *way[AXES];           /* [height,width]: pixels from the frame to its neighbour */
+};
+
+static struct level level_of(int64_t height, int64_t width, int k)
+{
+    const int64_t side = COARSEST >> k;
+    return (struct level){
+        .side = side, .height = v2v_parts(height, side), .width = v2v_parts(width, side)};
+}
+
+static int64_t squares_of(const struct level *level)
+{
+    return v2v_mem_product(level->height, level->width, 1);
+}
+
+int64_t v2v_motion_floats(int64_t views, int64_t height, int64_t width)
+{
+    int64_t floats = 0, squares = 0;
+    for (int k = 0; k < LEVELS; k++) {
+        const struct level level = level_of(height, width, k);
+        squares = squares_of(&level);
+        floats += v2v_mem_product(2 * views, squares, 1);
+    }
+    return floats + v2v_mem_product(views + MOMENTS + 1 + AXES, squares, 1);
+}
+
+enum v2v_status v2v_motion_create(struct v2v_motion **motion, int64_t views, int64_t height,
+                                  int64_t width)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_motion *made = NULL;
+    int64_t squares = 0;
+    *motion = NULL;
+    V2V_TRY(V2V_ALLOC(made, "method.motion", 1));
+    made->views = views;
+    made->height = height;
+    made->width = width;
+    for (int k = 0; k < LEVELS; k++) {
+        struct level *level = &made->level[k];
+        *level = level_of(height, width, k);
+        squares = squares_of(level);
+        V2V_TRY(V2V_ALLOC(level->frame, "method.motion", v2v_mem_product(views, squares, 1)));
+        V2V_TRY(V2V_ALLOC(level->neighbour, "method.motion", v2v_mem_product(views, squares, 1)));
+    }
+    V2V_TRY(V2V_ALLOC(made->moved, "method.motion", v2v_mem_product(views, squares, 1)));
+    V2V_TRY(V2V_ALLOC(made->moments, "method.motion", v2v_mem_product(MOMENTS, squares, 1)));
+    V2V_TRY(V2V_ALLOC(made->scratch, "method.motion", squares));
+    for (int axis = 0; axis < AXES; axis++) {
+        V2V_TRY(V2V_ALLOC(made->way[axis], "method.motion", squares));
+    }
+    *motion = made;
+    made = NULL;
+done:
+    v2v_motion_destroy(&made);
+    return rc;
+}
+
+void v2v_motion_destroy(struct v2v_motion **motion)
+{
+    struct v2v_motion *old = *motion;
+    *motion = NULL;
+    if (old != NULL) {
+        for (int axis = 0; axis < AXES; axis++) {
+            v2v_mem_free(old->way[axis]);
+        }
+        v2v_mem_free(old->scratch);
+        v2v_mem_free(old->moments);
+        v2v_mem_free(old->moved);
+        for (int k = 0; k < LEVELS; k++) {
+            v2v_mem_free(old->level[k].neighbour);
+            v2v_mem_free(old->level[k].frame);
+        }
+        v2v_mem_free(old);
+    }
+}
+
+/* ---- levels ---- */
+
+/* Views, or squares of them. */
+struct images {
+    const float *of; /* [v,height,width] */
+    int64_t height, width;
+};
+
+/* Of those that there are, and finite. */
+static float mean_of_square(const struct images *from, int64_t v, int64_t y, int64_t x,
+                            int64_t side)
+{
+    const int64_t rows = v2v_smaller(side, from->height - y);
+    const int64_t columns = v2v_smaller(side, from->width - x);
+    float sum = 0.0f;
+    for (int64_t i = 0; i < rows; i++) {
+        const float *row = from->of + (v * from->height + y + i) * from->width + x;
+        for (int64_t j = 0; j < columns; j++) {
+            sum += fabsf(row[j]) < INFINITY ? row[j] : 0.0f;
+        }
+    }
+    return sum / (float)(rows * columns);
+}
+
+static void take_squares(float *to, const struct level *level, int64_t views,
+                         const struct images *from, int64_t side, float scale)
+{
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t v = 0; v < views; v++) {
+        for (int64_t y = 0; y < level->height; y++) {
+            float *row = to + (v * level->height + y) * level->width;
+            for (int64_t x = 0; x < level->width; x++) {
+                row[x] = scale * mean_of_square(from, v, y * side, x * side, side);
+            }
+        }
+    }
+}
+
+/* By (1 2 1) / 4 along a line; its ends repeat. */
+static void smooth_line(float *line, int64_t count, int64_t stride)
+{
+    float before = line[0];
+    for (int64_t i = 0; i < count; i++) {
+        const float here = line[i * stride];
+        const float behind = line[v2v_smaller(i + 1, count - 1) * stride];
+        line[i * stride] = 0.25f * (before + 2.0f * here + behind);
+        before = here;
+    }
+}
+
+static void smooth(float *squares, const struct level *level, int64_t views)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < views; v++) {
+        float *image = squares + v * level->height * level->width;
+        for (int64_t y = 0; y < level->height; y++) {
+            smooth_line(image + y * level->width, level->width, 1);
+        }
+        for (int64_t x = 0; x < level->width; x++) {
+            smooth_line(image + x, level->height, level->width);
+        }
+    }
+}
+
+/* From fine to coarse. */
+static void take_levels(const struct v2v_motion *motion, float *const to[LEVELS],
+                        const float *views)
+{
+    struct images from = {views, motion->height, motion->width};
+    float scale = (float)(1.0 / motion->sigma);
+    int64_t side = FINEST;
+    for (int k = LEVELS - 1; k >= 0; k--) {
+        const struct level *level = &motion->level[k];
+        take_squares(to[k], level, motion->views, &from, side, scale);
+        from = (struct images){to[k], level->height, level->width};
+        scale = 1.0f;
+        side = 2;
+    }
+    for (int k = 0; k < LEVELS; k++) {
+        smooth(to[k], &motion->level[k], motion->views);
+    }
+}
+
+void v2v_motion_begin(struct v2v_motion *motion, const float *views, double sigma)
+{
+    float *frame[LEVELS];
+    for (int k = 0; k < LEVELS; k++) {
+        frame[k] = motion->level[k].frame;
+    }
+    motion->sigma = sigma;
+    take_levels(motion, frame, views);
+}
+
+/* ---- steps ---- */
+
+/* Between the pixels of an image; beyond it, its edge goes on. */
+static float between(const float *image, int64_t height, int64_t width, float y, float x)
+{
+    const float row = fminf(fmaxf(y, 0.0f), (float)(height - 1));
+    const float column = fminf(fmaxf(x, 0.0f), (float)(width - 1));
+    const int64_t top = (int64_t)row, left = (int64_t)column;
+    const int64_t below = v2v_smaller(top + 1, height - 1) - top;
+    const int64_t right = v2v_smaller(left + 1, width - 1) - left;
+    const float *at = image + top * width + left;
+    const float down = row - (float)top, over = column - (float)left;
+    const float upper = at[0] + over * (at[right] - at[0]);
+    const float lower = at[below * width] + over * (at[below * width + right] - at[below * width]);
+    return upper + down * (lower - upper);
+}
+
+/* The neighbour's squares where the frame's are in it, as bright as these. */
+static void move_squares(const struct v2v_motion *motion, const struct level *level, float factor)
+{
+    const int64_t height = level->height, width = level->width;
+    const float squares = 1.0f / (float)level->side;
+#pragma omp parallel for collapse(2) schedule(static)
+    for (int64_t v = 0; v < motion->views; v++) {
+        for (int64_t y = 0; y < height; y++) {
+            const float *image = level->neighbour + v * height * width;
+            float *row = motion->moved + (v * height + y) * width;
+            for (int64_t x = 0; x < width; x++) {
+                const float to_y = squares * motion->way[ALONG_Y][y * width + x];
+                const float to_x = squares * motion->way[ALONG_X][y * width + x];
+                row[x] = factor * between(image, height, width, (float)y + to_y, (float)x + to_x);
+            }
+        }
+    }
+}
+
+/* Rows of a view's squares. */
+struct rows {
+    const float *above, *here, *below;
+};
+
+static struct rows rows_of(const float *squares, const struct level *level, int64_t v, int64_t y)
+{
+    const float *image = squares + v * level->height * level->width;
+    return (struct rows){image + v2v_larger(y - 1, 0) * level->width, image + y * level->width,
+                         image + v2v_smaller(y + 1, level->height - 1) * level->width};
+}
+
+/* Moments of row y, over the views; gradients are those of the mean of both. */
+static void sum_row(const struct v2v_motion *motion, const struct level *level, int64_t y)
+{
+    const int64_t width = level->width, squares = level->height * width;
+    const float part = 0.25f / (float)level->side;
+    float *moments = motion->moments + y * width;
+    for (int k = 0; k < MOMENTS; k++) {
+        memset(moments + k * squares, 0, (size_t)width * sizeof *moments);
+    }
+    for (int64_t v = 0; v < motion->views; v++) {
+        const struct rows a = rows_of(level->frame, level, v, y);
+        const struct rows b = rows_of(motion->moved, level, v, y);
+        for (int64_t x = 0; x < width; x++) {
+            const int64_t left = v2v_larger(x - 1, 0), right = v2v_smaller(x + 1, width - 1);
+            const float by_x = part * (a.here[right] - a.here[left] + b.here[right] - b.here[left]);
+            const float by_y = part * (a.below[x] - a.above[x] + b.below[x] - b.above[x]);
+            const float missed = a.here[x] - b.here[x];
+            moments[XX * squares + x] += by_x * by_x;
+            moments[XY * squares + x] += by_x * by_y;
+            moments[YY * squares + x] += by_y * by_y;
+            moments[XE * squares + x] += by_x * missed;
+            moments[YE * squares + x] += by_y * missed;
+        }
+    }
+}
+
+static void find_moments(const struct v2v_motion *motion, const struct level *level, float factor)
+{
+    move_squares(motion, level, factor);
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < level->height; y++) {
+        sum_row(motion, level, y);
+    }
+}
+
+/* A step, pixels, and what it takes of the squares missed. */
+struct step {
+    float along[AXES];
+    double squares;
+};
+
+/* Of moments in units of noise, which makes up `noise` of g g^T's diagonal: least squares of what
+ * is left of it, drawn to 0 as that is surely known, where its prior variance is not 0. At most the
+ * side of a square; none where nothing can be told. */
+static struct step step_of(const double moments[MOMENTS], double noise, double prior, double most)
+{
+    const double all = moments[XX] + moments[YY], clean = all - 2.0 * noise;
+    const double drawn = prior > 0.0 ? all / (prior * clean) : 0.0;
+    const double xx = moments[XX] - noise + drawn, yy = moments[YY] - noise + drawn;
+    const double xy = moments[XY], det = xx * yy - xy * xy;
+    const double along_x = (yy * moments[XE] - xy * moments[YE]) / det;
+    const double along_y = (xx * moments[YE] - xy * moments[XE]) / det;
+    const double squares = along_x * moments[XE] + along_y * moments[YE];
+    if (!(clean > 0.0 && det > 0.0 && squares < INFINITY)) {
+        return (struct step){{0.0f, 0.0f}, 0.0};
+    }
+    return (struct step){{[ALONG_Y] = (float)fmin(fmax(along_y, -most), most),
+                          [ALONG_X] = (float)fmin(fmax(along_x, -most), most)},
+                         squares};
+}
+
+/* Squares of gradients, along y or x, that noise makes in all views, in units of its variance: of
+ * the mean of two frames, by (1 2 0 -2 -1) / 8 one way and (1 2 1) / 4 the other. */
+static double noise_of(const struct v2v_motion *motion, const struct level *level)
+{
+    const double of_taps = (10.0 / 64.0) * (6.0 / 16.0) / 4.0;
+    return of_taps * (double)motion->views / (double)(level->side * level->side);
+}
+
+/* All that the frame shows, by one step. @return bool: there was more than noise to it */
+static int move_frame(const struct v2v_motion *motion, const struct level *level, double variance)
+{
+    const int64_t squares = squares_of(level);
+    double moments[MOMENTS];
+    for (int k = 0; k < MOMENTS; k++) {
+        moments[k] = 0.0;
+        for (int64_t i = 0; i < squares; i++) {
+            moments[k] += (double)motion->moments[k * squares + i] / variance;
+        }
+    }
+    const struct step step = step_of(moments, 0.0, 0.0, (double)level->side);
+    for (int axis = 0; axis < AXES && step.squares > clear; axis++) {
+        for (int64_t i = 0; i < squares; i++) {
+            motion->way[axis][i] += step.along[axis];
+        }
+    }
+    return step.squares > clear;
+}
+
+/* How many squares a mean over 2 RADIUS + 1 of them, twice, is as sure as. */
+static double count_of_mean(void)
+{
+    const double n = 2.0 * RADIUS + 1.0, of_line = 3.0 * n * n * n / (2.0 * n * n + 1.0);
+    return of_line * of_line;
+}
+
+/* What is about every square, by a step of its own. */
+static void move_squares_apart(const struct v2v_motion *motion, const struct level *level,
+                               double variance)
+{
+    const int64_t squares = squares_of(level);
+    const double count = count_of_mean(), noise = count * noise_of(motion, level);
+    for (int k = 0; k < MOMENTS; k++) {
+        float *image = motion->moments + k * squares;
+        for (int pass = 0; pass < 2; pass++) {
+            v2v_smooth_image(image, motion->scratch, image, level->height, level->width, RADIUS);
+        }
+    }
+#pragma omp parallel for schedule(static)
+    for (int64_t i = 0; i < squares; i++) {
+        double moments[MOMENTS];
+        for (int k = 0; k < MOMENTS; k++) {
+            moments[k] = count / variance * (double)motion->moments[k * squares + i];
+        }
+        const struct step step = step_of(moments, noise, apart * apart, (double)level->side);
+        for (int axis = 0; axis < AXES; axis++) {
+            motion->way[axis][i] += step.along[axis];
+        }
+    }
+}
+
+/* Where a pixel's centre lies among squares of so many pixels. */
+static float place(int64_t pixel, int64_t side)
+{
+    return ((float)pixel + 0.5f) / (float)side - 0.5f;
+}
+
+/* The way of a level's squares to those of the next. */
+static void refine(const struct v2v_motion *motion, const struct level *from,
+                   const struct level *to)
+{
+    for (int axis = 0; axis < AXES; axis++) {
+        float *way = motion->way[axis];
+        memcpy(motion->scratch, way, (size_t)squares_of(from) * sizeof *way);
+#pragma omp parallel for schedule(static)
+        for (int64_t y = 0; y < to->height; y++) {
+            for (int64_t x = 0; x < to->width; x++) {
+                way[y * to->width + x] =
+                    between(motion->scratch, from->height, from->width, place(y, 2), place(x, 2));
+            }
+        }
+    }
+}
+
+void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double factor)
+{
+    float *squares[LEVELS];
+    for (int k = 0; k < LEVELS; k++) {
+        squares[k] = motion->level[k].neighbour;
+    }
+    take_levels(motion, squares, neighbour);
+    for (int axis = 0; axis < AXES; axis++) {
+        memset(motion->way[axis], 0, (size_t)squares_of(&motion->level[0]) * sizeof(float));
+    }
+    for (int k = 0; k < LEVELS; k++) {
+        const struct level *level = &motion->level[k];
+        const double variance = (1.0 + factor * factor) / (double)(level->side * level->side);
+        const int steps = k == 0 ? FIRST_STEPS : STEPS;
+        find_moments(motion, level, (float)factor);
+        for (int i = 0; i < steps && move_frame(motion, level, variance); i++) {
+            find_moments(motion, level, (float)factor);
+        }
+        move_squares_apart(motion, level, variance);
+        if (k + 1 < LEVELS) {
+            refine(motion, level, level + 1);
+        }
+    }
+}
+
+void v2v_motion_undo(const struct v2v_motion *motion, float *to, const float *neighbour)
+{
+    const struct level *finest = &motion->level[LEVELS - 1];
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < motion->height; y++) {
+        for (int64_t x = 0; x < motion->width; x++) {
+            const float at_y = place(y, FINEST), at_x = place(x, FINEST);
+            float way[AXES];
+            for (int axis = 0; axis < AXES; axis++) {
+                way[axis] = between(motion->way[axis], finest->height, finest->width, at_y, at_x);
+            }
+            if (hypotf(way[ALONG_Y], way[ALONG_X]) < least_way) {
+                way[ALONG_Y] = way[ALONG_X] = 0.0f;
+            }
+            v2v_warp_pixel(to, neighbour, motion->views, motion->height, motion->width, y, x, way);
+        }
+    }
+}
