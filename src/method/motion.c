@@ -1,8 +1,10 @@
 #include "method/motion.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/smooth.h"
+#include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <math.h>
@@ -15,8 +17,11 @@ enum { LEVELS = 3, COARSEST = 8, FINEST = COARSEST >> (LEVELS - 1), RADIUS = 4 }
 /* Steps of the whole frame, squares of 8 pixels; of finer ones. */
 enum { FIRST_STEPS = 6, STEPS = 2 };
 
-/* What noise makes of a step's squares, 2 in the mean, once in 150 times. */
+/* What noise makes of the squares that a step takes, 2 in the mean, once in 150 times; .. */
 static const double clear = 10.0;
+
+/* .. so many of its standard deviations are asked for of all views' own steps together. */
+static const double deviations = 5.0;
 
 /* Standard deviation of what is about a square beside the whole frame, pixels. */
 static const double apart = 0.5;
@@ -34,14 +39,24 @@ struct level {
     float *frame, *neighbour;    /* [v,height,width] */
 };
 
+/* Pixels, and what they take of the squares missed, in those of noise. */
+struct step {
+    float along[AXES];
+    double squares;
+};
+
 struct v2v_motion {
     int64_t views, height, width;
     double sigma;
     struct level level[LEVELS]; /* from coarse to fine */
     float *moved;               /* [v,height,width] of the finest, as all that follows */
     float *moments;             /* [MOMENTS,height,width] */
+    float *lines;               /* [v,MOMENTS,width] */
     float *scratch;             /* [height,width] */
-    float *way[AXES];           /* [height,width]: pixels from the frame to its neighbour */
+    float *way[AXES];           /* [height,width]: pixels from the frame to its neighbour .. */
+    float *own[AXES];           /* [v]: .. and more of them in a view */
+    float *of_pixels[AXES];     /* [height,width] of the frame: of all views */
+    struct step *step;          /* [v] */
 };
 
 static struct level level_of(int64_t height, int64_t width, int k)
@@ -58,13 +73,14 @@ static int64_t squares_of(const struct level *level)
 
 int64_t v2v_motion_floats(int64_t views, int64_t height, int64_t width)
 {
-    int64_t floats = 0, squares = 0;
+    struct level level = {0};
+    int64_t floats = v2v_mem_product(AXES, height, width);
     for (int k = 0; k < LEVELS; k++) {
-        const struct level level = level_of(height, width, k);
-        squares = squares_of(&level);
-        floats += v2v_mem_product(2 * views, squares, 1);
+        level = level_of(height, width, k);
+        floats += v2v_mem_product(2 * views, squares_of(&level), 1);
     }
-    return floats + v2v_mem_product(views + MOMENTS + 1 + AXES, squares, 1);
+    return floats + v2v_mem_product(views + MOMENTS + 1 + AXES, squares_of(&level), 1) +
+           v2v_mem_product(views, MOMENTS, level.width) + AXES * views;
 }
 
 enum v2v_status v2v_motion_create(struct v2v_motion **motion, int64_t views, int64_t height,
@@ -87,10 +103,16 @@ enum v2v_status v2v_motion_create(struct v2v_motion **motion, int64_t views, int
     }
     V2V_TRY(V2V_ALLOC(made->moved, "method.motion", v2v_mem_product(views, squares, 1)));
     V2V_TRY(V2V_ALLOC(made->moments, "method.motion", v2v_mem_product(MOMENTS, squares, 1)));
+    V2V_TRY(V2V_ALLOC(made->lines, "method.motion",
+                      v2v_mem_product(views, MOMENTS, made->level[LEVELS - 1].width)));
     V2V_TRY(V2V_ALLOC(made->scratch, "method.motion", squares));
     for (int axis = 0; axis < AXES; axis++) {
         V2V_TRY(V2V_ALLOC(made->way[axis], "method.motion", squares));
+        V2V_TRY(V2V_ALLOC(made->own[axis], "method.motion", views));
+        V2V_TRY(
+            V2V_ALLOC(made->of_pixels[axis], "method.motion", v2v_mem_product(height, width, 1)));
     }
+    V2V_TRY(V2V_ALLOC(made->step, "method.motion", views));
     *motion = made;
     made = NULL;
 done:
@@ -104,9 +126,13 @@ void v2v_motion_destroy(struct v2v_motion **motion)
     *motion = NULL;
     if (old != NULL) {
         for (int axis = 0; axis < AXES; axis++) {
+            v2v_mem_free(old->of_pixels[axis]);
+            v2v_mem_free(old->own[axis]);
             v2v_mem_free(old->way[axis]);
         }
+        v2v_mem_free(old->step);
         v2v_mem_free(old->scratch);
+        v2v_mem_free(old->lines);
         v2v_mem_free(old->moments);
         v2v_mem_free(old->moved);
         for (int k = 0; k < LEVELS; k++) {
@@ -212,19 +238,46 @@ void v2v_motion_begin(struct v2v_motion *motion, const float *views, double sigm
 
 /* ---- steps ---- */
 
-/* Between the pixels of an image; beyond it, its edge goes on. */
-static float between(const float *image, int64_t height, int64_t width, float y, float x)
+/* Where a pixel's centre lies among squares of so many pixels. */
+static inline float place(int64_t pixel, int64_t side)
 {
-    const float row = fminf(fmaxf(y, 0.0f), (float)(height - 1));
-    const float column = fminf(fmaxf(x, 0.0f), (float)(width - 1));
-    const int64_t top = (int64_t)row, left = (int64_t)column;
-    const int64_t below = v2v_smaller(top + 1, height - 1) - top;
-    const int64_t right = v2v_smaller(left + 1, width - 1) - left;
-    const float *at = image + top * width + left;
+    return ((float)pixel + 0.5f) / (float)side - 0.5f;
+}
+
+static inline float within(float x, float most)
+{
+    const float low = x > 0.0f ? x : 0.0f;
+    return low < most ? low : most;
+}
+
+/* Between the pixels of an image; beyond it, its edge goes on. */
+static inline float between(const float *image, int height, int width, float y, float x)
+{
+    const float row = within(y, (float)(height - 1)), column = within(x, (float)(width - 1));
+    const int top = (int)row, left = (int)column, at = top * width + left;
+    const int below = top + 1 < height ? width : 0, right = left + 1 < width ? 1 : 0;
     const float down = row - (float)top, over = column - (float)left;
-    const float upper = at[0] + over * (at[right] - at[0]);
-    const float lower = at[below * width] + over * (at[below * width + right] - at[below * width]);
+    const float upper = image[at] + over * (image[at + right] - image[at]);
+    const float lower = image[at + below] + over * (image[at + below + right] - image[at + below]);
     return upper + down * (lower - upper);
+}
+
+/* Of a view: squares of its own way, and what its light is multiplied with. */
+struct moving {
+    float y, x, factor;
+};
+
+/* A row of a view, whose squares lie further by these ways, of so many squares a pixel. */
+V2V_SIMD_CLONES static void move_row(float *restrict to, const float *image, int height, int width,
+                                     int y, const float *way_y, const float *way_x, float squares,
+                                     struct moving moving)
+{
+#pragma omp simd
+    for (int x = 0; x < width; x++) {
+        const float at_y = (float)y + moving.y + squares * way_y[x];
+        const float at_x = (float)x + moving.x + squares * way_x[x];
+        to[x] = moving.factor * between(image, height, width, at_y, at_x);
+    }
 }
 
 /* The neighbour's squares where the frame's are in it, as bright as these. */
@@ -235,13 +288,12 @@ static void move_squares(const struct v2v_motion *motion, const struct level *le
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < motion->views; v++) {
         for (int64_t y = 0; y < height; y++) {
-            const float *image = level->neighbour + v * height * width;
-            float *row = motion->moved + (v * height + y) * width;
-            for (int64_t x = 0; x < width; x++) {
-                const float to_y = squares * motion->way[ALONG_Y][y * width + x];
-                const float to_x = squares * motion->way[ALONG_X][y * width + x];
-                row[x] = factor * between(image, height, width, (float)y + to_y, (float)x + to_x);
-            }
+            const struct moving moving = {squares * motion->own[ALONG_Y][v],
+                                          squares * motion->own[ALONG_X][v], factor};
+            move_row(motion->moved + (v * height + y) * width,
+                     level->neighbour + v * height * width, (int)height, (int)width, (int)y,
+                     motion->way[ALONG_Y] + y * width, motion->way[ALONG_X] + y * width, squares,
+                     moving);
         }
     }
 }
@@ -253,34 +305,64 @@ struct rows {
 
 static struct rows rows_of(const float *squares, const struct level *level, int64_t v, int64_t y)
 {
-    const float *image = squares + v * level->height * level->width;
-    return (struct rows){image + v2v_larger(y - 1, 0) * level->width, image + y * level->width,
-                         image + v2v_smaller(y + 1, level->height - 1) * level->width};
+    const float *here = squares + (v * level->height + y) * level->width;
+    return (struct rows){here - level->width, here, here + level->width};
 }
 
-/* Moments of row y, over the views; gradients are those of the mean of both. */
+/* What two frames show in a row of squares but the first and the last, times `part`; gradients are
+ * those of the mean of both, times four. */
+V2V_SIMD_CLONES static void add_moments(float *restrict moments, int64_t apart_by, struct rows a,
+                                        struct rows b, float part, int64_t width)
+{
+    float *restrict xx = moments + XX * apart_by, *restrict xy = moments + XY * apart_by;
+    float *restrict yy = moments + YY * apart_by, *restrict xe = moments + XE * apart_by;
+    float *restrict ye = moments + YE * apart_by;
+#pragma omp simd
+    for (int64_t x = 1; x < width - 1; x++) {
+        const float over = a.here[x + 1] - a.here[x - 1] + b.here[x + 1] - b.here[x - 1];
+        const float down = a.below[x] - a.above[x] + b.below[x] - b.above[x];
+        const float by_x = part * over, by_y = part * down, missed = a.here[x] - b.here[x];
+        xx[x] += by_x * by_x;
+        xy[x] += by_x * by_y;
+        yy[x] += by_y * by_y;
+        xe[x] += by_x * missed;
+        ye[x] += by_y * missed;
+    }
+}
+
+/* Of gradients, a part of the differences across two squares of both frames. */
+static float part_of(const struct level *level)
+{
+    return 0.25f / (float)level->side;
+}
+
+/* Moments of row y, over the views; 0 in the first and the last. */
 static void sum_row(const struct v2v_motion *motion, const struct level *level, int64_t y)
 {
     const int64_t width = level->width, squares = level->height * width;
-    const float part = 0.25f / (float)level->side;
     float *moments = motion->moments + y * width;
     for (int k = 0; k < MOMENTS; k++) {
         memset(moments + k * squares, 0, (size_t)width * sizeof *moments);
     }
-    for (int64_t v = 0; v < motion->views; v++) {
-        const struct rows a = rows_of(level->frame, level, v, y);
-        const struct rows b = rows_of(motion->moved, level, v, y);
-        for (int64_t x = 0; x < width; x++) {
-            const int64_t left = v2v_larger(x - 1, 0), right = v2v_smaller(x + 1, width - 1);
-            const float by_x = part * (a.here[right] - a.here[left] + b.here[right] - b.here[left]);
-            const float by_y = part * (a.below[x] - a.above[x] + b.below[x] - b.above[x]);
-            const float missed = a.here[x] - b.here[x];
-            moments[XX * squares + x] += by_x * by_x;
-            moments[XY * squares + x] += by_x * by_y;
-            moments[YY * squares + x] += by_y * by_y;
-            moments[XE * squares + x] += by_x * missed;
-            moments[YE * squares + x] += by_y * missed;
-        }
+    for (int64_t v = 0; v < motion->views && y > 0 && y < level->height - 1; v++) {
+        add_moments(moments, squares, rows_of(level->frame, level, v, y),
+                    rows_of(motion->moved, level, v, y), part_of(level), width);
+    }
+}
+
+/* .. and of a view, all rows together. */
+static void sum_view(double sums[MOMENTS], const struct v2v_motion *motion,
+                     const struct level *level, int64_t v)
+{
+    const int64_t width = level->width;
+    float *lines = motion->lines + v * MOMENTS * width;
+    memset(lines, 0, (size_t)(MOMENTS * width) * sizeof *lines);
+    for (int64_t y = 1; y < level->height - 1; y++) {
+        add_moments(lines, width, rows_of(level->frame, level, v, y),
+                    rows_of(motion->moved, level, v, y), part_of(level), width);
+    }
+    for (int k = 0; k < MOMENTS; k++) {
+        sums[k] = v2v_sum(lines + k * width, width);
     }
 }
 
@@ -292,12 +374,6 @@ static void find_moments(const struct v2v_motion *motion, const struct level *le
         sum_row(motion, level, y);
     }
 }
-
-/* A step, pixels, and what it takes of the squares missed. */
-struct step {
-    float along[AXES];
-    double squares;
-};
 
 /* Of moments in units of noise, which makes up `noise` of g g^T's diagonal: least squares of what
  * is left of it, drawn to 0 as that is surely known, where its prior variance is not 0. At most the
@@ -347,6 +423,35 @@ static int move_frame(const struct v2v_motion *motion, const struct level *level
     return step.squares > clear;
 }
 
+/* What each view shows, by a step of its own, less what noise makes of all of them; none where
+ * that may be all. @return bool: steps were taken */
+static int move_views_apart(const struct v2v_motion *motion, const struct level *level,
+                            double variance)
+{
+    const double by_noise = 2.0 * (double)motion->views;
+    double squares = 0.0;
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < motion->views; v++) {
+        double sums[MOMENTS];
+        sum_view(sums, motion, level, v);
+        for (int k = 0; k < MOMENTS; k++) {
+            sums[k] /= variance;
+        }
+        motion->step[v] = step_of(sums, 0.0, 0.0, (double)level->side);
+    }
+    for (int64_t v = 0; v < motion->views; v++) {
+        squares += motion->step[v].squares;
+    }
+    const double part = 1.0 - by_noise / squares;
+    const int is_taken = squares > by_noise + deviations * sqrt(2.0 * by_noise);
+    for (int64_t v = 0; v < motion->views && is_taken; v++) {
+        for (int axis = 0; axis < AXES; axis++) {
+            motion->own[axis][v] += (float)(part * (double)motion->step[v].along[axis]);
+        }
+    }
+    return is_taken;
+}
+
 /* How many squares a mean over 2 RADIUS + 1 of them, twice, is as sure as. */
 static double count_of_mean(void)
 {
@@ -379,12 +484,6 @@ static void move_squares_apart(const struct v2v_motion *motion, const struct lev
     }
 }
 
-/* Where a pixel's centre lies among squares of so many pixels. */
-static float place(int64_t pixel, int64_t side)
-{
-    return ((float)pixel + 0.5f) / (float)side - 0.5f;
-}
-
 /* The way of a level's squares to those of the next. */
 static void refine(const struct v2v_motion *motion, const struct level *from,
                    const struct level *to)
@@ -395,8 +494,8 @@ static void refine(const struct v2v_motion *motion, const struct level *from,
 #pragma omp parallel for schedule(static)
         for (int64_t y = 0; y < to->height; y++) {
             for (int64_t x = 0; x < to->width; x++) {
-                way[y * to->width + x] =
-                    between(motion->scratch, from->height, from->width, place(y, 2), place(x, 2));
+                way[y * to->width + x] = between(motion->scratch, (int)from->height,
+                                                 (int)from->width, place(y, 2), place(x, 2));
             }
         }
     }
@@ -411,6 +510,7 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
     take_levels(motion, squares, neighbour);
     for (int axis = 0; axis < AXES; axis++) {
         memset(motion->way[axis], 0, (size_t)squares_of(&motion->level[0]) * sizeof(float));
+        memset(motion->own[axis], 0, (size_t)motion->views * sizeof(float));
     }
     for (int k = 0; k < LEVELS; k++) {
         const struct level *level = &motion->level[k];
@@ -420,6 +520,9 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
         for (int i = 0; i < steps && move_frame(motion, level, variance); i++) {
             find_moments(motion, level, (float)factor);
         }
+        for (int i = 0; i < steps && move_views_apart(motion, level, variance); i++) {
+            find_moments(motion, level, (float)factor);
+        }
         move_squares_apart(motion, level, variance);
         if (k + 1 < LEVELS) {
             refine(motion, level, level + 1);
@@ -427,21 +530,36 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
     }
 }
 
+/* The way at the pixels of row y, of all views. */
+V2V_SIMD_CLONES static void way_of_row(float *restrict to, const float *way, int height, int width,
+                                       float y, int64_t pixels)
+{
+#pragma omp simd
+    for (int x = 0; x < (int)pixels; x++) {
+        to[x] = between(way, height, width, y, place(x, FINEST));
+    }
+}
+
 void v2v_motion_undo(const struct v2v_motion *motion, float *to, const float *neighbour)
 {
     const struct level *finest = &motion->level[LEVELS - 1];
+    const int64_t height = motion->height, width = motion->width;
 #pragma omp parallel for schedule(static)
-    for (int64_t y = 0; y < motion->height; y++) {
-        for (int64_t x = 0; x < motion->width; x++) {
-            const float at_y = place(y, FINEST), at_x = place(x, FINEST);
-            float way[AXES];
-            for (int axis = 0; axis < AXES; axis++) {
-                way[axis] = between(motion->way[axis], finest->height, finest->width, at_y, at_x);
-            }
-            if (hypotf(way[ALONG_Y], way[ALONG_X]) < least_way) {
-                way[ALONG_Y] = way[ALONG_X] = 0.0f;
-            }
-            v2v_warp_pixel(to, neighbour, motion->views, motion->height, motion->width, y, x, way);
+    for (int64_t y = 0; y < height; y++) {
+        float *way[AXES];
+        for (int axis = 0; axis < AXES; axis++) {
+            way[axis] = motion->of_pixels[axis] + y * width;
+            way_of_row(way[axis], motion->way[axis], (int)finest->height, (int)finest->width,
+                       place(y, FINEST), width);
+        }
+        for (int64_t v = 0; v < motion->views; v++) {
+            const int64_t first = v * height * width;
+            const struct v2v_way of_view = {.y = way[ALONG_Y],
+                                            .x = way[ALONG_X],
+                                            .more_y = motion->own[ALONG_Y][v],
+                                            .more_x = motion->own[ALONG_X][v],
+                                            .least = least_way};
+            v2v_warp_row(to + first + y * width, neighbour + first, height, width, y, &of_view);
         }
     }
 }

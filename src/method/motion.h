@@ -5,7 +5,8 @@
 #include "v2v3d/base/status.h"
 #include <stdint.h>
 
-/** A displacement a pixel, the same in all views. */
+/** A displacement of every pixel, the same in all views, and one of every view, the same at all its
+ *  pixels: what moves along z moves each view its own way. */
 struct v2v_motion;
 
 /** Floats that v2v_motion_create takes. @kind Local. */
@@ -26,7 +27,7 @@ void v2v_motion_begin(struct v2v_motion *motion, const float *views, double sigm
  *  @kind   Local, no allocation; the same bits with any number of threads
  *  @param  neighbour [v,y,x]; samples that are not finite count as 0
  *  @param  factor    that makes its brightness the frame's
- *  @cost   some ten passes over the views at a quarter of their pixels
+ *  @cost   some ten passes over the views at a quarter of their pixels, five of what stands still
  *  @source REFERENCE.md 12 */
 void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double factor);
 

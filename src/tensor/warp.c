@@ -1,6 +1,7 @@
 #include "v2v3d/tensor/warp.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/clones.h"
 
 #include <math.h>
 #include <string.h>
@@ -20,60 +21,67 @@ static void cubic(double weight[TAPS], double t)
     weight[3] = t * t * (-0.5 + 0.5 * t);
 }
 
-/* Pixels about a place of an image, and what they count there. */
-struct neighbourhood {
-    int64_t row[TAPS], column[TAPS]; /* offsets */
-    double along_y[TAPS], along_x[TAPS];
-};
-
-static struct neighbourhood neighbourhood_of(int64_t height, int64_t width, double y, double x)
+static double sample(const float *image, int64_t height, int64_t width, double y, double x)
 {
-    struct neighbourhood about;
     const double top = floor(y), left = floor(x);
-    cubic(about.along_y, y - top);
-    cubic(about.along_x, x - left);
+    const int64_t y0 = (int64_t)top, x0 = (int64_t)left;
+    double along_y[TAPS], along_x[TAPS], sum = 0.0;
+    cubic(along_y, y - top);
+    cubic(along_x, x - left);
     for (int i = 0; i < TAPS; i++) {
-        about.row[i] = v2v_within((int64_t)top - 1 + i, 0, height - 1) * width;
-        about.column[i] = v2v_within((int64_t)left - 1 + i, 0, width - 1);
-    }
-    return about;
-}
-
-static double value_in(const float *image, const struct neighbourhood *about)
-{
-    double sum = 0.0;
-    for (int i = 0; i < TAPS; i++) {
-        const float *row = image + about->row[i];
+        const float *row = image + v2v_within(y0 - 1 + i, 0, height - 1) * width;
         double of_row = 0.0;
         for (int j = 0; j < TAPS; j++) {
-            of_row += about->along_x[j] * (double)row[about->column[j]];
+            of_row += along_x[j] * (double)row[v2v_within(x0 - 1 + j, 0, width - 1)];
         }
-        sum += about->along_y[i] * of_row;
+        sum += along_y[i] * of_row;
     }
     return sum;
 }
 
-static double sample(const float *image, int64_t height, int64_t width, double y, double x)
+static inline int clamped(int i, int side)
 {
-    const struct neighbourhood about = neighbourhood_of(height, width, y, x);
-    return value_in(image, &about);
+    const int low = i > 0 ? i : 0;
+    return low < side ? low : side - 1;
 }
 
-void v2v_warp_pixel(float *to, const float *from, int64_t count, int64_t height, int64_t width,
-                    int64_t y, int64_t x, const float way[2])
+/* The cubic weights once more, as values: loops over pixels become vectors. */
+static inline float mixed(float t, float a, float b, float c, float d)
 {
-    const int64_t at = y * width + x, pixels = height * width;
-    if (way[0] == 0.0f && way[1] == 0.0f) {
-        for (int64_t k = 0; k < count; k++) {
-            to[k * pixels + at] = from[k * pixels + at];
-        }
-        return;
+    return a * (t * (-0.5f + t * (1.0f - 0.5f * t))) + b * (1.0f + t * t * (-2.5f + 1.5f * t)) +
+           c * (t * (0.5f + t * (2.0f - 1.5f * t))) + d * (t * t * (-0.5f + 0.5f * t));
+}
+
+/* Of the row that begins at `row`. */
+static inline float mixed_row(const float *image, int row, int x0, int width, float t)
+{
+    return mixed(t, image[row + clamped(x0 - 1, width)], image[row + clamped(x0, width)],
+                 image[row + clamped(x0 + 1, width)], image[row + clamped(x0 + 2, width)]);
+}
+
+V2V_SIMD_CLONES static void warp_row(float *restrict to, const float *from, int height, int width,
+                                     int y, struct v2v_way way)
+{
+    const float least = way.least * way.least;
+    const float *here = from + (int64_t)y * width;
+#pragma omp simd
+    for (int x = 0; x < width; x++) {
+        const float way_y = way.y[x] + way.more_y, way_x = way.x[x] + way.more_x;
+        const float down = floorf(way_y), over = floorf(way_x), t = way_x - over;
+        const int y0 = y + (int)down, x0 = x + (int)over;
+        const float moved =
+            mixed(way_y - down, mixed_row(from, clamped(y0 - 1, height) * width, x0, width, t),
+                  mixed_row(from, clamped(y0, height) * width, x0, width, t),
+                  mixed_row(from, clamped(y0 + 1, height) * width, x0, width, t),
+                  mixed_row(from, clamped(y0 + 2, height) * width, x0, width, t));
+        to[x] = way_y * way_y + way_x * way_x < least ? here[x] : moved;
     }
-    const struct neighbourhood about =
-        neighbourhood_of(height, width, (double)y + (double)way[0], (double)x + (double)way[1]);
-    for (int64_t k = 0; k < count; k++) {
-        to[k * pixels + at] = (float)value_in(from + k * pixels, &about);
-    }
+}
+
+void v2v_warp_row(float *to, const float *from, int64_t height, int64_t width, int64_t y,
+                  const struct v2v_way *way)
+{
+    warp_row(to, from, (int)height, (int)width, (int)y, *way);
 }
 
 /* What polynomials of x count in row y of a field. */

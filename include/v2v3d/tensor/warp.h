@@ -20,11 +20,17 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
 void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
                       const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
-/** One pixel of images that move alike: to[k,y,x] = from[k,y+way[0],x+way[1]], likewise; where the
- *  way is 0, a copy. @kind Local. @param to, from [count,height,width], not the same
- *  @param way pixels */
-void v2v_warp_pixel(float *to, const float *from, int64_t count, int64_t height, int64_t width,
-                    int64_t y, int64_t x, const float way[2]);
+/** Where the pixels of a row lie: (y, x) further by (y[x] + more_y, x[x] + more_x), pixels. */
+struct v2v_way {
+    const float *y, *x; /**< [width], finite */
+    float more_y, more_x;
+    float least; /**< a shorter way is none */
+};
+
+/** A row of an image from there, likewise, float32: to[x] = from[y + .., x + ..]; where there is no
+ *  way, a copy. @kind Local. @param from [height,width], below 2^31 pixels */
+void v2v_warp_row(float *to, const float *from, int64_t height, int64_t width, int64_t y,
+                  const struct v2v_way *way);
 
 /** image *= exp(sign * field). @kind Local. */
 void v2v_shade_image(float *image, int64_t height, int64_t width,

@@ -21,8 +21,10 @@ struct way {
 };
 
 /* Spots of two pixels' standard deviation, elsewhere in every view, one in 200 pixels. Left and
- * right halves go their own way. */
+ * right halves go their own way, and views by so many times their share of it further, as of
+ * something that moves along z. */
 enum { SPOTS = 48, REACH = 8 };
+static const struct way parallax[VIEWS] = {{1.0, 0.0}, {0.0, 1.0}, {-1.0, 0.0}, {0.0, -1.0}};
 
 static void add_spot(double *light, double at_y, double at_x)
 {
@@ -37,7 +39,8 @@ static void add_spot(double *light, double at_y, double at_x)
     }
 }
 
-static void make(float *to, uint64_t stream, double sigma, struct way left, struct way right)
+static void make_deep(float *to, uint64_t stream, double sigma, struct way left, struct way right,
+                      double depth)
 {
     static double light[SAMPLES];
     for (int i = 0; i < SAMPLES; i++) {
@@ -47,11 +50,18 @@ static void make(float *to, uint64_t stream, double sigma, struct way left, stru
         const double y = HEIGHT * v2v_random_uniform(8, 0, k);
         const double x = WIDTH * v2v_random_uniform(8, 1, k);
         const struct way way = x < WIDTH / 2 ? left : right;
-        add_spot(light + k / SPOTS * PIXELS, y + way.y, x + way.x);
+        const struct way of_view = parallax[k / SPOTS];
+        add_spot(light + k / SPOTS * PIXELS, y + way.y + depth * of_view.y,
+                 x + way.x + depth * of_view.x);
     }
     for (int i = 0; i < SAMPLES; i++) {
         to[i] = (float)(light[i] + sigma * v2v_random_normal(7, stream, (uint64_t)i));
     }
+}
+
+static void make(float *to, uint64_t stream, double sigma, struct way left, struct way right)
+{
+    make_deep(to, stream, sigma, left, right, 0.0);
 }
 
 static void align(float *to, const float *from, double factor, double sigma)
@@ -96,14 +106,14 @@ static void structures_come_back(void **state)
     (void)state;
     static const struct {
         struct way left, right;
-    } ways[] = {{{0.7, -0.4}, {0.7, -0.4}},
-                {{-2.3, 3.1}, {-2.3, 3.1}},
-                {{6.0, 5.0}, {6.0, 5.0}},
-                {{1.5, 0.5}, {-1.0, -1.5}}};
+        double depth;
+    } ways[] = {{{0.7, -0.4}, {0.7, -0.4}, 0.0}, {{-2.3, 3.1}, {-2.3, 3.1}, 0.0},
+                {{6.0, 5.0}, {6.0, 5.0}, 0.0},   {{1.5, 0.5}, {-1.0, -1.5}, 0.0},
+                {{0.0, 0.0}, {0.0, 0.0}, 1.5},   {{1.0, -2.0}, {1.0, -2.0}, -2.5}};
     make(frame, 0, noise, here, here);
     make(clean, 0, 0.0, here, here);
     for (size_t k = 0; k < sizeof ways / sizeof *ways; k++) {
-        make(neighbour, 1, noise, ways[k].left, ways[k].right);
+        make_deep(neighbour, 1, noise, ways[k].left, ways[k].right, ways[k].depth);
         align(aligned, neighbour, 1.0, noise);
         const double before = missed_by(neighbour, noise), after = missed_by(aligned, noise);
         if (!(before > 1.5 && after < 1.1)) {

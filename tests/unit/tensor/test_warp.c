@@ -4,6 +4,7 @@
 #include "v2v3d/tensor/warp.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { HEIGHT = 23, WIDTH = 31, PIXELS = HEIGHT * WIDTH, EDGE = 4 };
@@ -119,26 +120,36 @@ static void without_a_field_nothing_changes(void **state)
     assert_memory_equal(to, from, sizeof to);
 }
 
-/* Two images, the second twice as bright. */
-static void pixels_of_images_move_alike(void **state)
+/* Each pixel of a row its own way, those that are short none, beyond the image its edge. */
+static void a_row_is_taken_from_where_its_pixels_lie(void **state)
 {
     (void)state;
-    static const float way[2] = {0.7f, -1.4f}, stays[2] = {0.0f, 0.0f};
-    float from[2 * PIXELS], to[2 * PIXELS];
+    float from[PIXELS], to[WIDTH], way_y[WIDTH], way_x[WIDTH];
+    const struct v2v_way way = {way_y, way_x, 0.3f, -0.2f, 0.1f};
     fill(from);
-    for (int i = 0; i < PIXELS; i++) {
-        from[PIXELS + i] = 2.0f * from[i];
+    for (int x = 0; x < WIDTH; x++) {
+        way_y[x] = 0.07f * (float)(x - WIDTH / 2) - 0.3f;
+        way_x[x] = -0.05f * (float)(x - WIDTH / 2) + 0.2f;
     }
     for (int y = EDGE; y < HEIGHT - EDGE; y++) {
+        v2v_warp_row(to, from, HEIGHT, WIDTH, y, &way);
         for (int x = EDGE; x < WIDTH - EDGE; x++) {
-            const int i = y * WIDTH + x;
-            const double moved = parabola(y + (double)way[0], x + (double)way[1]);
-            v2v_warp_pixel(to, from, 2, HEIGHT, WIDTH, y, x, way);
-            assert_true(fabs((double)to[i] - moved) < 8e-6);
-            assert_true(to[PIXELS + i] == 2.0f * to[i]);
-            v2v_warp_pixel(to, from, 2, HEIGHT, WIDTH, y, x, stays);
-            assert_true(to[i] == from[i] && to[PIXELS + i] == from[PIXELS + i]);
+            const double far_y = (double)way_y[x] + 0.3, far_x = (double)way_x[x] - 0.2;
+            if (hypot(far_y, far_x) < 0.1) { /* the middle and what is beside it */
+                assert_true(to[x] == from[y * WIDTH + x] && abs(x - WIDTH / 2) < 2);
+            } else { /* of 16 taps of values up to 20 */
+                const double moved = parabola(y + far_y, x + far_x);
+                assert_true(fabs((double)to[x] - moved) < test_rounding(16) * 20.0);
+            }
         }
+    }
+    for (int x = 0; x < WIDTH; x++) {
+        way_y[x] = 1000.0f;
+        way_x[x] = -1000.0f;
+    }
+    v2v_warp_row(to, from, HEIGHT, WIDTH, 3, &way);
+    for (int x = 0; x < WIDTH; x++) {
+        assert_true(fabs((double)(to[x] - from[PIXELS - WIDTH])) < test_rounding(16) * 20.0);
     }
 }
 
@@ -183,7 +194,7 @@ int main(void)
         cmocka_unit_test(a_parabola_goes_back_to_where_it_came_from),
         cmocka_unit_test(beyond_the_image_its_edge_goes_on),
         cmocka_unit_test(without_a_field_nothing_changes),
-        cmocka_unit_test(pixels_of_images_move_alike),
+        cmocka_unit_test(a_row_is_taken_from_where_its_pixels_lie),
         cmocka_unit_test(shading_is_the_exponential_of_its_field),
         cmocka_unit_test(the_last_term_is_the_tenth_polynomial_of_y),
     };
