@@ -41,8 +41,8 @@ struct v2v_volumes {
 
 #define V2V_OPTION_NEIGHBOURS                                                                      \
     V2V_OPTION_SET("neighbours", "recon.neighbours", "N",                                          \
-                   "views averaged with those of N frames on either side where nothing but "       \
-                   "brightness changed (0)")
+                   "views averaged with those of N frames on either side, moved along with what "  \
+                   "moves, where they then agree but for brightness (0)")
 
 /** The tolerance that recon.skip means to a method; 0: nothing is left out.
  *  @kind Local. @param network that the method's weights are of; NULL: it has none */

@@ -211,7 +211,7 @@ const struct v2v_key v2v_key_table[] = {
     AUTO(recon, strength, V2V_NUMBER_AUTO, 0.0, 1.0, 0.0,
          "unrolled: of the correction; auto: by views left out of the first frame"),
     WHOLE(recon, neighbours, 0, 1000, 0,
-          "frames on either side whose views are averaged in where nothing but brightness changed"),
+          "frames on either side whose views are averaged in, moved along, where they then agree"),
 
     NAME(deconv, method, "tv", "tv (total variation), rl, rld, frl (Richardson-Lucy) or diner"),
     WHOLE(deconv, iterations, 0, 10000, 0, "at most; 0: rl 30, rld and frl 10, tv 500, diner 1500"),
@@ -229,7 +229,7 @@ const struct v2v_key v2v_key_table[] = {
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, curvature, 0.0, 100.0, 0.5, "tv: weight of curvature in the plane, of lambda"),
-    REAL(deconv, tolerance, 0.0, 1.0, 0.015, "tv: least change of an iteration, of the volume"),
+    REAL(deconv, tolerance, 0.0, 1.0, 0.015, "tv: least change of an iteration, of the volume; of hardly any noise less"),
 
     MULTIPLE(diner, width, 32, 32, 256, 64, "of the network's hidden layers"),
     REAL(diner, table_rate, 0.0, 10.0, 0.1, "learning rate of the voxels' coordinates"),

@@ -357,10 +357,11 @@ static enum v2v_status look(const struct v2v_estimator *estimator, int64_t itera
     return rc;
 }
 
-/* Of the volume's length, what an iteration moves it by at most when it ends. */
-static double tolerance_of(const struct tv *self)
+/* Of the volume's length, what an iteration moves it by at most when it ends. What views are missed
+ * by beyond their noise hides as much as noise does. */
+static double tolerance_of(const struct tv *self, double missed)
 {
-    const double noise = self->level.sigma / self->level.brightness;
+    const double noise = self->level.sigma / self->level.brightness * fmax(missed, 1.0);
     return self->tolerance * fmin(fmax(noise / clear_noise, least_asked), 1.0);
 }
 
@@ -400,8 +401,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const int64_t pixels =
         around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
     const double variance = (double)(self->views * pixels) * level->mean_variance;
-    const double tolerance = tolerance_of(self);
-    double change = INFINITY;
+    double change = INFINITY, tolerance = self->tolerance;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
     self->steps = steps_of(self, step_of(self));
@@ -412,6 +412,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
             estimator->misfit.missed = sqrt(v2v_data_step_extend(self->step) / variance);
+            tolerance = tolerance_of(self, estimator->misfit.missed);
         }
         v2v_tv_planes_step(&self->planes, &self->steps);
         change = v2v_data_step_change(self->step);

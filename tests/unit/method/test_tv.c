@@ -320,6 +320,35 @@ static void box_views(float *views, float *truth, const struct v2v_psf_file *psf
     v2v_projector_destroy(&projector);
 }
 
+/* Of boxes seen with noise that is this part of the brightest sample. */
+static int64_t iterations_of(double noise, double tolerance)
+{
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = small_psf();
+    setup(NULL);
+    box_views(views, truth, &psf, 0.0, 0.0);
+    box_views(views, truth, &psf, 0.0, noise * largest(views, VIEWS * PIXELS));
+    config.deconv.lambda.value = 0.03;
+    config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN;
+    config.deconv.tolerance = tolerance;
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    setup(NULL);
+    v2v_psf_file_fini(&psf);
+    return iterations;
+}
+
+/* The tolerance counts as it is where there is noise, by a tenth where there is none. */
+static void less_noise_asks_for_more(void **state)
+{
+    (void)state;
+    const double tolerance = 0.15;
+    const int64_t with = iterations_of(0.03, tolerance), between = iterations_of(0.004, tolerance);
+    const int64_t without = iterations_of(0.0, tolerance);
+    if (!(2 * between > 3 * with && between < without && without > 2 * with)) {
+        fail_msg("%d, %d and %d iterations", (int)with, (int)between, (int)without);
+    }
+}
+
 /* The error of their volume by a model of the noise, of the truth's length. */
 static double error_by(enum v2v_noise_model model, float *volume, double photons, double read)
 {
@@ -532,6 +561,7 @@ int main(void)
         cmocka_unit_test_setup(noise_of_photons_is_weighted, setup),
         cmocka_unit_test_setup(averages_count_by_their_frames, setup),
         cmocka_unit_test_setup(views_at_any_brightness_give_the_volume_at_that, setup),
+        cmocka_unit_test_setup(less_noise_asks_for_more, setup),
         cmocka_unit_test_setup(hard_views_give_finite_volumes, setup),
         cmocka_unit_test_setup(a_deep_sample_gives_no_light, setup),
         cmocka_unit_test_setup(small_frames_and_few_views_work, setup),
