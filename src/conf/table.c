@@ -229,7 +229,8 @@ const struct v2v_key v2v_key_table[] = {
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, curvature, 0.0, 100.0, 0.5, "tv: weight of curvature in the plane, of lambda"),
-    REAL(deconv, tolerance, 0.0, 1.0, 0.015, "tv: least change of an iteration, of the volume; of hardly any noise less"),
+    REAL(deconv, tolerance, 0.0, 1.0, 0.015,
+         "tv: least change of an iteration, of the volume; less where there is hardly any noise"),
 
     MULTIPLE(diner, width, 32, 32, 256, 64, "of the network's hidden layers"),
     REAL(diner, table_rate, 0.0, 10.0, 0.1, "learning rate of the voxels' coordinates"),

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/coarse.h"
 #include "v2v3d/tensor/smooth.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
@@ -17,21 +18,23 @@ enum { LEVELS = 3, COARSEST = 8, FINEST = COARSEST >> (LEVELS - 1), RADIUS = 4 }
 /* Steps of the whole frame, squares of 8 pixels; of finer ones. */
 enum { FIRST_STEPS = 6, STEPS = 2 };
 
-/* What noise makes of the squares that a step takes, 2 in the mean, once in 150 times; .. */
-static const double clear = 10.0;
+/* What noise makes of a step's chi^2, 2 in the mean, once in 150 times; .. */
+static const double least_chi2 = 10.0;
 
 /* .. so many of its standard deviations are asked for of all views' own steps together. */
-static const double deviations = 5.0;
+static const double least_deviations = 5.0;
 
-/* Standard deviation of what is about a square beside the whole frame, pixels. */
-static const double apart = 0.5;
+/* Standard deviations of a step that are expected before anything is seen, pixels: of the whole
+ * frame, of a view beside it, of what is about a square beside both. */
+static const double of_frame = 8.0, of_view = 1.0, of_square = 0.5;
 
 /* Pixels: what is nearer stays where it is. */
 static const float least_way = 0.1f;
 
 /* Of gradients g and of what is missed, e: g g^T and g e. */
 enum { XX, XY, YY, XE, YE, MOMENTS };
-enum { ALONG_Y, ALONG_X, AXES };
+/* Of a displacement, and how much of it counts. */
+enum { ALONG_Y, ALONG_X, AXES, PART = AXES, FIELDS };
 
 /* Means of squares of the views, smoothed, in units of the frame's noise. */
 struct level {
@@ -39,10 +42,10 @@ struct level {
     float *frame, *neighbour;    /* [v,height,width] */
 };
 
-/* Pixels, and what they take of the squares missed, in those of noise. */
+/* Pixels, and what they take of the squares missed, in units of noise. */
 struct step {
     float along[AXES];
-    double squares;
+    double chi2;
 };
 
 struct v2v_motion {
@@ -53,9 +56,9 @@ struct v2v_motion {
     float *moments;             /* [MOMENTS,height,width] */
     float *lines;               /* [v,MOMENTS,width] */
     float *scratch;             /* [height,width] */
-    float *way[AXES];           /* [height,width]: pixels from the frame to its neighbour .. */
-    float *own[AXES];           /* [v]: .. and more of them in a view */
-    float *of_pixels[AXES];     /* [height,width] of the frame: of all views */
+    float *way[FIELDS];         /* [height,width]: pixels from the frame to its neighbour .. */
+    float *own[AXES];           /* [v]: .. and more of them in a view; 0 or 1 of both */
+    float *of_pixels[FIELDS];   /* [height,width] of the frame: the way */
     struct step *step;          /* [v] */
 };
 
@@ -73,14 +76,15 @@ static int64_t squares_of(const struct level *level)
 
 int64_t v2v_motion_floats(int64_t views, int64_t height, int64_t width)
 {
+    enum { OF_STEP = sizeof(struct step) / sizeof(float) };
     struct level level = {0};
-    int64_t floats = v2v_mem_product(AXES, height, width);
+    int64_t floats = v2v_mem_product(FIELDS, height, width);
     for (int k = 0; k < LEVELS; k++) {
         level = level_of(height, width, k);
         floats += v2v_mem_product(2 * views, squares_of(&level), 1);
     }
-    return floats + v2v_mem_product(views + MOMENTS + 1 + AXES, squares_of(&level), 1) +
-           v2v_mem_product(views, MOMENTS, level.width) + AXES * views;
+    return floats + v2v_mem_product(views + MOMENTS + 1 + FIELDS, squares_of(&level), 1) +
+           v2v_mem_product(views, MOMENTS, level.width) + (AXES + OF_STEP) * views;
 }
 
 enum v2v_status v2v_motion_create(struct v2v_motion **motion, int64_t views, int64_t height,
@@ -106,11 +110,12 @@ enum v2v_status v2v_motion_create(struct v2v_motion **motion, int64_t views, int
     V2V_TRY(V2V_ALLOC(made->lines, "method.motion",
                       v2v_mem_product(views, MOMENTS, made->level[LEVELS - 1].width)));
     V2V_TRY(V2V_ALLOC(made->scratch, "method.motion", squares));
+    for (int k = 0; k < FIELDS; k++) {
+        V2V_TRY(V2V_ALLOC(made->way[k], "method.motion", squares));
+        V2V_TRY(V2V_ALLOC(made->of_pixels[k], "method.motion", v2v_mem_product(height, width, 1)));
+    }
     for (int axis = 0; axis < AXES; axis++) {
-        V2V_TRY(V2V_ALLOC(made->way[axis], "method.motion", squares));
         V2V_TRY(V2V_ALLOC(made->own[axis], "method.motion", views));
-        V2V_TRY(
-            V2V_ALLOC(made->of_pixels[axis], "method.motion", v2v_mem_product(height, width, 1)));
     }
     V2V_TRY(V2V_ALLOC(made->step, "method.motion", views));
     *motion = made;
@@ -126,9 +131,11 @@ void v2v_motion_destroy(struct v2v_motion **motion)
     *motion = NULL;
     if (old != NULL) {
         for (int axis = 0; axis < AXES; axis++) {
-            v2v_mem_free(old->of_pixels[axis]);
             v2v_mem_free(old->own[axis]);
-            v2v_mem_free(old->way[axis]);
+        }
+        for (int k = 0; k < FIELDS; k++) {
+            v2v_mem_free(old->of_pixels[k]);
+            v2v_mem_free(old->way[k]);
         }
         v2v_mem_free(old->step);
         v2v_mem_free(old->scratch);
@@ -143,86 +150,21 @@ void v2v_motion_destroy(struct v2v_motion **motion)
     }
 }
 
-/* ---- levels ---- */
-
-/* Views, or squares of them. */
-struct images {
-    const float *of; /* [v,height,width] */
-    int64_t height, width;
-};
-
-/* Of those that there are, and finite. */
-static float mean_of_square(const struct images *from, int64_t v, int64_t y, int64_t x,
-                            int64_t side)
-{
-    const int64_t rows = v2v_smaller(side, from->height - y);
-    const int64_t columns = v2v_smaller(side, from->width - x);
-    float sum = 0.0f;
-    for (int64_t i = 0; i < rows; i++) {
-        const float *row = from->of + (v * from->height + y + i) * from->width + x;
-        for (int64_t j = 0; j < columns; j++) {
-            sum += fabsf(row[j]) < INFINITY ? row[j] : 0.0f;
-        }
-    }
-    return sum / (float)(rows * columns);
-}
-
-static void take_squares(float *to, const struct level *level, int64_t views,
-                         const struct images *from, int64_t side, float scale)
-{
-#pragma omp parallel for collapse(2) schedule(static)
-    for (int64_t v = 0; v < views; v++) {
-        for (int64_t y = 0; y < level->height; y++) {
-            float *row = to + (v * level->height + y) * level->width;
-            for (int64_t x = 0; x < level->width; x++) {
-                row[x] = scale * mean_of_square(from, v, y * side, x * side, side);
-            }
-        }
-    }
-}
-
-/* By (1 2 1) / 4 along a line; its ends repeat. */
-static void smooth_line(float *line, int64_t count, int64_t stride)
-{
-    float before = line[0];
-    for (int64_t i = 0; i < count; i++) {
-        const float here = line[i * stride];
-        const float behind = line[v2v_smaller(i + 1, count - 1) * stride];
-        line[i * stride] = 0.25f * (before + 2.0f * here + behind);
-        before = here;
-    }
-}
-
-static void smooth(float *squares, const struct level *level, int64_t views)
-{
-#pragma omp parallel for schedule(static)
-    for (int64_t v = 0; v < views; v++) {
-        float *image = squares + v * level->height * level->width;
-        for (int64_t y = 0; y < level->height; y++) {
-            smooth_line(image + y * level->width, level->width, 1);
-        }
-        for (int64_t x = 0; x < level->width; x++) {
-            smooth_line(image + x, level->height, level->width);
-        }
-    }
-}
-
 /* From fine to coarse. */
 static void take_levels(const struct v2v_motion *motion, float *const to[LEVELS],
                         const float *views)
 {
-    struct images from = {views, motion->height, motion->width};
-    float scale = (float)(1.0 / motion->sigma);
-    int64_t side = FINEST;
-    for (int k = LEVELS - 1; k >= 0; k--) {
-        const struct level *level = &motion->level[k];
-        take_squares(to[k], level, motion->views, &from, side, scale);
-        from = (struct images){to[k], level->height, level->width};
-        scale = 1.0f;
-        side = 2;
+    const float *from = views;
+    int64_t height = motion->height, width = motion->width, side = FINEST;
+    for (int k = LEVELS - 1; k >= 0; k--, side = 2) {
+        const float scale = from == views ? (float)(1.0 / motion->sigma) : 1.0f;
+        v2v_coarse_images(to[k], from, motion->views, height, width, side, scale);
+        from = to[k];
+        height = motion->level[k].height;
+        width = motion->level[k].width;
     }
     for (int k = 0; k < LEVELS; k++) {
-        smooth(to[k], &motion->level[k], motion->views);
+        v2v_soften_images(to[k], motion->views, motion->level[k].height, motion->level[k].width);
     }
 }
 
@@ -309,8 +251,8 @@ static struct rows rows_of(const float *squares, const struct level *level, int6
     return (struct rows){here - level->width, here, here + level->width};
 }
 
-/* What two frames show in a row of squares but the first and the last, times `part`; gradients are
- * those of the mean of both, times four. */
+/* What two frames show in a row of squares but the first and the last; `part` of their differences
+ * across two squares, together, is the gradient of their mean. */
 V2V_SIMD_CLONES static void add_moments(float *restrict moments, int64_t apart_by, struct rows a,
                                         struct rows b, float part, int64_t width)
 {
@@ -330,7 +272,6 @@ V2V_SIMD_CLONES static void add_moments(float *restrict moments, int64_t apart_b
     }
 }
 
-/* Of gradients, a part of the differences across two squares of both frames. */
 static float part_of(const struct level *level)
 {
     return 0.25f / (float)level->side;
@@ -366,41 +307,75 @@ static void sum_view(double sums[MOMENTS], const struct v2v_motion *motion,
     }
 }
 
-static void find_moments(const struct v2v_motion *motion, const struct level *level, float factor)
+static void sum_moments(const struct v2v_motion *motion, const struct level *level)
 {
-    move_squares(motion, level, factor);
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < level->height; y++) {
         sum_row(motion, level, y);
     }
 }
 
+/* Of a row: what two frames miss each other by, the second times `factor`, squared, in units of
+ * `noise`, m / (1 + m): what changed counts for 1, wherever it is taken to be. */
+V2V_SIMD_CLONES static void add_missed(float *restrict row, const float *a, const float *b,
+                                       float factor, float noise, int64_t width)
+{
+#pragma omp simd
+    for (int64_t x = 0; x < width; x++) {
+        const float e = a[x] - factor * b[x];
+        row[x] += e * e / (e * e + noise);
+    }
+}
+
+/* .. over the views. */
+static void find_missed(float *missed, const struct v2v_motion *motion, const struct level *level,
+                        const float *other, float factor, double variance)
+{
+    const int64_t width = level->width, squares = squares_of(level);
+#pragma omp parallel for schedule(static)
+    for (int64_t y = 0; y < level->height; y++) {
+        float *row = missed + y * width;
+        memset(row, 0, (size_t)width * sizeof *row);
+        for (int64_t v = 0; v < motion->views; v++) {
+            const int64_t first = v * squares + y * width;
+            add_missed(row, level->frame + first, other + first, factor, (float)variance, width);
+        }
+    }
+}
+
 /* Of moments in units of noise, which makes up `noise` of g g^T's diagonal: least squares of what
- * is left of it, drawn to 0 as that is surely known, where its prior variance is not 0. At most the
- * side of a square; none where nothing can be told. */
+ * is left of it, drawn to 0 by the step's prior variance, more where gradients are noise. At most
+ * the side of a square; none where nothing can be told. */
 static struct step step_of(const double moments[MOMENTS], double noise, double prior, double most)
 {
+    const struct step none = {{0.0f, 0.0f}, 0.0};
     const double all = moments[XX] + moments[YY], clean = all - 2.0 * noise;
-    const double drawn = prior > 0.0 ? all / (prior * clean) : 0.0;
+    if (!(clean > 0.0)) {
+        return none;
+    }
+    const double drawn = all / clean / (prior * prior);
     const double xx = moments[XX] - noise + drawn, yy = moments[YY] - noise + drawn;
     const double xy = moments[XY], det = xx * yy - xy * xy;
+    if (!(det > 0.0 && det < INFINITY)) {
+        return none;
+    }
     const double along_x = (yy * moments[XE] - xy * moments[YE]) / det;
     const double along_y = (xx * moments[YE] - xy * moments[XE]) / det;
-    const double squares = along_x * moments[XE] + along_y * moments[YE];
-    if (!(clean > 0.0 && det > 0.0 && squares < INFINITY)) {
-        return (struct step){{0.0f, 0.0f}, 0.0};
+    const double chi2 = along_x * moments[XE] + along_y * moments[YE];
+    if (!(chi2 < INFINITY)) {
+        return none;
     }
     return (struct step){{[ALONG_Y] = (float)fmin(fmax(along_y, -most), most),
                           [ALONG_X] = (float)fmin(fmax(along_x, -most), most)},
-                         squares};
+                         chi2};
 }
 
-/* Squares of gradients, along y or x, that noise makes in all views, in units of its variance: of
+/* Squares of gradients of one view, along y or x, that noise makes, in units of its variance: of
  * the mean of two frames, by (1 2 0 -2 -1) / 8 one way and (1 2 1) / 4 the other. */
-static double noise_of(const struct v2v_motion *motion, const struct level *level)
+static double noise_of(const struct level *level)
 {
     const double of_taps = (10.0 / 64.0) * (6.0 / 16.0) / 4.0;
-    return of_taps * (double)motion->views / (double)(level->side * level->side);
+    return of_taps / (double)(level->side * level->side);
 }
 
 /* All that the frame shows, by one step. @return bool: there was more than noise to it */
@@ -414,22 +389,23 @@ static int move_frame(const struct v2v_motion *motion, const struct level *level
             moments[k] += (double)motion->moments[k * squares + i] / variance;
         }
     }
-    const struct step step = step_of(moments, 0.0, 0.0, (double)level->side);
-    for (int axis = 0; axis < AXES && step.squares > clear; axis++) {
+    const struct step step = step_of(moments, 0.0, of_frame, (double)level->side);
+    for (int axis = 0; axis < AXES && step.chi2 > least_chi2; axis++) {
         for (int64_t i = 0; i < squares; i++) {
             motion->way[axis][i] += step.along[axis];
         }
     }
-    return step.squares > clear;
+    return step.chi2 > least_chi2;
 }
 
-/* What each view shows, by a step of its own, less what noise makes of all of them; none where
- * that may be all. @return bool: steps were taken */
+/* What each view shows, by a step of its own; none where noise may be all. @return bool: steps were
+ * taken */
 static int move_views_apart(const struct v2v_motion *motion, const struct level *level,
                             double variance)
 {
-    const double by_noise = 2.0 * (double)motion->views;
-    double squares = 0.0;
+    const double by_noise = 2.0 * (double)motion->views, most = (double)level->side;
+    const double noise = (double)((level->height - 2) * (level->width - 2)) * noise_of(level);
+    double chi2 = 0.0;
 #pragma omp parallel for schedule(static)
     for (int64_t v = 0; v < motion->views; v++) {
         double sums[MOMENTS];
@@ -437,16 +413,16 @@ static int move_views_apart(const struct v2v_motion *motion, const struct level 
         for (int k = 0; k < MOMENTS; k++) {
             sums[k] /= variance;
         }
-        motion->step[v] = step_of(sums, 0.0, 0.0, (double)level->side);
+        motion->step[v] = step_of(sums, noise, of_view, most);
+        motion->step[v].chi2 = step_of(sums, 0.0, of_frame, most).chi2;
     }
     for (int64_t v = 0; v < motion->views; v++) {
-        squares += motion->step[v].squares;
+        chi2 += motion->step[v].chi2;
     }
-    const double part = 1.0 - by_noise / squares;
-    const int is_taken = squares > by_noise + deviations * sqrt(2.0 * by_noise);
+    const int is_taken = chi2 > by_noise + least_deviations * sqrt(2.0 * by_noise);
     for (int64_t v = 0; v < motion->views && is_taken; v++) {
         for (int axis = 0; axis < AXES; axis++) {
-            motion->own[axis][v] += (float)(part * (double)motion->step[v].along[axis]);
+            motion->own[axis][v] += motion->step[v].along[axis];
         }
     }
     return is_taken;
@@ -459,17 +435,39 @@ static double count_of_mean(void)
     return of_line * of_line;
 }
 
+/* The outermost squares have the moments of those beside them. */
+static void repeat_edges(float *image, const struct level *level)
+{
+    const int64_t height = level->height, width = level->width;
+    const size_t bytes = (size_t)width * sizeof *image;
+    for (int64_t y = 0; y < height && width > 2; y++) {
+        image[y * width] = image[y * width + 1];
+        image[y * width + width - 1] = image[y * width + width - 2];
+    }
+    if (height > 2) {
+        memcpy(image, image + width, bytes);
+        memcpy(image + (height - 1) * width, image + (height - 2) * width, bytes);
+    }
+}
+
+/* Means over what is about every square. */
+static void smooth_about(const struct v2v_motion *motion, const struct level *level, float *image)
+{
+    repeat_edges(image, level);
+    for (int pass = 0; pass < 2; pass++) {
+        v2v_smooth_image(image, motion->scratch, image, level->height, level->width, RADIUS);
+    }
+}
+
 /* What is about every square, by a step of its own. */
 static void move_squares_apart(const struct v2v_motion *motion, const struct level *level,
                                double variance)
 {
     const int64_t squares = squares_of(level);
-    const double count = count_of_mean(), noise = count * noise_of(motion, level);
+    const double count = count_of_mean();
+    const double noise = count * (double)motion->views * noise_of(level);
     for (int k = 0; k < MOMENTS; k++) {
-        float *image = motion->moments + k * squares;
-        for (int pass = 0; pass < 2; pass++) {
-            v2v_smooth_image(image, motion->scratch, image, level->height, level->width, RADIUS);
-        }
+        smooth_about(motion, level, motion->moments + k * squares);
     }
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < squares; i++) {
@@ -477,7 +475,7 @@ static void move_squares_apart(const struct v2v_motion *motion, const struct lev
         for (int k = 0; k < MOMENTS; k++) {
             moments[k] = count / variance * (double)motion->moments[k * squares + i];
         }
-        const struct step step = step_of(moments, noise, apart * apart, (double)level->side);
+        const struct step step = step_of(moments, noise, of_square, (double)level->side);
         for (int axis = 0; axis < AXES; axis++) {
             motion->way[axis][i] += step.along[axis];
         }
@@ -501,6 +499,22 @@ static void refine(const struct v2v_motion *motion, const struct level *from,
     }
 }
 
+/* What changed, or came, may have moved what stands still: there nothing moves. */
+static void keep_what_agrees(const struct v2v_motion *motion, const struct level *level,
+                             float factor, double variance)
+{
+    const int64_t squares = squares_of(level);
+    float *still = motion->moments, *moved = motion->moments + squares;
+    find_missed(still, motion, level, level->neighbour, factor, variance);
+    move_squares(motion, level, factor);
+    find_missed(moved, motion, level, motion->moved, 1.0f, variance);
+    smooth_about(motion, level, still);
+    smooth_about(motion, level, moved);
+    for (int64_t i = 0; i < squares; i++) {
+        motion->way[PART][i] = moved[i] < still[i] ? 1.0f : 0.0f;
+    }
+}
+
 void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double factor)
 {
     float *squares[LEVELS];
@@ -516,18 +530,23 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
         const struct level *level = &motion->level[k];
         const double variance = (1.0 + factor * factor) / (double)(level->side * level->side);
         const int steps = k == 0 ? FIRST_STEPS : STEPS;
-        find_moments(motion, level, (float)factor);
+        move_squares(motion, level, (float)factor);
+        sum_moments(motion, level);
         for (int i = 0; i < steps && move_frame(motion, level, variance); i++) {
-            find_moments(motion, level, (float)factor);
+            move_squares(motion, level, (float)factor);
+            sum_moments(motion, level);
         }
         for (int i = 0; i < steps && move_views_apart(motion, level, variance); i++) {
-            find_moments(motion, level, (float)factor);
+            move_squares(motion, level, (float)factor);
         }
+        sum_moments(motion, level);
         move_squares_apart(motion, level, variance);
         if (k + 1 < LEVELS) {
             refine(motion, level, level + 1);
         }
     }
+    keep_what_agrees(motion, &motion->level[LEVELS - 1], (float)factor,
+                     (1.0 + factor * factor) / (FINEST * FINEST));
 }
 
 /* The way at the pixels of row y, of all views. */
@@ -546,20 +565,21 @@ void v2v_motion_undo(const struct v2v_motion *motion, float *to, const float *ne
     const int64_t height = motion->height, width = motion->width;
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
-        float *way[AXES];
-        for (int axis = 0; axis < AXES; axis++) {
-            way[axis] = motion->of_pixels[axis] + y * width;
-            way_of_row(way[axis], motion->way[axis], (int)finest->height, (int)finest->width,
+        float *way[FIELDS];
+        for (int k = 0; k < FIELDS; k++) {
+            way[k] = motion->of_pixels[k] + y * width;
+            way_of_row(way[k], motion->way[k], (int)finest->height, (int)finest->width,
                        place(y, FINEST), width);
         }
         for (int64_t v = 0; v < motion->views; v++) {
             const int64_t first = v * height * width;
-            const struct v2v_way of_view = {.y = way[ALONG_Y],
-                                            .x = way[ALONG_X],
-                                            .more_y = motion->own[ALONG_Y][v],
-                                            .more_x = motion->own[ALONG_X][v],
-                                            .least = least_way};
-            v2v_warp_row(to + first + y * width, neighbour + first, height, width, y, &of_view);
+            const struct v2v_way moving = {.y = way[ALONG_Y],
+                                           .x = way[ALONG_X],
+                                           .part = way[PART],
+                                           .more_y = motion->own[ALONG_Y][v],
+                                           .more_x = motion->own[ALONG_X][v],
+                                           .least = least_way};
+            v2v_warp_row(to + first + y * width, neighbour + first, height, width, y, &moving);
         }
     }
 }

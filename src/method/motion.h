@@ -22,8 +22,8 @@ void v2v_motion_destroy(struct v2v_motion **motion);
  *  @param sigma of its noise, above 0 */
 void v2v_motion_begin(struct v2v_motion *motion, const float *views, double sigma);
 
-/** Find where what is at a pixel of the frame is in another one: nowhere else where noise would
- *  show as much.
+/** Find where what is at a pixel of the frame is in another one: there as well where noise would
+ *  explain as much, or where less would agree.
  *  @kind   Local, no allocation; the same bits with any number of threads
  *  @param  neighbour [v,y,x]; samples that are not finite count as 0
  *  @param  factor    that makes its brightness the frame's

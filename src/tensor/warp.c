@@ -59,6 +59,25 @@ static inline float mixed_row(const float *image, int row, int x0, int width, fl
                  image[row + clamped(x0 + 1, width)], image[row + clamped(x0 + 2, width)]);
 }
 
+static inline float along(const struct v2v_way *way, float way_of_all, float more, int x)
+{
+    return way->part[x] * (way_of_all + more);
+}
+
+/* Pixels of a row that are not where they were. */
+V2V_SIMD_CLONES static int count_moved(const struct v2v_way *way, int width)
+{
+    const float least = way->least * way->least;
+    int count = 0;
+#pragma omp simd reduction(+ : count)
+    for (int x = 0; x < width; x++) {
+        const float way_y = along(way, way->y[x], way->more_y, x);
+        const float way_x = along(way, way->x[x], way->more_x, x);
+        count += way_y * way_y + way_x * way_x >= least;
+    }
+    return count;
+}
+
 V2V_SIMD_CLONES static void warp_row(float *restrict to, const float *from, int height, int width,
                                      int y, struct v2v_way way)
 {
@@ -66,7 +85,8 @@ V2V_SIMD_CLONES static void warp_row(float *restrict to, const float *from, int 
     const float *here = from + (int64_t)y * width;
 #pragma omp simd
     for (int x = 0; x < width; x++) {
-        const float way_y = way.y[x] + way.more_y, way_x = way.x[x] + way.more_x;
+        const float way_y = along(&way, way.y[x], way.more_y, x);
+        const float way_x = along(&way, way.x[x], way.more_x, x);
         const float down = floorf(way_y), over = floorf(way_x), t = way_x - over;
         const int y0 = y + (int)down, x0 = x + (int)over;
         const float moved =
@@ -81,7 +101,11 @@ V2V_SIMD_CLONES static void warp_row(float *restrict to, const float *from, int 
 void v2v_warp_row(float *to, const float *from, int64_t height, int64_t width, int64_t y,
                   const struct v2v_way *way)
 {
-    warp_row(to, from, (int)height, (int)width, (int)y, *way);
+    if (count_moved(way, (int)width) == 0) {
+        memcpy(to, from + y * width, (size_t)width * sizeof *to);
+    } else {
+        warp_row(to, from, (int)height, (int)width, (int)y, *way);
+    }
 }
 
 /* What polynomials of x count in row y of a field. */

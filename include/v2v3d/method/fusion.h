@@ -34,7 +34,7 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views);
  *  @param  views [v,y,x] of t, as at begin @param neighbour [v,y,x], in the same units
  *  @return [v,y,x], until the next call; `neighbour` where frame t has no noise, or samples that
  *          are not finite
- *  @cost   as two or three passes over the views; one of 16 taps where something moved
+ *  @cost   as two or three passes over the views; one of 16 taps of rows where something moved
  *  @source REFERENCE.md 12 */
 const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views,
                               const float *neighbour);

@@ -20,9 +20,10 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
 void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
                       const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
-/** Where the pixels of a row lie: (y, x) further by (y[x] + more_y, x[x] + more_x), pixels. */
+/** Where the pixels of a row lie: (y, x) further by part[x] (y[x] + more_y, x[x] + more_x), pixels,
+ *  below 2^30 of them. */
 struct v2v_way {
-    const float *y, *x; /**< [width], finite */
+    const float *y, *x, *part; /**< [width], finite */
     float more_y, more_x;
     float least; /**< a shorter way is none */
 };

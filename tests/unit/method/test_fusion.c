@@ -519,6 +519,43 @@ static void what_moves_is_averaged_where_frames_are_aligned(void **state)
     }
 }
 
+/* Spots that stand still, and others that flash, in each frame elsewhere. */
+static void make_flashing(int flashes)
+{
+    enum { SPOTS = 20 };
+    for (uint64_t t = 0; t < FRAMES; t++) {
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            double light = 10.0;
+            for (uint64_t k = 0; k < SPOTS + (uint64_t)flashes; k++) {
+                const uint64_t stream = k < SPOTS ? 0 : 2 * t + 2;
+                light += spot((k < SPOTS ? 8.0 : 20.0) * noise, i,
+                              HEIGHT * v2v_random_uniform(8, stream, k),
+                              WIDTH * v2v_random_uniform(8, stream + 1, k));
+            }
+            frames[t][i] = (float)(light + noise * v2v_random_normal(7, t, (uint64_t)i));
+            fused[i] = t == 0 ? (float)light : fused[i];
+        }
+    }
+}
+
+/* What comes and goes must not move what stands still: no more is missed than of neighbours as they
+ * are, give or take a fiftieth, of a variance that is known to as much. */
+static void what_flashes_moves_nothing(void **state)
+{
+    (void)state;
+    static float clean[SAMPLES];
+    for (int flashes = 0; flashes <= 12; flashes += 4) {
+        make_flashing(flashes);
+        memcpy(clean, fused, sizeof clean);
+        const double as_they_are = missed(0);
+        memcpy(fused, clean, sizeof clean);
+        const double aligned = missed(1);
+        if (!(aligned < 1.02 * as_they_are)) {
+            fail_msg("%d: %g of the variance is left, %g aligned", flashes, as_they_are, aligned);
+        }
+    }
+}
+
 /* ---- hard input ---- */
 
 static void without_noise_or_finite_samples_a_frame_stays_as_it_is(void **state)
@@ -528,7 +565,7 @@ static void without_noise_or_finite_samples_a_frame_stays_as_it_is(void **state)
     for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
         flat[i / SAMPLES][i % SAMPLES] = (float)(i / SAMPLES);
     }
-    fuse(fused, flat, FRAMES - 1);
+    fuse_frames(fused, flat, FRAMES - 1, 1);
     assert_memory_equal(fused, flat[0], sizeof fused);
     make_frames(0.0);
     frames[0][SAMPLES / 2] = INFINITY;
@@ -543,8 +580,10 @@ static void what_is_not_finite_in_a_neighbour_is_left_out(void **state)
     make_frames(0.0);
     frames[1][HEIGHT / 2 * WIDTH + WIDTH / 2] = INFINITY;
     frames[2][HEIGHT / 3 * WIDTH + WIDTH / 3] = NAN;
-    fuse(fused, frames, 2);
-    assert_int_equal(v2v_first_not_finite(fused, SAMPLES), -1);
+    for (int is_aligned = 1; is_aligned >= 0; is_aligned--) {
+        fuse_frames(fused, frames, 2, is_aligned);
+        assert_int_equal(v2v_first_not_finite(fused, SAMPLES), -1);
+    }
     fuse(other, frames, 1);
     assert_true(fused[PIXELS + WIDTH] != other[PIXELS + WIDTH]); /* in another view it counts */
 }
@@ -662,6 +701,7 @@ int main(void)
         cmocka_unit_test(brightness_of_a_frame_is_kept),
         cmocka_unit_test(what_moved_is_that_of_the_frame_itself),
         cmocka_unit_test(what_moves_is_averaged_where_frames_are_aligned),
+        cmocka_unit_test(what_flashes_moves_nothing),
         cmocka_unit_test(samples_say_how_many_frames_they_are_of),
         cmocka_unit_test(weights_do_not_depend_on_the_unit),
         cmocka_unit_test(without_noise_or_finite_samples_a_frame_stays_as_it_is),

@@ -124,17 +124,19 @@ static void without_a_field_nothing_changes(void **state)
 static void a_row_is_taken_from_where_its_pixels_lie(void **state)
 {
     (void)state;
-    float from[PIXELS], to[WIDTH], way_y[WIDTH], way_x[WIDTH];
-    const struct v2v_way way = {way_y, way_x, 0.3f, -0.2f, 0.1f};
+    float from[PIXELS], to[WIDTH], way_y[WIDTH], way_x[WIDTH], part[WIDTH];
+    const struct v2v_way way = {way_y, way_x, part, 0.3f, -0.2f, 0.1f};
     fill(from);
     for (int x = 0; x < WIDTH; x++) {
         way_y[x] = 0.07f * (float)(x - WIDTH / 2) - 0.3f;
         way_x[x] = -0.05f * (float)(x - WIDTH / 2) + 0.2f;
+        part[x] = x < WIDTH / 4 ? 0.5f : 1.0f;
     }
     for (int y = EDGE; y < HEIGHT - EDGE; y++) {
         v2v_warp_row(to, from, HEIGHT, WIDTH, y, &way);
         for (int x = EDGE; x < WIDTH - EDGE; x++) {
-            const double far_y = (double)way_y[x] + 0.3, far_x = (double)way_x[x] - 0.2;
+            const double far_y = (double)part[x] * ((double)way_y[x] + 0.3);
+            const double far_x = (double)part[x] * ((double)way_x[x] - 0.2);
             if (hypot(far_y, far_x) < 0.1) { /* the middle and what is beside it */
                 assert_true(to[x] == from[y * WIDTH + x] && abs(x - WIDTH / 2) < 2);
             } else { /* of 16 taps of values up to 20 */
