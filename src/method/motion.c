@@ -536,10 +536,14 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
             move_squares(motion, level, (float)factor);
             sum_moments(motion, level);
         }
-        for (int i = 0; i < steps && move_views_apart(motion, level, variance); i++) {
+        int rounds = 0;
+        while (rounds < steps && move_views_apart(motion, level, variance)) {
             move_squares(motion, level, (float)factor);
+            rounds++;
         }
-        sum_moments(motion, level);
+        if (rounds > 0) {
+            sum_moments(motion, level);
+        }
         move_squares_apart(motion, level, variance);
         if (k + 1 < LEVELS) {
             refine(motion, level, level + 1);
@@ -549,13 +553,13 @@ void v2v_motion_find(struct v2v_motion *motion, const float *neighbour, double f
                      (1.0 + factor * factor) / (FINEST * FINEST));
 }
 
-/* The way at the pixels of row y, of all views. */
-V2V_SIMD_CLONES static void way_of_row(float *restrict to, const float *way, int height, int width,
-                                       float y, int64_t pixels)
+/* A field at `count` pixels of a row, which lies at `y` among the squares. */
+V2V_SIMD_CLONES static void field_of_row(float *restrict to, const float *field, int height,
+                                         int width, float y, int count)
 {
 #pragma omp simd
-    for (int x = 0; x < (int)pixels; x++) {
-        to[x] = between(way, height, width, y, place(x, FINEST));
+    for (int x = 0; x < count; x++) {
+        to[x] = between(field, height, width, y, place(x, FINEST));
     }
 }
 
@@ -568,8 +572,8 @@ void v2v_motion_undo(const struct v2v_motion *motion, float *to, const float *ne
         float *way[FIELDS];
         for (int k = 0; k < FIELDS; k++) {
             way[k] = motion->of_pixels[k] + y * width;
-            way_of_row(way[k], motion->way[k], (int)finest->height, (int)finest->width,
-                       place(y, FINEST), width);
+            field_of_row(way[k], motion->way[k], (int)finest->height, (int)finest->width,
+                         place(y, FINEST), (int)width);
         }
         for (int64_t v = 0; v < motion->views; v++) {
             const int64_t first = v * height * width;

@@ -100,7 +100,8 @@ static double missed_by(const float *moved, double sigma)
 static const struct way here = {0.0, 0.0};
 
 /* What a frame that is aligned misses is its noise, which cubic convolution takes from, and what is
- * left of the way: of ways that are known to a tenth of a pixel less than half of the noise. */
+ * left of the way: 0.06 of the noise's square for a tenth of a pixel along both axes, since a spot
+ * has pi / 2 (20 noise)^2 of squared gradient along either, and 48 lie on 90 x 107 pixels. */
 static void structures_come_back(void **state)
 {
     (void)state;
@@ -122,7 +123,7 @@ static void structures_come_back(void **state)
     }
 }
 
-/* Twice as bright, in any unit. */
+/* Twice as bright, in any unit; of half of the noise a tenth of a pixel is 0.25 of the square. */
 static void brightness_and_units_do_not_matter(void **state)
 {
     (void)state;
