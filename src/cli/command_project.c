@@ -39,6 +39,21 @@ static enum v2v_status check(const float *result, int64_t count, int64_t t)
                           (long long)t);
 }
 
+/* The fields of a calibration, which go into the views of a volume; a scratch where it has any. */
+static enum v2v_status fields_init(float **scratch, const struct v2v_session *session,
+                                   const struct v2v_recording_info *info, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_calibration *calibration = &session->calibration;
+    if (calibration->views > 0) {
+        V2V_TRY(v2v_calibration_check(calibration, info->views, info->height, info->width, path));
+        V2V_TRY(v2v_par_agree(session->world,
+                              V2V_ALLOC(*scratch, "cli.distorted", info->height * info->width)));
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status forward(const struct arguments *given, const struct v2v_session *session,
                                const struct v2v_psf_file *psf)
 {
@@ -48,15 +63,9 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
     struct v2v_recording_writer *writer = NULL;
     struct v2v_progress progress = {0};
     float *scratch = NULL;
-    const struct v2v_calibration *calibration = &session->calibration;
     V2V_TRY(v2v_step_volume(session, &volume, given->volume, psf));
     struct v2v_recording_info info = v2v_step_recording_of(v2v_volume_info(volume), psf);
-    if (calibration->views > 0) {
-        V2V_TRY(
-            v2v_calibration_check(calibration, info.views, info.height, info.width, given->volume));
-        V2V_TRY(v2v_par_agree(session->world,
-                              V2V_ALLOC(scratch, "cli.distorted", info.height * info.width)));
-    }
+    V2V_TRY(fields_init(&scratch, session, &info, given->volume));
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
     struct v2v_part out =
         v2v_par_part(info.views, v2v_comm_size(session->world), v2v_comm_rank(session->world));
@@ -69,7 +78,8 @@ static enum v2v_status forward(const struct arguments *given, const struct v2v_s
         V2V_TRY(v2v_par_agree(session->world, rc));
         V2V_TRY(v2v_projection_forward(&p));
         if (scratch != NULL) {
-            v2v_calibration_distort(p.views, scratch, calibration, info.height, info.width);
+            v2v_calibration_distort(p.views, scratch, &session->calibration, info.height,
+                                    info.width);
         }
         V2V_TRY(v2v_par_agree(session->world, check(own, out.count * p.pixels, t)));
         V2V_TRY(v2v_recording_write(writer, own, t, out.first, out.count));
@@ -105,12 +115,15 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     struct v2v_provenance provenance = {0};
     struct v2v_progress progress = {0};
-    V2V_TRY(v2v_step_recording(session, &recording, input, psf));
+    float *scratch = NULL;
+    struct v2v_session as_recorded =
+        *session; /* fields are put into A, not taken out of the views */
+    as_recorded.calibration = (struct v2v_calibration){0};
+    V2V_TRY(v2v_step_recording(&as_recorded, &recording, input, psf));
+    V2V_TRY(fields_init(&scratch, session, v2v_recording_info(recording), input));
     struct v2v_volume_info info = v2v_step_volume_of(session, v2v_recording_info(recording), psf);
     V2V_TRY(v2v_projection_init(&p, session, psf, info.height, info.width));
-    const struct v2v_scaling scaling = {.gain = 1.0,
-                                        .offset = stated_offset(session, recording),
-                                        .calibration = v2v_recording_calibration(recording)};
+    const struct v2v_scaling scaling = {.gain = 1.0, .offset = stated_offset(session, recording)};
     V2V_TRY(v2v_provenance_init(&provenance, session, psf, NULL, &scaling));
     V2V_TRY(v2v_volume_create(&writer, given->output, &info, 1u << V2V_VOLUME_MEAN, provenance.item,
                               provenance.count, session->world));
@@ -120,6 +133,10 @@ static enum v2v_status adjoint(const char *input, const struct arguments *given,
         rc = v2v_recording_read(recording, p.views, t);
         V2V_TRY(v2v_par_agree(session->world, rc));
         v2v_scaling_apply(&scaling, p.views, psf->views * p.pixels);
+        if (scratch != NULL) {
+            v2v_calibration_distort_transpose(p.views, scratch, &session->calibration, info.height,
+                                              info.width);
+        }
         V2V_TRY(v2v_projection_adjoint(&p));
         V2V_TRY(v2v_par_agree(session->world, check(p.slices, p.mine.count * p.pixels, t)));
         V2V_TRY(v2v_step_write_slices(session, writer, p.slices, t, p.mine));
@@ -130,6 +147,7 @@ done:
     v2v_progress_end(&progress);
     v2v_volume_abandon(&writer);
     v2v_provenance_fini(&provenance);
+    v2v_mem_free(scratch);
     v2v_projection_fini(&p);
     v2v_recording_close(&recording);
     return rc;

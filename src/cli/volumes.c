@@ -120,6 +120,7 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
     const struct v2v_volumes *given = work->given;
     const struct v2v_input_settings input = v2v_estimator_input(work->ops, &session->config);
     V2V_TRY(v2v_step_recording(session, &work->recording, given->input, work->psf));
+    V2V_TRY(v2v_recording_has_frame(work->recording, work->frames.first));
     const struct v2v_recording_info *info = v2v_recording_info(work->recording);
     work->problem = (struct v2v_problem){.config = &session->config,
                                          .psf = work->psf,

@@ -143,13 +143,20 @@ const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *
     return &recording->info;
 }
 
+enum v2v_status v2v_recording_has_frame(const struct v2v_recording *recording, int64_t t)
+{
+    const int64_t frames = recording->info.frames;
+    return t < frames ? V2V_OK
+                      : V2V_FAIL(V2V_E_INPUT, "%s: there is no frame %lld: it has %lld, from 0",
+                                 recording->stack.path, (long long)t, (long long)frames);
+}
+
 enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first, int64_t count)
 {
     struct v2v_recording_info *info = &recording->info;
     V2V_ASSERT(first >= 0 && count > 0);
     if (first >= info->frames) {
-        return V2V_FAIL(V2V_E_INPUT, "%s: there is no frame %lld: it has %lld, from 0",
-                        recording->stack.path, (long long)first, (long long)info->frames);
+        return v2v_recording_has_frame(recording, first);
     }
     const int64_t rest = info->frames - first;
     info->frames = count < rest ? count : rest;

@@ -178,6 +178,20 @@ void v2v_calibration_distort(float *views, float *scratch,
     }
 }
 
+void v2v_calibration_distort_transpose(float *views, float *scratch,
+                                       const struct v2v_calibration *calibration, int64_t height,
+                                       int64_t width)
+{
+    for (int64_t v = 0; v < calibration->views; v++) {
+        const struct v2v_view_calibration *view = &calibration->view[v];
+        float *image = views + v * height * width;
+        memcpy(scratch, image, (size_t)(height * width) * sizeof *image);
+        v2v_warp_image_transpose(image, scratch, height, width, view->distortion_y,
+                                 view->distortion_x);
+        v2v_shade_image(image, height, width, view->shading, 1.0);
+    }
+}
+
 void v2v_calibration_undistort(float *to, const float *views, float *scratch,
                                const struct v2v_calibration *calibration)
 {

@@ -39,6 +39,22 @@ static double sample(const float *image, int64_t height, int64_t width, double y
     return sum;
 }
 
+/* The transpose: the value goes to the pixels that `sample` takes it from, with their weights. */
+static void spread(float *image, int64_t height, int64_t width, double y, double x, double value)
+{
+    const double top = floor(y), left = floor(x);
+    const int64_t y0 = (int64_t)top, x0 = (int64_t)left;
+    double along_y[TAPS], along_x[TAPS];
+    cubic(along_y, y - top);
+    cubic(along_x, x - left);
+    for (int i = 0; i < TAPS; i++) {
+        float *row = image + v2v_within(y0 - 1 + i, 0, height - 1) * width;
+        for (int j = 0; j < TAPS; j++) {
+            row[v2v_within(x0 - 1 + j, 0, width - 1)] += (float)(along_y[i] * along_x[j] * value);
+        }
+    }
+}
+
 static inline int clamped(int i, int side)
 {
     const int low = i > 0 ? i : 0;
@@ -148,6 +164,27 @@ void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
             values_at(moved, rows, x, width);
             to[y * width + x] =
                 (float)sample(from, height, width, (double)y - moved[0], (double)x - moved[1]);
+        }
+    }
+}
+
+/* On one thread: pixels share those that they go to. */
+void v2v_warp_image_transpose(float *to, const float *from, int64_t height, int64_t width,
+                              const double field_y[V2V_FIELD_TERMS],
+                              const double field_x[V2V_FIELD_TERMS])
+{
+    if (v2v_field_is_zero(field_y) && v2v_field_is_zero(field_x)) {
+        memcpy(to, from, (size_t)(height * width) * sizeof *to);
+        return;
+    }
+    memset(to, 0, (size_t)(height * width) * sizeof *to);
+    for (int64_t y = 0; y < height; y++) {
+        double rows[2][V2V_FIELD_ORDERS], moved[2];
+        rows_of(rows, field_y, field_x, y, height);
+        for (int64_t x = 0; x < width; x++) {
+            values_at(moved, rows, x, width);
+            spread(to, height, width, (double)y - moved[0], (double)x - moved[1],
+                   (double)from[y * width + x]);
         }
     }
 }

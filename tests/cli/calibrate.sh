@@ -68,6 +68,30 @@ works project --psf psf.h5 --volume volume.h5 -o larger.h5 --calibration larger.
 same spoilt.h5 larger.h5 /views
 works simulate --psf psf.h5 --volume volume.h5 -o clean.h5 --force --calibration larger.yaml
 same spoilt.h5 clean.h5 /views
+
+# The adjoint, of a calibration with fields: what a voxel sends to a pixel the pixel sends back.
+field() { # SIX NUMBERS: the first of 65 terms
+    printf '[%s%s]' "$1" "$(printf ', 0%.0s' {1..59})"
+}
+bent="distortion_y: $(field '0, 0.7, -0.4, 0.2, 0, 0'), distortion_x: $(field '0.3, -0.5, 0.8, 0, 0, 0')"
+sed "s/gain: 1.25/&, $bent, shading: $(field '0.3, -0.2, 0, 0, 0, 0')/" spoil.yaml >bent.yaml
+element() { # FILE DATASET PLACE
+    h5dump -y -m %.9g -d "$2" -s "$3" -c 1,1,1,1 "$1" | awk '/^ *-?[0-9.]/ { print $1; exit }'
+}
+voxel=0,3,30,20 pixel=0,0,29,20
+works project --psf psf.h5 --volume volume.h5 -o bent.h5 --calibration bent.yaml
+works project --psf psf.h5 --input bent.h5 -o back.h5 --calibration bent.yaml --adjoint
+cp volume.h5 lit.h5
+cp bent.h5 lit_view.h5
+"$V2V_POKE" lit.h5 /volume $((3 * 4096 + 30 * 64 + 20)) 1e6
+"$V2V_POKE" lit_view.h5 /views $((29 * 64 + 20)) 1e6
+works project --psf psf.h5 --volume lit.h5 -o bent_lit.h5 --calibration bent.yaml
+works project --psf psf.h5 --input lit_view.h5 -o back_lit.h5 --calibration bent.yaml --adjoint
+awk -v a="$(element bent.h5 /views $pixel)" -v b="$(element bent_lit.h5 /views $pixel)" \
+    -v c="$(element back.h5 /volume $voxel)" -v d="$(element back_lit.h5 /volume $voxel)" \
+    'BEGIN { there = b - a; back = d - c; exit !(there > 1 && (there - back)^2 < 1e-6 * there^2) }' ||
+    fail "$(element bent_lit.h5 /views $pixel) there, $(element back_lit.h5 /volume $voxel) back"
+
 more='since volumes miss more of the views than noise'
 works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5
 grep -q "lambda [0-9.]*, by views left out of a frame, $more" stderr || fail "lambda: $(cat stderr)"

@@ -40,6 +40,10 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording);
 
+/** Is there a frame t? @kind Local. @return V2V_OK | V2V_E_INPUT (no, and how many there are) */
+enum v2v_status v2v_recording_has_frame(const struct v2v_recording *recording,
+                                        int64_t t) V2V_MUST_CHECK;
+
 /** From now on the recording is its frames first .. first+count-1, or fewer where it ends before.
  *  Those left out can still be read, as frames -before .. -1 and frames .. frames+after-1.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (no frame `first`) */

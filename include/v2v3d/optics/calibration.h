@@ -28,6 +28,11 @@ void v2v_calibration_distort(float *views, float *scratch,
                              const struct v2v_calibration *calibration, int64_t height,
                              int64_t width);
 
+/** The transpose of that: of a back-projection. @kind Local. Parameters likewise. */
+void v2v_calibration_distort_transpose(float *views, float *scratch,
+                                       const struct v2v_calibration *calibration, int64_t height,
+                                       int64_t width);
+
 /** Taken out of the views of a frame.
  *  @kind Local. @param to, views [v,height,width] of the calibration
  *  @param scratch [2,height,width] */

@@ -15,6 +15,12 @@ extern "C" {
 void v2v_warp_image(float *to, const float *from, int64_t height, int64_t width,
                     const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
+/** The transpose of v2v_warp_image, which is not its inverse.
+ *  @kind Local. @param to, from [height,width], not the same */
+void v2v_warp_image_transpose(float *to, const float *from, int64_t height, int64_t width,
+                              const double field_y[V2V_FIELD_TERMS],
+                              const double field_x[V2V_FIELD_TERMS]);
+
 /** The inverse: to[p - field(p)] = from[p], likewise; fields change by less than a pixel from one
  *  pixel to the next. @kind Local. @param scratch [2,height,width] */
 void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,

@@ -143,6 +143,38 @@ static void distortion_is_undone(void **state)
     v2v_calibration_fini(&c);
 }
 
+/* <D x, y> = <x, D^T y> for views of noise, whose fields push pixels over every edge. */
+static void transpose_of_distortion_is_its_transpose(void **state)
+{
+    (void)state;
+    enum { VIEWS = 2, HEIGHT = 61, WIDTH = 70, COUNT = VIEWS * HEIGHT * WIDTH };
+    static float x[COUNT], y[COUNT], distorted[COUNT], back[COUNT], scratch[HEIGHT * WIDTH];
+    struct v2v_calibration c;
+    assert_ok(v2v_calibration_init(&c, VIEWS, HEIGHT, WIDTH));
+    c.view[0] = (struct v2v_view_calibration){.gain = 1.0,
+                                              .distortion_y = {2.9, -0.6, 0.3, 1.4, -0.2},
+                                              .distortion_x = {-2.5, 0.7, -1.3, 0.2, 0.4},
+                                              .shading = {0.2, -0.3, 0.1, 0.05, -0.1}};
+    c.view[1] = (struct v2v_view_calibration){.gain = 1.0, .shading = {-0.4, 0.1}};
+    for (int i = 0; i < COUNT; i++) {
+        x[i] = distorted[i] = (float)v2v_random_normal(1, 1, (uint64_t)i);
+        y[i] = back[i] = (float)v2v_random_normal(1, 2, (uint64_t)i);
+    }
+    v2v_calibration_distort(distorted, scratch, &c, HEIGHT, WIDTH);
+    v2v_calibration_distort_transpose(back, scratch, &c, HEIGHT, WIDTH);
+    double forth = 0.0, of_back = 0.0, length = 0.0;
+    for (int i = 0; i < COUNT; i++) {
+        forth += (double)distorted[i] * (double)y[i];
+        of_back += (double)x[i] * (double)back[i];
+        length += (double)distorted[i] * (double)distorted[i];
+    }
+    /* float32 rounds each product by 6e-8; their sum is as long as a random walk of them. */
+    print_message("%.9g and %.9g, of %.3g\n", forth, of_back, length);
+    assert_true(fabs(forth - of_back) < 1e-6 * length);
+    assert_true(fabs(forth) > 1e-3 * sqrt(length));
+    v2v_calibration_fini(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -150,6 +182,7 @@ int main(void)
         cmocka_unit_test(gains_alone_leave_the_window),
         cmocka_unit_test(parallax_is_how_centroids_move),
         cmocka_unit_test(distortion_is_undone),
+        cmocka_unit_test(transpose_of_distortion_is_its_transpose),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
