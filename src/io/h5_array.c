@@ -59,8 +59,8 @@ done:
     return rc;
 }
 
-/* Chunks that were never written read as zeros without any error: a recording whose writer was
- * killed. Compressed sizes say less: there only nothing at all is seen. */
+/* What was never written reads as zeros without any error. Of what is compressed the number of
+ * chunks tells (v2v_h5_chunks_create), here only nothing at all is seen. */
 static enum v2v_status check_written(const struct v2v_h5_array *array, int64_t element, int filters)
 {
     const int64_t image = v2v_mem_product(array->shape[2], array->shape[3], element);

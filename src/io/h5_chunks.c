@@ -83,13 +83,14 @@ done:
     return rc;
 }
 
-/* The sum of all recorded sizes; HDF5 walks through the whole index for it. */
+/* The sum of all recorded sizes; HDF5 walks through the whole index for it. Chunks that were never
+ * written read as the fill value without any error: a recording whose writer was killed. */
 static enum v2v_status check_sum(struct v2v_h5_chunks *chunks)
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t stored = H5Dget_storage_size(chunks->set);
     const int64_t expected = v2v_mem_product(chunks->count, chunks->bytes, 1);
-    hid_t file = H5Iget_file_id(chunks->set);
+    hid_t file = H5Iget_file_id(chunks->set), space = H5Dget_space(chunks->set);
     if (H5Fget_filesize(file, &chunks->file_bytes) < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, "its file has no size"));
     }
@@ -110,7 +111,19 @@ static enum v2v_status check_sum(struct v2v_h5_chunks *chunks)
                          chunks->path, chunks->name, (unsigned long long)stored,
                          (long long)expected));
     }
+    if (chunks->filters > 0) {
+        hsize_t written = 0;
+        if (H5Dget_num_chunks(chunks->set, space, &written) < 0) {
+            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, "has no index of chunks"));
+        }
+        if (written != (hsize_t)chunks->count) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: only %llu of its %lld chunks were ever written",
+                             chunks->path, chunks->name, (unsigned long long)written,
+                             (long long)chunks->count));
+        }
+    }
 done:
+    v2v_h5_close(&space);
     v2v_h5_close(&file);
     return rc;
 }
@@ -244,8 +257,7 @@ static enum v2v_status take_room(struct v2v_h5_chunks *chunks, int64_t bytes)
     return rc;
 }
 
-/* The chunk whose first element this is. One that was never written has no size, and holds the
- * dataset's fill value. */
+/* The chunk whose first element this is. */
 static enum v2v_status check_chunk(struct v2v_h5_chunks *chunks, const char *what,
                                    const hsize_t *start)
 {
@@ -259,7 +271,7 @@ static enum v2v_status check_chunk(struct v2v_h5_chunks *chunks, const char *wha
         passes_end |= chunks->extent[i] - start[i] < chunks->chunk[i];
     }
     if (H5Dget_chunk_storage_size(chunks->set, start, &bytes) < 0 || bytes == 0) {
-        return V2V_OK;
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, what));
     }
     if (bytes > chunks->file_bytes) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: %s: a chunk is said to take %llu bytes of %llu",

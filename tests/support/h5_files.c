@@ -81,7 +81,7 @@ static hid_t creation_of(const char *path, const struct test_h5_spec *spec, cons
     }
     if (spec->storage == TEST_H5_CHECKED) {
         assert_true(H5Pset_fletcher32(creation) >= 0);
-    } else if (spec->storage == TEST_H5_DEFLATED) {
+    } else if (spec->storage == TEST_H5_DEFLATED || spec->storage == TEST_H5_CUT) {
         assert_true(H5Pset_shuffle(creation) >= 0 && H5Pset_deflate(creation, 1) >= 0);
     } else if (spec->storage == TEST_H5_FOREIGN) {
         assert_true(H5Zregister(&foreign) >= 0);
@@ -101,7 +101,17 @@ static void write_values(hid_t set, const struct test_h5_spec *spec)
     for (int64_t i = 0; i < count; i++) {
         values[i] = spec->values != NULL ? spec->values[i] : (double)(i % 100);
     }
-    assert_true(H5Dwrite(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+    hid_t space = H5Dget_space(set);
+    if (spec->storage == TEST_H5_CUT) {
+        const hsize_t start[6] = {0}, last = (hsize_t)spec->rank - 2;
+        hsize_t image[6] = {1, 1, 1, 1, 1, 1};
+        for (hsize_t i = last; i < last + 2; i++) {
+            image[i] = (hsize_t)spec->shape[i];
+        }
+        assert_true(H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, image, NULL) >= 0);
+    }
+    assert_true(H5Dwrite(set, H5T_NATIVE_DOUBLE, space, space, H5P_DEFAULT, values) >= 0);
+    H5Sclose(space);
     free(values);
 }
 

@@ -26,6 +26,7 @@ enum test_h5_storage {
     TEST_H5_FOREIGN,  /**< so, through a filter that no reader has */
     TEST_H5_EXTERNAL, /**< bytes in a file beside it */
     TEST_H5_VIRTUAL,  /**< a view of another file's dataset, which is missing */
+    TEST_H5_CUT,      /**< deflated, an image a chunk, only the first one written */
     TEST_H5_UNWRITTEN /**< chunked, no chunk written */
 };
 

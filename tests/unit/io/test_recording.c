@@ -117,6 +117,8 @@ static void unsuitable_datasets_are_refused_by_name_and_reason(void **state)
          "/views: keeps its data in other files"},
         {{.dataset = "/views", .storage = TEST_H5_UNWRITTEN, .rank = 3, .shape = {2, 3, 4}},
          "/views: only 0 of its 96 bytes were ever written"},
+        {{.dataset = "/views", .storage = TEST_H5_CUT, .rank = 4, .shape = {2, 3, 4, 5}},
+         "/views: only 1 of its 6 chunks were ever written"},
         {{.dataset = "/views",
           .storage = TEST_H5_UNWRITTEN,
           .rank = 4,
