@@ -1,11 +1,16 @@
 #include "method/square.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <string.h>
 
 enum { STEP = 16 };
+
+/* Of the light that as large a part of the square holds in the mean: little. */
+static const double little = 0.5;
 
 /* Of pixels: their sum, and that of their squares. */
 struct sums {
@@ -73,6 +78,47 @@ void v2v_square_cut(const struct v2v_square *square, float *to, const float *ima
     }
 }
 
+static struct v2v_part within(int64_t side, int64_t margin)
+{
+    const int64_t edge = v2v_smaller(margin, v2v_field_margin(side));
+    return (struct v2v_part){edge, side - 2 * edge};
+}
+
+/* The squares of a part's pixels, all views together, beyond those of the noise. */
+static double light_in(const struct v2v_square_views *square, int64_t views,
+                       const struct v2v_square *part, double sigma)
+{
+    struct sums sums = {0};
+    for (int64_t v = 0; v < views; v++) {
+        add_rows(&sums, 1.0, square->views + v * square->height * square->width, square->width,
+                 &part->columns, part->rows);
+    }
+    return sums.squares - (double)(views * part->rows.count * part->columns.count) * sigma * sigma;
+}
+
+/* .. where the views, which are [v,height,width], are judged. */
+static enum v2v_status choose_judged(struct v2v_square_views *square, int64_t views)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t height = square->height, width = square->width;
+    const struct v2v_square all = {{0, height}, {0, width}};
+    const struct v2v_square inner = {within(height, V2V_FIELD_MARGIN),
+                                     within(width, V2V_FIELD_MARGIN)};
+    float *scratch = NULL;
+    V2V_TRY(V2V_ALLOC(scratch, "square.views", v2v_mem_product(views, height, width)));
+    const double sigma = v2v_noise_of_images(scratch, square->views, views, height, width);
+    const double share =
+        (double)(inner.rows.count * inner.columns.count) / (double)(height * width);
+    const int is_dark = light_in(square, views, &inner, sigma) <
+                        little * share * light_in(square, views, &all, sigma);
+    square->judged = is_dark ? (struct v2v_square){within(height, V2V_FIELD_MARGIN / 3),
+                                                   within(width, V2V_FIELD_MARGIN / 3)}
+                             : inner;
+done:
+    v2v_mem_free(scratch);
+    return rc;
+}
+
 enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
                                       const struct v2v_problem *problem, const float *views,
                                       const struct v2v_averaging *averaging, int64_t side)
@@ -85,6 +131,7 @@ enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
     const int64_t samples = v2v_mem_product(count, square->height, square->width);
     V2V_TRY(V2V_ALLOC(square->views, "square.views", samples));
     v2v_square_cut(&place, square->views, views, count, height, width);
+    V2V_TRY(choose_judged(square, count));
     if (averaging != NULL) {
         V2V_TRY(V2V_ALLOC(square->frames, "square.views", samples));
         v2v_square_cut(&place, square->frames, averaging->frames, count, height, width);

@@ -22,12 +22,16 @@ void v2v_square_cut(const struct v2v_square *square, float *to, const float *ima
 /** The views of a frame in the square of it where the first of them varies most. */
 struct v2v_square_views {
     int64_t height, width;          /**< of the square */
+    struct v2v_square judged;       /**< of it: where views that are left out are judged */
     float *views;                   /**< [v,height,width] */
     float *frames;                  /**< likewise, of .. */
     struct v2v_averaging averaging; /**< .. theirs; frames NULL: they are of one frame */
 };
 
-/** @kind Local. @param views [v,y,x] of the problem's whole frame @param averaging theirs, or NULL
+/** Judged is what lies V2V_FIELD_MARGIN pixels from the square's edges, where the light beyond them
+ *  is not seen; a third of that, where what lies inside holds little of the views' light: the dark
+ *  would speak for as smooth a volume as there is.
+ *  @kind Local. @param views [v,y,x] of the problem's whole frame @param averaging theirs, or NULL
  *  @param side of the square, pixels @return V2V_OK | V2V_E_MEMORY; _fini after both */
 enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
                                       const struct v2v_problem *problem, const float *views,

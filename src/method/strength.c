@@ -1,6 +1,5 @@
 #include "method/strength.h"
 
-#include "method/registration.h"
 #include "method/square.h"
 #include "method/unrolled.h"
 #include "v2v3d/base/log.h"
@@ -42,8 +41,7 @@ static void keep_fine(const struct chooser *self, float *image)
 static void add(const struct chooser *self, struct v2v_strength_sums *sums, const float *missed,
                 const float *correction)
 {
-    const struct v2v_part rows = v2v_registration_judged(self->square.height);
-    const struct v2v_part columns = v2v_registration_judged(self->square.width);
+    const struct v2v_part rows = self->square.judged.rows, columns = self->square.judged.columns;
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         const int64_t first = y * self->square.width + columns.first;
         for (int64_t i = first; i < first + columns.count; i++) {

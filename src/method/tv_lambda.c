@@ -1,6 +1,5 @@
 #include "method/tv_lambda.h"
 
-#include "method/registration.h"
 #include "method/square.h"
 #include "method/tv.h"
 #include "v2v3d/base/bounds.h"
@@ -84,8 +83,7 @@ static float *samples_of(const struct chooser *self, int fold, int index)
 static void miss(float *samples, struct chooser *self, struct v2v_left_out *fold)
 {
     const int64_t width = self->square.width, pixels = self->square.height * width;
-    const struct v2v_part rows = v2v_registration_judged(self->square.height);
-    const struct v2v_part columns = v2v_registration_judged(width);
+    const struct v2v_part rows = self->square.judged.rows, columns = self->square.judged.columns;
     v2v_left_out_predict(fold, self->predicted, self->volume);
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
@@ -250,8 +248,8 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(
         V2V_ALLOC(self->volume, "tv.lambda", v2v_mem_product(problem->psf->slices, height, width)));
     V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * height * width));
-    self->judged = V2V_LEFT_OUT_MOST * v2v_registration_judged(height).count *
-                   v2v_registration_judged(width).count;
+    self->judged =
+        V2V_LEFT_OUT_MOST * self->square.judged.rows.count * self->square.judged.columns.count;
     V2V_TRY(V2V_ALLOC(self->samples, "tv.lambda", v2v_mem_product(FOLDS, WEIGHTS, self->judged)));
 done:
     return rc;

@@ -6,7 +6,8 @@
 
 /** A number of what deconv.lambda says. `auto`: views of a frame are left out, volumes are made
  *  of the others with more weight and with less, and the weight is taken whose volumes predict the
- *  views left out best; on two choices of them, and on a square of the frame where it varies most.
+ *  views left out best; on two choices of them, and on a square of the frame where it varies most
+ *  (what of it: v2v_square_views).
  *  `default`: as the noise says; where the square's volume misses its views by more than their
  *  noise, as where they are out of register, as `auto`; where half of that surely predicts one
  *  choice of views better, the weight downhill from there that predicts both best, if it surely

@@ -56,10 +56,40 @@ static void no_other_square_varies_more(void **state)
     }
 }
 
+/* Two views of noise 1 about an even light, but for `light` in all columns below `columns`. */
+static void assert_judged_from(int64_t edge, float light, int64_t columns)
+{
+    enum { VIEWS = 2, SIDE = 100 };
+    static float views[VIEWS * SIDE * SIDE];
+    const struct v2v_psf_file psf = {.views = VIEWS};
+    const struct v2v_problem problem = {.psf = &psf, .height = SIDE, .width = SIDE};
+    struct v2v_square_views square;
+    for (int64_t i = 0; i < VIEWS * SIDE * SIDE; i++) {
+        views[i] =
+            (float)v2v_random_normal(3, 1, (uint64_t)i) + (i % SIDE < columns ? light : 0.0f);
+    }
+    assert_ok(v2v_square_views_init(&square, &problem, views, NULL, SIDE));
+    assert_int_equal(square.judged.rows.first, edge);
+    assert_int_equal(square.judged.rows.count, SIDE - 2 * edge);
+    assert_int_equal(square.judged.columns.first, edge);
+    assert_int_equal(square.judged.columns.count, SIDE - 2 * edge);
+    v2v_square_views_fini(&square);
+}
+
+static void what_is_judged_holds_light(void **state)
+{
+    (void)state;
+    assert_judged_from(24, 5.0f, 100); /* its share */
+    assert_judged_from(24, 5.0f, 45);  /* 21 of 45 columns where the square has 52 of 100 */
+    assert_judged_from(8, 5.0f, 30);   /* 6 of 30: the noise inside counts as none */
+    assert_judged_from(8, 5.0f, 20);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_other_square_varies_more),
+        cmocka_unit_test(what_is_judged_holds_light),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
