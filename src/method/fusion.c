@@ -1,6 +1,7 @@
 #include "v2v3d/method/fusion.h"
 
 #include "method/brightness.h"
+#include "method/local_brightness.h"
 #include "method/motion.h"
 #include "method/photons.h"
 #include "v2v3d/base/bounds.h"
@@ -29,7 +30,7 @@ static struct gate of_all(int64_t views)
 }
 
 /* Of the variance in the light, the least of photons. */
-static const double least_variance = 0.01;
+static const float least_variance = 0.01f;
 
 /* Variance of the mean over that of as many frames of their own noise, from which on frames share
  * it: structure, too, makes some difference. */
@@ -51,12 +52,14 @@ struct v2v_fusion {
     struct noise noise;
     struct v2v_averaging averaging; /* no frames: what was given last is of one frame */
     struct v2v_ratio *ratios;
+    struct v2v_local_brightness *brightness;
     struct v2v_motion *motion;
     float *photons;   /* [v,y,x] of frame t: this part of the variance, in the noise's unit */
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
     float *moved;     /* [v,y,x]: a neighbour, moved onto frame t */
+    float *factor;    /* [v,y,x]: .. and what its light is multiplied with */
     float *change;    /* [v,y,x] of a neighbour: mean square of its difference */
     float *mean;      /* [y,x] of that over the views */
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
@@ -66,8 +69,9 @@ struct v2v_fusion {
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
 {
     return neighbours == 0 ? 0
-                           : 6 * v2v_mem_product(views, height, width) +
+                           : 7 * v2v_mem_product(views, height, width) +
                                  v2v_motion_floats(views, height, width) +
+                                 v2v_local_brightness_floats(views, height, width) +
                                  height * (3 * width + 2 * COARSE_TAPS) +
                                  2 * v2v_brightness_pieces(views, height, width);
 }
@@ -105,8 +109,10 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     if (neighbours > 0) {
         V2V_TRY(
             V2V_ALLOC(made->ratios, "method.fusion", v2v_brightness_pieces(views, height, width)));
+        V2V_TRY(v2v_local_brightness_create(&made->brightness, views, height, width));
         V2V_TRY(v2v_motion_create(&made->motion, views, height, width));
         V2V_TRY(V2V_ALLOC(made->moved, "method.fusion", samples));
+        V2V_TRY(V2V_ALLOC(made->factor, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->photons, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->sum, "method.fusion", samples));
         V2V_TRY(V2V_ALLOC(made->weight, "method.fusion", samples));
@@ -136,7 +142,9 @@ void v2v_fusion_destroy(struct v2v_fusion **fusion)
         v2v_mem_free(old->weight);
         v2v_mem_free(old->sum);
         v2v_mem_free(old->photons);
+        v2v_mem_free(old->factor);
         v2v_mem_free(old->moved);
+        v2v_local_brightness_destroy(&old->brightness);
         v2v_motion_destroy(&old->motion);
         v2v_mem_free(old->ratios);
         v2v_mem_free(old);
@@ -191,24 +199,30 @@ static void smooth_column(float *to, const float *image, const float *taps, int 
     }
 }
 
-/* A neighbour beside frame t: what its light is multiplied with, then what it weighs if it did not
- * change; of the difference of both its noise, as that of frame t. */
+/* What a neighbour is held against. */
 struct beside {
-    float factor, weight;
-    float inverse; /* of the unit's root, smoothed */
-    float photons, even, least;
-    struct gate gate; /* of all views together */
+    float inverse;       /* of the unit's root, smoothed */
+    float photons, even; /* in the light, of the variance of frame t */
+    struct gate gate;    /* of all views together */
 };
+
+/* The neighbour's noise is that of frame t at its own level, times the factor: in the light. */
+static inline float noise_in_light(struct beside beside, float factor)
+{
+    return factor * (beside.photons + factor * beside.even);
+}
 
 V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *restrict views,
                                            const float *restrict neighbour,
+                                           const float *restrict factor,
                                            const float *restrict photons, struct beside beside,
                                            int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
-        const float variance = beside.photons * photons[x] + beside.even;
-        const float root = sqrtf(variance > beside.least ? variance : beside.least);
-        to[x] = (views[x] - beside.factor * neighbour[x]) * beside.inverse / root;
+        const float f = factor[x], least = least_variance * (1.0f + noise_in_light(beside, f));
+        const float variance = (1.0f + f) * photons[x] + (1.0f + f * f) * beside.even;
+        const float root = sqrtf(variance > least ? variance : least);
+        to[x] = (views[x] - f * neighbour[x]) * beside.inverse / root;
     }
 }
 
@@ -220,13 +234,14 @@ static float beyond(struct gate gate, float change)
 /* Nothing of what is not finite. */
 V2V_SIMD_CLONES static void weigh_row(float *restrict sum, float *restrict weight,
                                       const float *restrict change, const float *restrict mean,
-                                      const float *restrict row, struct beside beside,
-                                      int64_t width)
+                                      const float *restrict row, const float *restrict factor,
+                                      struct beside beside, int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
         const float less = 1.0f + beyond(of_view, change[x]) + beyond(beside.gate, mean[x]);
-        const float w = change[x] < INFINITY ? beside.weight / less : 0.0f;
-        sum[x] += w > 0.0f ? w * beside.factor * row[x] : 0.0f;
+        const float of_noise = noise_in_light(beside, factor[x]) * less;
+        const float w = change[x] < INFINITY ? 1.0f / of_noise : 0.0f;
+        sum[x] += w > 0.0f ? w * factor[x] * row[x] : 0.0f;
         weight[x] += w;
     }
 }
@@ -307,6 +322,8 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
     fusion->averaging = (struct v2v_averaging){0};
     if (sigma > 0.0) {
         take_noise(fusion, views, sigma);
+        v2v_local_brightness_begin(fusion->brightness, views, fusion->photons, fusion->noise.unit,
+                                   fusion->noise.even);
         v2v_motion_begin(fusion->motion, views, sigma);
     }
     v2v_bulk_copy(fusion->sum, views, samples);
@@ -333,18 +350,12 @@ const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views, con
     return fusion->moved;
 }
 
-/* The neighbour's noise is that of frame t at its own level, times the factor. */
-static struct beside place(const struct v2v_fusion *fusion, double factor)
+static struct beside place(const struct v2v_fusion *fusion)
 {
     const struct noise *noise = &fusion->noise;
-    const double square = factor * factor;
-    const double own = factor * noise->photons + square * noise->even;
-    return (struct beside){.factor = (float)factor,
-                           .weight = (float)(1.0 / own),
-                           .inverse = (float)(1.0 / (sqrt(noise->unit) * fusion->smoothed)),
-                           .photons = (float)(1.0 + factor),
-                           .even = (float)((1.0 + square) * noise->even),
-                           .least = (float)(least_variance * (1.0 + own)),
+    return (struct beside){.inverse = (float)(1.0 / (sqrt(noise->unit) * fusion->smoothed)),
+                           .photons = (float)noise->photons,
+                           .even = (float)noise->even,
                            .gate = of_all(fusion->views)};
 }
 
@@ -360,8 +371,8 @@ static void find_change(struct v2v_fusion *fusion, int64_t v, const float *views
 #pragma omp for schedule(static)
         for (int64_t y = 0; y < height; y++) {
             const int64_t at = first + y * width;
-            difference_row(rows + y * pitch, views + at, neighbour + at, fusion->photons + at,
-                           beside, width);
+            difference_row(rows + y * pitch, views + at, neighbour + at, fusion->factor + at,
+                           fusion->photons + at, beside, width);
         }
         smooth_padded(fusion, rows, pitch, fusion->fine, FINE_TAPS);
 #pragma omp for schedule(static)
@@ -396,8 +407,10 @@ static void find_mean_change(struct v2v_fusion *fusion)
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour)
 {
     if (fusion->noise.sigma > 0.0) {
-        const struct beside beside = place(fusion, brightness_of(fusion, views, neighbour));
+        const struct beside beside = place(fusion);
         const int64_t rows = fusion->views * fusion->height, width = fusion->width;
+        v2v_local_brightness_find(fusion->brightness, fusion->factor, neighbour,
+                                  brightness_of(fusion, views, neighbour));
         for (int64_t v = 0; v < fusion->views; v++) {
             find_change(fusion, v, views, neighbour, beside);
         }
@@ -406,7 +419,8 @@ void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *
         for (int64_t row = 0; row < rows; row++) {
             const int64_t at = row * width;
             weigh_row(fusion->sum + at, fusion->weight + at, fusion->change + at,
-                      fusion->mean + row % fusion->height * width, neighbour + at, beside, width);
+                      fusion->mean + row % fusion->height * width, neighbour + at,
+                      fusion->factor + at, beside, width);
         }
     }
 }
