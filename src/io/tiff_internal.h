@@ -12,6 +12,7 @@ struct v2v_tiff_log {
     char error[384];
     char warning[384];
     int miscounted; /**< the warning says that libtiff made up the number of stored bytes */
+    int lost;       /**< the warning says that it passed over a tag that matters here */
 };
 
 /** Hand an open descriptor to libtiff, its messages going to `log` instead of stderr. The handle

@@ -213,6 +213,10 @@ enum v2v_status v2v_tiff_check_page(const struct v2v_tiff *tiff, int64_t page,
     if (tiff->log.miscounted) {
         V2V_TRY(V2V_PAGE_FAIL(tiff, page, "%s", tiff->log.warning));
     }
+    /* Without its description the pages would be taken in another order. */
+    if (tiff->log.lost) {
+        V2V_TRY(V2V_PAGE_FAIL(tiff, page, "%s: the file is cut off or damaged", tiff->log.warning));
+    }
     if (tiff->shape.type != NULL &&
         (shape->height != tiff->shape.height || shape->width != tiff->shape.width ||
          shape->type != tiff->shape.type)) {

@@ -215,6 +215,44 @@ static void a_file_cut_anywhere_is_refused(void **state)
     assert_refused("cut ImageJ block", in_folder("cut.tif"), "declares 4 pages, the file holds 3");
 }
 
+/* tifffile writes what is long at the end of the file: libtiff only warns when it is cut off. */
+static void a_tag_beyond_the_end_of_the_file_is_refused(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        int tag, type;
+        uint32_t count;
+    } cases[] = {{"ImageDescription", 270, TIFF_ASCII, 40},
+                 {"ImageDescription", 270, TIFF_ASCII, 2000000000},
+                 {"PageName", 285, TIFF_ASCII, 40},
+                 {"XResolution", 282, TIFF_RATIONAL, 1}};
+    struct tiff_bytes file;
+    char text[64];
+
+    for (int page = 0; page < PAGES; page++) {
+        for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+            tiff_bytes_make(&file, 0, PAGES, PAGES, HEIGHT, WIDTH, "text");
+            const uint32_t past = (uint32_t)file.size - (cases[i].count == 1 ? 7 : 39);
+            tiff_bytes_entry(&file, page, E_DESCRIPTION, cases[i].tag, cases[i].type,
+                             cases[i].count, past);
+            assert_true(tiff_bytes_save(in_folder("end.tif"), file.data, file.size));
+            assert_refused(cases[i].name, in_folder("end.tif"), "cut off or damaged");
+            (void)snprintf(text, sizeof text, "page %d: ", page + 1);
+            assert_refused(cases[i].name, in_folder("end.tif"), text);
+            assert_refused(cases[i].name, in_folder("end.tif"), cases[i].name);
+        }
+    }
+    /* up to the last byte, or of no use here */
+    tiff_bytes_make(&file, 0, 1, 1, HEIGHT, WIDTH, "text");
+    tiff_bytes_entry(&file, 0, E_DESCRIPTION, 270, TIFF_ASCII, 40, (uint32_t)file.size - 40);
+    assert_true(tiff_bytes_save(in_folder("end.tif"), file.data, file.size));
+    assert_int_equal(read_all(in_folder("end.tif")), V2V_OK);
+    tiff_bytes_entry(&file, 0, E_DESCRIPTION, 271, TIFF_ASCII, 40, (uint32_t)file.size);
+    assert_true(tiff_bytes_save(in_folder("end.tif"), file.data, file.size));
+    assert_int_equal(read_all(in_folder("end.tif")), V2V_OK);
+}
+
 static void an_imagej_block_that_lies_is_refused(void **state)
 {
     (void)state;
@@ -401,6 +439,7 @@ int main(void)
         cmocka_unit_test(a_harmless_oddity_is_read),
         cmocka_unit_test(directories_that_lead_astray_are_refused),
         cmocka_unit_test(a_file_cut_anywhere_is_refused),
+        cmocka_unit_test(a_tag_beyond_the_end_of_the_file_is_refused),
         cmocka_unit_test(an_imagej_block_that_lies_is_refused),
         cmocka_unit_test(a_stack_without_directories_is_not_taken_for_one_page),
         cmocka_unit_test(what_is_no_file_is_refused),
