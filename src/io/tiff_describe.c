@@ -89,13 +89,16 @@ static enum v2v_status read_imagej(struct v2v_tiff *tiff, const char *descriptio
     info->channels = imagej.channels;
     info->slices = imagej.slices;
     info->frames = imagej.frames;
-    if (v2v_mem_product(imagej.channels, imagej.slices, imagej.frames) != info->pages) {
-        if (imagej.channels > 1) {
+    const int64_t described = v2v_mem_product(imagej.channels, imagej.slices, imagej.frames);
+    if (described != info->pages || imagej.images > info->pages) {
+        const int has_fewer = described < 0 || described > info->pages;
+        if (has_fewer || imagej.images > info->pages || imagej.channels > 1) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                             "%s: has %lld pages, but ImageJ's description says %lld channels of "
-                             "%lld slices and %lld frames: it is cut off or damaged",
-                             tiff->path, (long long)info->pages, (long long)imagej.channels,
-                             (long long)imagej.slices, (long long)imagej.frames));
+                             "%s: has %lld pages, but ImageJ's description says %lld images, %lld "
+                             "channels of %lld slices and %lld frames: it is cut off or damaged",
+                             tiff->path, (long long)info->pages, (long long)imagej.images,
+                             (long long)imagej.channels, (long long)imagej.slices,
+                             (long long)imagej.frames));
         }
         info->channels = 1;
         info->slices = info->pages;

@@ -434,25 +434,56 @@ static void an_imagej_file_with_one_directory_is_read_whole(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
-static void a_description_that_contradicts_the_pages_is_set_aside(void **state)
+static void an_imagej_description_of_fewer_images_is_set_aside(void **state)
 {
     (void)state;
+    static const char *const cases[] = {
+        "ImageJ=1.53t\nimages=3\nslices=2\n", "ImageJ=1.53t\nimages=2\nslices=2\n",
+        "ImageJ=1.53t\nimages=2\n", "ImageJ=1.53t\nslices=3\n", "ImageJ=1.53t\n"};
     struct tiff_bytes file;
     struct v2v_tiff *tiff = NULL;
 
-    tiff_bytes_make(&file, 0, 3, 3, 3, 5, "ImageJ=1.53t\nimages=8\nslices=4\nframes=2\n");
-    assert_true(tiff_bytes_save(in_folder("other.tif"), file.data, file.size));
-    assert_ok(v2v_tiff_open(&tiff, in_folder("other.tif")));
-    const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
-    assert_int_equal(info->pages, 3);
-    assert_int_equal(info->slices, 3);
-    assert_int_equal(info->channels * info->frames, 1);
-    v2v_tiff_close(&tiff);
-    /* whose page is whose, then, nobody knows */
-    tiff_bytes_make(&file, 0, 3, 3, 3, 5, "ImageJ=1.53t\nimages=4\nchannels=2\nslices=2\n");
-    assert_true(tiff_bytes_save(in_folder("other.tif"), file.data, file.size));
-    assert_int_equal(v2v_tiff_open(&tiff, in_folder("other.tif")), V2V_E_INPUT);
-    assert_non_null(strstr(v2v_status_message(), "has 3 pages, but ImageJ's description says 2"));
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        tiff_bytes_make(&file, 0, 3, 3, 3, 5, cases[i]);
+        assert_true(tiff_bytes_save(in_folder("other.tif"), file.data, file.size));
+        assert_ok(v2v_tiff_open(&tiff, in_folder("other.tif")));
+        const struct v2v_tiff_info *info = v2v_tiff_info(tiff);
+        assert_int_equal(info->pages, 3);
+        assert_int_equal(info->slices, 3);
+        assert_int_equal(info->channels * info->frames, 1);
+        v2v_tiff_close(&tiff);
+    }
+}
+
+/* Pages are missing, or which page is whose nobody knows. */
+static void an_imagej_description_of_more_images_is_refused(void **state)
+{
+    (void)state;
+    static const struct {
+        int pages;
+        const char *description, *reason;
+    } cases[] = {
+        {3, "images=8\nslices=4\nframes=2\n",
+         "has 3 pages, but ImageJ's description says 8 images"},
+        {3, "slices=4\n", "1 channels of 4 slices and 1 frames: it is cut off or damaged"},
+        {3, "images=3\nframes=4\n", "cut off or damaged"},
+        {3, "images=4\nslices=3\n", "has 3 pages, but ImageJ's description says 4 images"},
+        {3, "images=4\n", "cut off or damaged"},
+        {3, "images=4\nchannels=2\nslices=2\n", "2 channels of 2 slices"},
+        {3, "images=2\nchannels=2\n", "2 channels of 1 slices"},
+        {3, "slices=2000000000\nframes=2000000000\nchannels=2000000000\n", "cut off or damaged"},
+        {1, "slices=4\n", "has 1 pages"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct tiff_bytes file;
+        struct v2v_tiff *tiff = NULL;
+        char text[128];
+        (void)snprintf(text, sizeof text, "ImageJ=1.53t\n%s", cases[i].description);
+        tiff_bytes_make(&file, 0, cases[i].pages, cases[i].pages, 3, 5, text);
+        assert_true(tiff_bytes_save(in_folder("other.tif"), file.data, file.size));
+        assert_int_equal(v2v_tiff_open(&tiff, in_folder("other.tif")), V2V_E_INPUT);
+        assert_non_null(strstr(v2v_status_message(), cases[i].reason));
+    }
 }
 
 static void real_stacks_are_read(void **state)
@@ -502,7 +533,8 @@ int main(void)
         cmocka_unit_test(imagej_descriptions_are_understood),
         cmocka_unit_test(imagej_calibrates_samples_by_a_straight_line),
         cmocka_unit_test(an_imagej_file_with_one_directory_is_read_whole),
-        cmocka_unit_test(a_description_that_contradicts_the_pages_is_set_aside),
+        cmocka_unit_test(an_imagej_description_of_fewer_images_is_set_aside),
+        cmocka_unit_test(an_imagej_description_of_more_images_is_refused),
         cmocka_unit_test(real_stacks_are_read),
     };
     (void)snprintf(folder, sizeof folder, "%s", test_folder(NULL));
