@@ -110,7 +110,9 @@ static enum v2v_status read_metadata(struct v2v_recording *recording,
         V2V_TRY(v2v_h5_get_length(&info->frame_interval_s, set, stack->path, "frame_interval_s"));
         V2V_TRY(v2v_h5_get_numbers(&info->offset, &found, set, stack->path, "offset", 1));
     }
-    info->frame_interval_s *= (double)recording->stride / (double)pages_per_step;
+    /* Of a row of slices alone the interval is that of frames which the row does not show. */
+    const int is_known = recording->stride == pages_per_step || stack->axes.frames > 1;
+    info->frame_interval_s *= is_known ? (double)recording->stride / (double)pages_per_step : 0.0;
     v2v_stack_told(&info->pixel_size_um, settings->pixel_size_um);
     v2v_stack_told(&info->frame_interval_s, settings->frame_interval_s);
 done:

@@ -42,8 +42,11 @@ static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t asked)
     volume->info.slices = slices;
     volume->info.pixel_size_um = stack->pixel_size_um;
     volume->info.slice_spacing_um = stack->slice_spacing_um;
+    /* between pages that are called frames; of slices alone it is that of frames of them all */
     const int is_of_page = !is_stated && axes->frames > 1;
-    volume->info.frame_interval_s = stack->frame_interval_s * (is_of_page ? (double)slices : 1.0);
+    const int is_known = is_of_page || slices == axes->slices;
+    volume->info.frame_interval_s =
+        is_known ? stack->frame_interval_s * (is_of_page ? (double)slices : 1.0) : 0.0;
     return V2V_OK;
 }
 

@@ -398,6 +398,28 @@ static void a_time_series_states_its_views_and_its_interval(void **state)
     v2v_recording_close(&recording);
 }
 
+/* The time between frames of what is called one frame says nothing of frames made of its slices. */
+static void an_interval_of_other_frames_is_not_known(void **state)
+{
+    (void)state;
+    static const struct {
+        int64_t slices, frames, views, stride;
+        double interval;
+    } cases[] = {{15, 1, 5, 0, 0.0},  {15, 1, 5, 1, 0.0},  {15, 1, 15, 0, 0.25},
+                 {15, 1, 0, 0, 0.25}, {1, 15, 5, 0, 1.25}, {1, 15, 5, 1, 0.25},
+                 {5, 3, 5, 10, 0.5}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const struct v2v_tiff_info stack = stack_info(cases[i].slices, cases[i].frames);
+        const struct v2v_input_settings settings = {.views = cases[i].views,
+                                                    .stride = cases[i].stride};
+        struct v2v_recording *recording = NULL;
+        make_stack(&stack);
+        assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+        assert_true(v2v_recording_info(recording)->frame_interval_s == cases[i].interval);
+        v2v_recording_close(&recording);
+    }
+}
+
 static void a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told(void **state)
 {
     (void)state;
@@ -648,6 +670,7 @@ int main(void)
         cmocka_unit_test(pages_become_views_by_first_view_and_stride),
         cmocka_unit_test(pages_that_make_no_whole_frames_are_refused_with_the_counts),
         cmocka_unit_test(a_time_series_states_its_views_and_its_interval),
+        cmocka_unit_test(an_interval_of_other_frames_is_not_known),
         cmocka_unit_test(a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told),
         cmocka_unit_test(a_sliding_window_crosses_the_frames_of_an_hdf5_file),
         cmocka_unit_test(a_written_recording_is_read_back_to_the_bit),

@@ -394,22 +394,32 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
 static void an_interval_of_pages_is_that_of_their_slices(void **state)
 {
     (void)state;
-    const struct v2v_tiff_info pages = {.pages = 12,
-                                        .height = 1,
-                                        .width = 1,
-                                        .channels = 1,
-                                        .slices = 1,
-                                        .frames = 12,
-                                        .bits = 32,
-                                        .is_float = 1,
-                                        .type_max = 1.0,
-                                        .frame_interval_s = 0.25};
+    struct v2v_tiff_info pages = {.pages = 12,
+                                  .height = 1,
+                                  .width = 1,
+                                  .channels = 1,
+                                  .slices = 1,
+                                  .frames = 12,
+                                  .bits = 32,
+                                  .is_float = 1,
+                                  .type_max = 1.0,
+                                  .frame_interval_s = 0.25};
     struct v2v_volume *volume = NULL;
     use("pages.tif");
     counting_stack(path, &pages, 0.0f, 1.0f);
     assert_ok(v2v_volume_open(&volume, path, &(struct v2v_input_settings){.slices = 4}, NULL));
     assert_int_equal(v2v_volume_info(volume)->frames, 3);
     assert_true(v2v_volume_info(volume)->frame_interval_s == 1.0);
+    v2v_volume_close(&volume);
+    /* slices alone: of frames of them all, not of four */
+    pages.slices = 12;
+    pages.frames = 1;
+    counting_stack(path, &pages, 0.0f, 1.0f);
+    assert_ok(v2v_volume_open(&volume, path, &(struct v2v_input_settings){.slices = 4}, NULL));
+    assert_true(v2v_volume_info(volume)->frame_interval_s == 0.0);
+    v2v_volume_close(&volume);
+    assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
+    assert_true(v2v_volume_info(volume)->frame_interval_s == 0.25);
     v2v_volume_close(&volume);
 }
 
