@@ -26,7 +26,7 @@ struct v2v_recording {
 
 /* Views of a frame: what the file states, which must be what is asked for; else that. A TIFF with
  * channels has the views as channels or, of the channel that is chosen, as slices; one axis alone
- * is a row of pages. */
+ * is a row of pages, but frames alone are frames where this program wrote them. */
 static enum v2v_status count_views(struct v2v_recording_info *info, const struct v2v_stack *stack,
                                    int64_t asked)
 {
@@ -39,6 +39,10 @@ static enum v2v_status count_views(struct v2v_recording_info *info, const struct
                         "%s: has %lld channels and %lld slices: --channel K (from 1) takes one "
                         "channel, whose slices are the views",
                         stack->path, (long long)axes->channels, (long long)axes->slices);
+    }
+    if (stack->is_own && asked == 0 && axes->frames > 1 && !in_channels && !in_slices) {
+        info->views = 1;
+        return V2V_OK;
     }
     if (stack->is_tiff && !in_channels && !in_slices) {
         info->is_one_row = asked == 0 && stack->folder == NULL; /* a folder's layout tells them */

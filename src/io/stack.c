@@ -77,6 +77,7 @@ static enum v2v_status open_tiff(struct v2v_stack *stack, int is_folder,
     stack->slice_spacing_um = info->slice_spacing_um;
     stack->frame_interval_s = info->frame_interval_s;
     stack->axes = (struct v2v_stack_axes){info->channels, info->slices, info->frames};
+    stack->is_own = info->is_own && !is_folder;
     stack->step_of_file = 1;
     V2V_TRY(choose_channel(stack, settings->channel));
     if (is_folder) {

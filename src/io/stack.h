@@ -34,6 +34,7 @@ struct v2v_stack {
     int64_t height, width;
     double type_max;            /**< of an integer type, 1 of other values */
     struct v2v_stack_axes axes; /**< of an HDF5 file 1, images, frames */
+    int is_own; /**< a TIFF file of this program: frames alone are frames of one slice or view */
     double pixel_size_um, slice_spacing_um, frame_interval_s; /**< as a TIFF states them; or 0 */
     int64_t first_of_file, step_of_file; /**< TIFF: page p is that one of the file, plus p steps */
 };

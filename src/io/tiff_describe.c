@@ -151,6 +151,7 @@ static void read_tags(struct v2v_tiff *tiff, const char *description)
     if (TIFFGetField(tiff->handle, TIFFTAG_SOFTWARE, &software)) {
         v2v_tiff_software_parse(info, software);
     }
+    info->is_own = v2v_tiff_has_sum(tiff);
     calibrate(tiff, description);
     v2v_imagej_parse(&imagej, description);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);

@@ -42,6 +42,9 @@ void v2v_tiff_beat(int64_t page);
 enum { V2V_TIFF_PAGE_NAME_BYTES = 24 };
 void v2v_tiff_name_page(char name[V2V_TIFF_PAGE_NAME_BYTES], const float *pixels, int64_t count);
 
+/** Has libtiff's current directory such a name? @kind Local. */
+int v2v_tiff_has_sum(const struct v2v_tiff *tiff);
+
 /** Pixels of the largest page that is read or written. */
 #define V2V_TIFF_MOST_PIXELS INT32_MAX
 

@@ -277,13 +277,26 @@ static enum v2v_status check_finite(const struct v2v_tiff *tiff, const float *pi
     return V2V_OK;
 }
 
+static const char *stored_sum(const struct v2v_tiff *tiff)
+{
+    const char *stored = NULL;
+    return TIFFGetField(tiff->handle, TIFFTAG_PAGENAME, &stored) &&
+                   strncmp(stored, "crc32c ", 7) == 0
+               ? stored
+               : NULL;
+}
+
+int v2v_tiff_has_sum(const struct v2v_tiff *tiff)
+{
+    return stored_sum(tiff) != NULL;
+}
+
 /* Of a page that v2v_tiff_write_page wrote. */
 static enum v2v_status check_sum(struct v2v_tiff *tiff, const float *page, int64_t number)
 {
     char name[V2V_TIFF_PAGE_NAME_BYTES];
-    const char *stored = NULL;
-    if (tiff->block_from > 0 || !TIFFGetField(tiff->handle, TIFFTAG_PAGENAME, &stored) ||
-        strncmp(stored, "crc32c ", 7) != 0) {
+    const char *stored = tiff->block_from > 0 ? NULL : stored_sum(tiff);
+    if (stored == NULL) {
         return V2V_OK;
     }
     v2v_tiff_name_page(name, page, tiff->info.height * tiff->info.width);

@@ -24,7 +24,11 @@ static enum v2v_status lay_out_tiff(struct v2v_volume *volume, int64_t asked)
     const struct v2v_stack_axes *axes = &stack->axes;
     /* one axis alone is a row of pages, which many programs call slices, whatever they are */
     const int is_stated = axes->slices > 1 && axes->frames > 1;
-    const int64_t slices = is_stated ? axes->slices : asked > 0 ? asked : stack->pages;
+    const int is_own = stack->is_own && axes->frames > 1;
+    const int64_t slices = is_stated   ? axes->slices
+                           : asked > 0 ? asked
+                           : is_own    ? axes->slices
+                                       : stack->pages;
     if (axes->channels > 1) {
         return V2V_FAIL(V2V_E_INPUT, "%s: has %lld channels: --channel K (from 1) takes one",
                         stack->path, (long long)axes->channels);

@@ -30,7 +30,8 @@ struct v2v_recording;
  *  stride below the view count (a sliding window), page p of the stack still is view (p -
  *  first_view) mod views; with one above it, pages between frames are none of any. An HDF5 file
  *  is first looked at in a child process of rank 0 with a limit of time and memory. With
- *  settings->views = 0 the file decides, and all pages of a TIFF that says nothing are one frame.
+ *  settings->views = 0 the file decides, and all pages of a TIFF that says nothing are one frame;
+ *  those that this program wrote as frames alone are frames of one view.
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame;
  *          no frame; another view count than asked for, or channels of which none is chosen;

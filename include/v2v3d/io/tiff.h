@@ -36,6 +36,8 @@ struct v2v_tiff_info {
      *  is no straight line, and not used. Of a file that is read. */
     double zero, scale;
     int is_curved; /**< bool */
+    int is_own;    /**< bool: this program wrote it, so that one slice, or frame, is what is meant;
+                        other programs call any row of pages so. Of a file that is read. */
     struct v2v_tiff_told told;
 };
 

@@ -435,6 +435,22 @@ static void a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told(void *
     }
 }
 
+static void a_view_in_frames_of_this_program_is_read_back(void **state)
+{
+    (void)state;
+    struct v2v_tiff_info stack = stack_info(1, 4);
+    struct v2v_recording *recording = NULL;
+    for (int ome = 0; ome <= 1; ome++) {
+        stack.is_ome = ome;
+        make_stack(&stack);
+        assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+        const struct v2v_recording_info *info = v2v_recording_info(recording);
+        assert_true(info->frames == 4 && info->views == 1 && !info->is_one_row);
+        assert_true(info->frame_interval_s == 0.25);
+        v2v_recording_close(&recording);
+    }
+}
+
 static void a_sliding_window_crosses_the_frames_of_an_hdf5_file(void **state)
 {
     (void)state;
@@ -671,6 +687,7 @@ int main(void)
         cmocka_unit_test(pages_that_make_no_whole_frames_are_refused_with_the_counts),
         cmocka_unit_test(a_time_series_states_its_views_and_its_interval),
         cmocka_unit_test(an_interval_of_other_frames_is_not_known),
+        cmocka_unit_test(a_view_in_frames_of_this_program_is_read_back),
         cmocka_unit_test(a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told),
         cmocka_unit_test(a_sliding_window_crosses_the_frames_of_an_hdf5_file),
         cmocka_unit_test(a_written_recording_is_read_back_to_the_bit),

@@ -1,5 +1,6 @@
 #include "counted_stack.h"
 #include "support.h"
+#include "tiff_bytes.h"
 
 #include "h5_files.h"
 #include "v2v3d/base/memory.h"
@@ -370,7 +371,7 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     static const struct {
         int64_t slices, frames, asked, found_frames, found_slices;
     } cases[] = {{3, 4, 0, 4, 3},   {3, 4, 3, 4, 3},  {1, 12, 6, 2, 6},
-                 {1, 12, 0, 1, 12}, {12, 1, 6, 2, 6}, {12, 1, 0, 1, 12}};
+                 {1, 12, 0, 12, 1}, {12, 1, 6, 2, 6}, {12, 1, 0, 1, 12}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct v2v_volume *volume = NULL;
         float last = 0.0f;
@@ -388,6 +389,38 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     assert_refused(5, "12 pages are 2 frames of 5 slices and 2 more");
     make_stack(3, 4, 1);
     assert_refused(6, "a frame has 3 slices, but 6 are asked for");
+}
+
+/* Programs call any row of pages frames; this one means it. */
+static void frames_alone_are_frames_where_this_program_wrote_them(void **state)
+{
+    (void)state;
+    static const struct v2v_volume_info flat = {
+        .frames = 3, .slices = 1, .height = 2, .width = 5, .frame_interval_s = 0.25};
+    static const char *const names[] = {"flat.tif", "flat.ome.tif"};
+    const float slice[10] = {0};
+    struct v2v_volume *volume = NULL;
+    struct tiff_bytes other;
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        struct v2v_volume_writer *writer = NULL;
+        use(names[i]);
+        assert_ok(v2v_volume_create(&writer, path, &flat, MEAN_ONLY, NULL, 0, NULL));
+        for (int64_t t = 0; t < 3; t++) {
+            assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, slice, t, 0, 1));
+        }
+        assert_ok(v2v_volume_finish(&writer));
+        assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
+        assert_int_equal(v2v_volume_info(volume)->frames, 3);
+        assert_int_equal(v2v_volume_info(volume)->slices, 1);
+        assert_true(v2v_volume_info(volume)->frame_interval_s == 0.25);
+        v2v_volume_close(&volume);
+    }
+    tiff_bytes_make(&other, 0, 3, 3, 2, 5, "ImageJ=1.53t\nimages=3\nframes=3\nfinterval=0.25\n");
+    assert_true(tiff_bytes_save(path, other.data, other.size));
+    assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
+    assert_int_equal(v2v_volume_info(volume)->frames, 1);
+    assert_int_equal(v2v_volume_info(volume)->slices, 3);
+    v2v_volume_close(&volume);
 }
 
 /* Pages that are called frames state the time from page to page. */
@@ -506,6 +539,7 @@ int main(void)
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
         cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
+        cmocka_unit_test(frames_alone_are_frames_where_this_program_wrote_them),
         cmocka_unit_test(an_interval_of_pages_is_that_of_their_slices),
         cmocka_unit_test(one_channel_of_a_hyperstack_is_read),
         cmocka_unit_test(the_real_volume_is_a_fraction_of_65535),
