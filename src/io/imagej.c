@@ -55,6 +55,15 @@ static double find_number(const char *description, const char *key)
     return fabs(number);
 }
 
+/* How many micrometres or seconds; 0: a unit that is not known. */
+static double find_unit(const char *description, const char *key,
+                        double (*factor)(const char *unit), double otherwise)
+{
+    char unit[256];
+
+    return find_value(unit, sizeof unit, description, key) ? factor(unit) : otherwise;
+}
+
 static int is_imagej(const char *description)
 {
     return description != NULL && strncmp(description, "ImageJ=", strlen("ImageJ=")) == 0;
@@ -80,8 +89,6 @@ enum v2v_imagej_values v2v_imagej_values(double *zero, double *scale, const char
 
 void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
 {
-    char unit[32];
-
     *imagej = (struct v2v_imagej){.channels = 1, .slices = 1, .frames = 1};
     if (!is_imagej(description)) {
         return;
@@ -90,14 +97,12 @@ void v2v_imagej_parse(struct v2v_imagej *imagej, const char *description)
     imagej->channels = find_count(description, "channels");
     imagej->slices = find_count(description, "slices");
     imagej->frames = find_count(description, "frames");
-    imagej->spacing = find_number(description, "spacing");
-    imagej->frame_interval_s = find_number(description, "finterval");
-    if (find_value(unit, sizeof unit, description, "unit")) {
-        imagej->unit_um = v2v_tiff_length_um(unit);
-    }
-    if (find_value(unit, sizeof unit, description, "tunit")) {
-        imagej->frame_interval_s *= v2v_tiff_seconds(unit);
-    }
+    imagej->unit_um = find_unit(description, "unit", v2v_tiff_length_um, 0);
+    imagej->unit_y_um = find_unit(description, "yunit", v2v_tiff_length_um, imagej->unit_um);
+    imagej->spacing_um = find_number(description, "spacing") *
+                         find_unit(description, "zunit", v2v_tiff_length_um, imagej->unit_um);
+    imagej->frame_interval_s = find_number(description, "finterval") *
+                               find_unit(description, "tunit", v2v_tiff_seconds, 1);
 }
 
 enum v2v_status v2v_imagej_format(char *text, size_t bytes, const struct v2v_tiff_info *info)

@@ -104,7 +104,7 @@ static enum v2v_status read_imagej(struct v2v_tiff *tiff, const char *descriptio
         info->slices = info->pages;
         info->frames = 1;
     }
-    info->slice_spacing_um = imagej.spacing * imagej.unit_um;
+    info->slice_spacing_um = imagej.spacing_um;
     info->frame_interval_s = imagej.frame_interval_s;
 done:
     return rc;
@@ -156,11 +156,12 @@ static void read_tags(struct v2v_tiff *tiff, const char *description)
     v2v_imagej_parse(&imagej, description);
     (void)TIFFGetFieldDefaulted(tiff->handle, TIFFTAG_RESOLUTIONUNIT, &resolution_unit);
     /* Inches are dots per inch of a printer, not an object's size; centimetres are meant. */
-    const double unit_um =
-        imagej.images > 0 ? imagej.unit_um : (resolution_unit == RESUNIT_CENTIMETER ? 1e4 : 0);
+    const double tag_um = resolution_unit == RESUNIT_CENTIMETER ? 1e4 : 0;
+    const double x_um = imagej.images > 0 ? imagej.unit_um : tag_um;
+    const double y_um = imagej.images > 0 ? imagej.unit_y_um : tag_um;
     info->pixel_size_um =
-        v2v_tiff_pixel_size(tiff->path, pixel_size(tiff->handle, TIFFTAG_XRESOLUTION, unit_um),
-                            pixel_size(tiff->handle, TIFFTAG_YRESOLUTION, unit_um));
+        v2v_tiff_pixel_size(tiff->path, pixel_size(tiff->handle, TIFFTAG_XRESOLUTION, x_um),
+                            pixel_size(tiff->handle, TIFFTAG_YRESOLUTION, y_um));
 }
 
 enum v2v_status v2v_tiff_describe(struct v2v_tiff *tiff)

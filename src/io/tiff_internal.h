@@ -152,9 +152,9 @@ double v2v_tiff_seconds(const char *unit);
  *  is not ImageJ's. */
 struct v2v_imagej {
     int64_t images, channels, slices, frames;
-    double unit_um;          /**< length of its unit; 0 unknown */
-    double spacing;          /**< of slices, in that unit; 0 unknown */
-    double frame_interval_s; /**< 0 unknown */
+    double unit_um, unit_y_um; /**< lengths of the units of x and y; 0 unknown */
+    double spacing_um;         /**< of slices; 0 unknown */
+    double frame_interval_s;   /**< 0 unknown */
 };
 
 /** Read the lines "key=value" of a description (NULL is fine). @kind Local. */

@@ -117,6 +117,10 @@ static void ome_lengths_are_micrometres_and_seconds(void **state)
                         "TimeIncrementUnit=\"ms\"",
              ""),
          0.5, 2, 0.25},
+        {OME(ORDER("XYZCT", "1", "2", "1") " TimeIncrement=\"250000\" "
+                                           "TimeIncrementUnit=\"\xc2\xb5s\"",
+             ""),
+         0, 0, 0.25},
         {OME(ORDER("XYZCT", "1", "2", "1") " PhysicalSizeX=\"0.5\" PhysicalSizeXUnit=\"\xc2\xb5m\" "
                                            "PhysicalSizeZ=\"3\" PhysicalSizeZUnit=\"pixel\"",
              ""),

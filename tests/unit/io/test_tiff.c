@@ -347,17 +347,22 @@ static void imagej_descriptions_are_understood(void **state)
     } cases[] = {
         {"ImageJ=1.53t\nimages=12\nchannels=2\nslices=3\nframes=2\nhyperstack=true\n"
          "unit=micron\nspacing=2.5\nfinterval=0.5\nloop=false\n",
-         {12, 2, 3, 2, 1, 2.5, 0.5}},
+         {12, 2, 3, 2, 1, 1, 2.5, 0.5}},
         {"ImageJ=1.53t\r\nimages=3\r\nslices=3\r\nunit=\\u00B5m\r\nspacing=-2\r\n",
-         {3, 1, 3, 1, 1, 2, 0}},
-        {"ImageJ=1\nimages=2\nunit=\xc2\xb5m", {2, 1, 1, 1, 1, 0, 0}},
-        {"ImageJ=1\nimages=2\nunit=nm\nfinterval=200\ntunit=ms\n", {2, 1, 1, 1, 1e-3, 0, 0.2}},
+         {3, 1, 3, 1, 1, 1, 2, 0}},
+        {"ImageJ=1\nimages=2\nunit=\xc2\xb5m", {2, 1, 1, 1, 1, 1, 0, 0}},
+        {"ImageJ=1\nimages=2\nunit=nm\nfinterval=200\ntunit=ms\n",
+         {2, 1, 1, 1, 1e-3, 1e-3, 0, 0.2}},
+        {"ImageJ=1\nunit=um\nzunit=nm\nspacing=500\n", {1, 1, 1, 1, 1, 1, 0.5, 0}},
+        {"ImageJ=1\nunit=um\nyunit=nm\nspacing=2\n", {1, 1, 1, 1, 1, 1e-3, 2, 0}},
+        {"ImageJ=1\nunit=um\nyunit=pixel\nzunit=furlong\nspacing=2\n", {1, 1, 1, 1, 1, 0, 0, 0}},
+        {"ImageJ=1\nunit=furlong\nzunit=um\nspacing=2\n", {1, 1, 1, 1, 0, 0, 2, 0}},
         {"ImageJ=1\nimages=-4\nslices=99999999999999999999\nunit=furlong\nspacing=nan\n",
-         {1, 1, 1, 1, 0, 0, 0}},
-        {"ImageJ=1\nximages=5\nimages\nimages=\nspacing=1e999\n", {1, 1, 1, 1, 0, 0, 0}},
-        {"{\"shape\": [39, 128, 128]}", {0, 1, 1, 1, 0, 0, 0}},
-        {"", {0, 1, 1, 1, 0, 0, 0}},
-        {NULL, {0, 1, 1, 1, 0, 0, 0}},
+         {1, 1, 1, 1, 0, 0, 0, 0}},
+        {"ImageJ=1\nximages=5\nimages\nimages=\nspacing=1e999\n", {1, 1, 1, 1, 0, 0, 0, 0}},
+        {"{\"shape\": [39, 128, 128]}", {0, 1, 1, 1, 0, 0, 0, 0}},
+        {"", {0, 1, 1, 1, 0, 0, 0, 0}},
+        {NULL, {0, 1, 1, 1, 0, 0, 0, 0}},
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -369,9 +374,45 @@ static void imagej_descriptions_are_understood(void **state)
         assert_int_equal(found.slices, wanted->slices);
         assert_int_equal(found.frames, wanted->frames);
         assert_true(found.unit_um == wanted->unit_um);
-        assert_true(found.spacing == wanted->spacing);
+        assert_true(found.unit_y_um == wanted->unit_y_um);
+        assert_true(found.spacing_um == wanted->spacing_um);
         /* 200 ms: one rounding of a product */
         assert_true(fabs(found.frame_interval_s - wanted->frame_interval_s) <= DBL_EPSILON);
+    }
+}
+
+static void times_are_seconds_however_they_are_spelt(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *unit;
+        double seconds;
+    } cases[] = {
+        {"s", 1},
+        {"Sec", 1},
+        {"second", 1},
+        {"seconds", 1},
+        {"ms", 1e-3},
+        {"msec", 1e-3},
+        {"milliseconds", 1e-3},
+        {"us", 1e-6},
+        {"usec", 1e-6},
+        {"\\u00B5s", 1e-6},
+        {"\xc2\xb5s", 1e-6},
+        {"\xb5s", 1e-6},
+        {"min", 60},
+        {"minutes", 60},
+        {"minute", 60},
+        {"h", 3600},
+        {"hours", 3600},
+        {"hour", 3600},
+        {"frame", 0},
+        {"secondes", 0},
+        {"", 0},
+        {"microseconds", 1e-6},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        assert_true(v2v_tiff_seconds(cases[i].unit) == cases[i].seconds);
     }
 }
 
@@ -531,6 +572,7 @@ int main(void)
         cmocka_unit_test(more_than_65536_pages_are_written_and_read),
         cmocka_unit_test(bigtiff_is_used_from_4_gb_on),
         cmocka_unit_test(imagej_descriptions_are_understood),
+        cmocka_unit_test(times_are_seconds_however_they_are_spelt),
         cmocka_unit_test(imagej_calibrates_samples_by_a_straight_line),
         cmocka_unit_test(an_imagej_file_with_one_directory_is_read_whole),
         cmocka_unit_test(an_imagej_description_of_fewer_images_is_set_aside),
