@@ -75,12 +75,10 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff *tiff = NULL;
-    char first[V2V_PATH_BYTES];
     if (v2v_file_is_folder(path)) {
-        V2V_TRY(v2v_text_format(first, sizeof first, "%s/psf_1.tif", path));
-        *content = v2v_file_exists(first) ? V2V_CONTENT_PSF
-                   : is_run(path)         ? V2V_CONTENT_RUN
-                                          : V2V_CONTENT_RECORDING;
+        *content = v2v_psf_file_is_folder(path) ? V2V_CONTENT_PSF
+                   : is_run(path)               ? V2V_CONTENT_RUN
+                                                : V2V_CONTENT_RECORDING;
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));

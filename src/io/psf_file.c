@@ -1,14 +1,18 @@
 #include "v2v3d/io/psf_file.h"
+#include "io/folder.h"
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
 #include "io/stack.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include <dirent.h>
+#include <limits.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 /* Elements of the set, -1 when its sizes make no memory. */
 static int64_t elements(const struct v2v_psf_file *file)
@@ -17,28 +21,84 @@ static int64_t elements(const struct v2v_psf_file *file)
                            file->width);
 }
 
-/* The largest N of the folder's psf_N.tif, of which 0 is none: it would be left out silently. */
-static enum v2v_status count_views(int64_t *views, const char *folder)
+/* N of psf_N.tif, in any spelling of .tif and with zeros before it or not; -1: it is none. */
+static int64_t view_number(const char *name)
 {
+    enum { MOST_DIGITS = 18 };
+    int64_t number = 0;
+    const char *digit = name + strlen("psf_");
+    if (strncmp(name, "psf_", strlen("psf_")) != 0) {
+        return -1;
+    }
+    const size_t digits = strspn(digit, "0123456789");
+    for (size_t i = 0; i < digits && digits <= MOST_DIGITS; i++) {
+        number = 10 * number + (digit[i] - '0');
+    }
+    const char *ending = digit + digits;
+    const int is_number = digits > 0 && digits <= MOST_DIGITS;
+    return is_number && (strcasecmp(ending, ".tif") == 0 || strcasecmp(ending, ".tiff") == 0)
+               ? number
+               : -1;
+}
+
+/* Are there views at all? What begins like one and is none might be meant as one. */
+static enum v2v_status look_at_names(const char *folder)
+{
+    char first[NAME_MAX + 1] = "";
+    int64_t count = 0, views = 0;
     DIR *directory = opendir(folder);
-    int has_zero = 0;
-    *views = 0;
     if (directory == NULL) {
         return V2V_FAIL(V2V_E_INPUT, "%s: can't be listed", folder);
     }
     for (struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
-        int number = 0, length = 0;
-        if (sscanf(entry->d_name, "psf_%6d.tif%n", &number, &length) == 1 && length > 0 &&
-            entry->d_name[length] == '\0') {
-            has_zero |= number == 0;
-            *views = v2v_larger(number, *views);
+        const char *name = entry->d_name;
+        views += view_number(name) >= 0;
+        if (strncasecmp(name, "psf_", strlen("psf_")) == 0 && view_number(name) < 0) {
+            if (count++ == 0 || v2v_folder_compare(name, first) < 0) {
+                (void)snprintf(first, sizeof first, "%s", name);
+            }
         }
     }
     closedir(directory);
-    if (has_zero) {
-        return V2V_FAIL(V2V_E_INPUT, "%s: holds psf_0.tif; the first view is psf_1.tif", folder);
+    if (count > 0) {
+        v2v_log(V2V_LOG_WARNING, "%s: %s is not used, no view being called so (psf_N.tif)%s",
+                folder, first, count > 1 ? "; likewise others" : "");
     }
-    return *views > 0 ? V2V_OK : V2V_FAIL(V2V_E_INPUT, "%s: holds no psf_1.tif", folder);
+    return views > 0 ? V2V_OK : V2V_FAIL(V2V_E_INPUT, "%s: holds no psf_1.tif", folder);
+}
+
+/* Of the folder's TIFF files in the order of their numbers, keep the views: psf_1, psf_2, .. */
+static enum v2v_status list_views(struct v2v_folder *list, int64_t *count, const char *folder)
+{
+    enum v2v_status rc = V2V_OK;
+    int64_t views = 0;
+    *count = 0;
+    V2V_TRY(look_at_names(folder));
+    V2V_TRY(v2v_folder_list(list, folder));
+    for (int64_t i = 0; i < list->count; i++) {
+        char *name = list->name[i];
+        const int64_t number = view_number(name);
+        if (number < 0) {
+            continue;
+        }
+        if (number == 0) {
+            V2V_TRY(
+                V2V_FAIL(V2V_E_INPUT, "%s: holds %s; the first view is psf_1.tif", folder, name));
+        }
+        if (number == views) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: holds %s and %s: two of view %lld", folder,
+                             list->name[views - 1], name, (long long)number));
+        }
+        if (number > views + 1) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s/psf_%lld.tif: is missing, %s is there", folder,
+                             (long long)views + 1, name));
+        }
+        list->name[i] = list->name[views]; /* a swap: all are freed in the end */
+        list->name[views++] = name;
+    }
+    *count = views;
+done:
+    return rc;
 }
 
 /* The first file gives the shape of the set and its memory. */
@@ -79,38 +139,45 @@ done:
     return rc;
 }
 
-static enum v2v_status view_path(char path[V2V_PATH_BYTES], const char *folder, int64_t v)
-{
-    return v2v_text_format(path, V2V_PATH_BYTES, "%s/psf_%lld.tif", folder, (long long)v + 1);
-}
-
 /* All are remembered before the first is read: a set is not to be made of two. */
 static enum v2v_status read_folder(struct v2v_psf_file *file, const char *folder)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
+    struct v2v_folder list = {0};
     struct v2v_file_state *states = NULL;
-    V2V_TRY(count_views(&file->views, folder));
+    V2V_TRY(list_views(&list, &file->views, folder));
     V2V_TRY(V2V_ALLOC(states, "io.psf", file->views));
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(view_path(path, folder, v));
-        if (!v2v_file_exists(path)) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is missing, psf_%lld.tif is there", path,
-                             (long long)file->views));
-        }
+        V2V_TRY(v2v_folder_path(path, &list, v));
         V2V_TRY(v2v_file_remember(&states[v], path));
     }
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(view_path(path, folder, v));
+        V2V_TRY(v2v_folder_path(path, &list, v));
         V2V_TRY(v2v_file_unchanged(read_view(file, path, v), &states[v], path));
     }
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(view_path(path, folder, v));
+        V2V_TRY(v2v_folder_path(path, &list, v));
         V2V_TRY(v2v_file_unchanged(V2V_OK, &states[v], path));
     }
 done:
+    v2v_folder_fini(&list);
     v2v_mem_free(states);
     return rc;
+}
+
+int v2v_psf_file_is_folder(const char *path)
+{
+    DIR *directory = opendir(path);
+    int is_there = 0;
+    if (directory == NULL) {
+        return 0;
+    }
+    for (struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
+        is_there |= view_number(entry->d_name) == 1;
+    }
+    closedir(directory);
+    return is_there;
 }
 
 static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)

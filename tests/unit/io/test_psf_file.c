@@ -1,5 +1,6 @@
 #include "support.h"
 
+#include "capture.h"
 #include "counted_stack.h"
 #include "h5_files.h"
 #include "v2v3d/base/memory.h"
@@ -92,6 +93,8 @@ static void gaps_and_unequal_shapes_are_refused(void **state)
     char third[600];
     use_folder(0);
     assert_refused("holds no psf_1.tif");
+    put_view("other_1.tif", 1, 4);
+    assert_refused("holds no psf_1.tif");
     use_folder(4);
     snprintf(third, sizeof third, "%s/psf_3.tif", path);
     assert_int_equal(unlink(third), 0);
@@ -101,6 +104,65 @@ static void gaps_and_unequal_shapes_are_refused(void **state)
     put_view("psf_3.tif", 3, 4);
     put_view("psf_0.tif", 0, 4);
     assert_refused("holds psf_0.tif; the first view is psf_1.tif");
+}
+
+static void remove_view(const char *name)
+{
+    char file[600];
+    snprintf(file, sizeof file, "%s/%s", path, name);
+    assert_int_equal(unlink(file), 0);
+}
+
+static void views_are_found_however_number_and_ending_are_spelt(void **state)
+{
+    (void)state;
+    static const char *const spelt[] = {"psf_5.tiff", "psf_5.TIF", "psf_5.Tiff", "psf_05.tif",
+                                        "psf_005.TIFF"};
+    for (size_t i = 0; i < sizeof spelt / sizeof spelt[0]; i++) {
+        struct v2v_psf_file file;
+        char text[128];
+        use_folder(4);
+        put_view(spelt[i], 5, 4);
+        assert_ok(v2v_psf_file_read(&file, path, NULL));
+        assert_int_equal(file.views, 5);
+        assert_true(file.data[4 * 24] == 5.0f);
+        v2v_psf_file_fini(&file);
+        put_view("psf_5.tif", 5, 4);
+        snprintf(text, sizeof text, "%s", spelt[i]);
+        assert_refused(text);
+        assert_refused("two of view 5");
+        remove_view("psf_5.tif");
+        remove_view("psf_4.tif");
+        snprintf(text, sizeof text, "/psf_4.tif: is missing, %s is there", spelt[i]);
+        assert_refused(text);
+        remove_view(spelt[i]);
+    }
+    use_folder(1);
+    put_view("psf_00.tif", 0, 4);
+    assert_refused("holds psf_00.tif; the first view is psf_1.tif");
+    remove_view("psf_00.tif");
+}
+
+static void what_is_nearly_called_a_view_is_warned_of(void **state)
+{
+    (void)state;
+    static const char *const names[] = {
+        "psf_5.tif.bak", "PSF_5.tif", "psf_5.ome.tif", "psf_-5.tif", "psf_99999999999999999999.tif",
+        "psf_ 5.tif",    "psf_5.h5",  "psf_sum.tif"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        struct v2v_psf_file file;
+        char text[1024];
+        use_folder(4);
+        put_view(names[i], 5, 4);
+        test_capture_begin();
+        const enum v2v_status rc = v2v_psf_file_read(&file, path, NULL);
+        test_capture_end(text, sizeof text);
+        assert_ok(rc);
+        assert_int_equal(file.views, 4);
+        assert_non_null(strstr(text, names[i]));
+        v2v_psf_file_fini(&file);
+        remove_view(names[i]);
+    }
 }
 
 static void a_psf_with_channels_or_frames_is_refused(void **state)
@@ -222,6 +284,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_folder_is_read_in_the_order_of_its_numbers),
         cmocka_unit_test(gaps_and_unequal_shapes_are_refused),
+        cmocka_unit_test(views_are_found_however_number_and_ending_are_spelt),
+        cmocka_unit_test(what_is_nearly_called_a_view_is_warned_of),
         cmocka_unit_test(a_psf_with_channels_or_frames_is_refused),
         cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
         cmocka_unit_test(empty_slices_and_any_kernel_size_are_fine),
