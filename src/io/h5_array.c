@@ -2,6 +2,7 @@
 #include "io/h5_common.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/statistics.h"
+#include <math.h>
 #include <stdio.h>
 #include <strings.h>
 
@@ -101,6 +102,25 @@ static enum v2v_status check_axes(const struct v2v_h5_array *array)
     return rc;
 }
 
+static enum v2v_status read_packing(struct v2v_h5_array *array)
+{
+    enum v2v_status rc = V2V_OK;
+    int has_scale = 0, has_zero = 0;
+    array->scale = 1.0;
+    V2V_TRY(
+        v2v_h5_get_numbers(&array->scale, &has_scale, array->set, array->path, "scale_factor", 1));
+    V2V_TRY(v2v_h5_get_numbers(&array->zero, &has_zero, array->set, array->path, "add_offset", 1));
+    if ((float)array->scale == 0.0f || !isfinite((float)array->scale)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: attribute scale_factor: %g makes no values",
+                         array->path, array->kind->dataset, array->scale));
+    }
+    if (has_scale || has_zero) {
+        array->type_max = 1.0;
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
                                   const struct v2v_h5_kind *kind)
 {
@@ -117,6 +137,7 @@ enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
     V2V_TRY(check_shape(array));
     V2V_TRY(check_storage(array));
     V2V_TRY(check_axes(array));
+    V2V_TRY(read_packing(array));
 done:
     if (rc != V2V_OK) {
         v2v_h5_array_close(array);
@@ -124,7 +145,7 @@ done:
     return rc;
 }
 
-static enum v2v_status read_block(const struct v2v_h5_array *array, float *out,
+static enum v2v_status read_block(const struct v2v_h5_array *array, void *out, hid_t type,
                                   const int64_t start[4], const int64_t count[4])
 {
     enum v2v_status rc = V2V_OK;
@@ -144,7 +165,7 @@ static enum v2v_status read_block(const struct v2v_h5_array *array, float *out,
     if (memory < 0 ||
         H5Sselect_hyperslab(space, H5S_SELECT_SET, from + skipped, NULL, size + skipped, NULL) <
             0 ||
-        H5Dread(array->set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, out) < 0) {
+        H5Dread(array->set, type, memory, space, H5P_DEFAULT, out) < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, array->path, array->kind->dataset, what));
     }
 done:
@@ -162,19 +183,41 @@ enum v2v_status v2v_h5_array_read(const struct v2v_h5_array *array, float *out, 
     if (count == 0) {
         goto done;
     }
-    V2V_TRY(read_block(array, out, (int64_t[4]){t, first, 0, 0},
+    V2V_TRY(read_block(array, out, H5T_NATIVE_FLOAT, (int64_t[4]){t, first, 0, 0},
                        (int64_t[4]){1, count, shape[2], shape[3]}));
     const int64_t bad = v2v_first_not_finite(out, count * shape[2] * shape[3]);
     if (bad >= 0) {
         const char *const *axis = array->kind->axis;
         const int64_t row = bad / shape[3];
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: NaN or Inf at %s %lld, %s %lld, %s %lld, %s %lld",
-                         array->path, array->kind->dataset, axis[0], (long long)t, axis[1],
-                         (long long)(first + row / shape[2]), axis[2], (long long)(row % shape[2]),
-                         axis[3], (long long)(bad % shape[3])));
+        const int64_t at[4] = {t, first + row / shape[2], row % shape[2], bad % shape[3]};
+        double stored = NAN;
+        V2V_TRY(read_block(array, &stored, H5T_NATIVE_DOUBLE, at, (int64_t[4]){1, 1, 1, 1}));
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: %s at %s %lld, %s %lld, %s %lld, %s %lld",
+                         array->path, array->kind->dataset,
+                         isfinite(stored) ? "a number beyond float32" : "NaN or Inf", axis[0],
+                         (long long)at[0], axis[1], (long long)at[1], axis[2], (long long)at[2],
+                         axis[3], (long long)at[3]));
     }
 done:
     return rc;
+}
+
+/* In float32 where there is no offset, as of a TIFF. */
+enum v2v_status v2v_h5_array_unpack(const struct v2v_h5_array *array, float *x, int64_t count)
+{
+    const double zero = array->zero, scale = array->scale;
+    const float step = (float)scale;
+    if (zero == 0.0 && scale == 1.0) {
+        return V2V_OK;
+    }
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = zero == 0.0 ? x[i] * step : (float)(zero + scale * (double)x[i]);
+    }
+    return v2v_first_not_finite(x, count) < 0
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_INPUT,
+                          "%s: %s: scale_factor %g and add_offset %g make values beyond float32",
+                          array->path, array->kind->dataset, scale, zero);
 }
 
 void v2v_h5_array_close(struct v2v_h5_array *array)

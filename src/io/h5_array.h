@@ -22,9 +22,10 @@ struct v2v_h5_array {
     const struct v2v_h5_kind *kind;
     hid_t file, set;
     struct v2v_h5_chunks *chunks;
-    int rank;         /**< axes in the file */
-    int64_t shape[4]; /**< 1 in front for three axes */
-    double type_max;  /**< of an integer type; 1 for floats */
+    int rank;           /**< axes in the file */
+    int64_t shape[4];   /**< 1 in front for three axes */
+    double type_max;    /**< of an integer type; 1 for floats, and where numbers are packed */
+    double zero, scale; /**< a value is zero + scale times what is stored; 0 and 1: as stored */
 };
 
 /** Open and check: numbers, three or four axes, none empty, inside this one file, decodable here,
@@ -33,10 +34,16 @@ struct v2v_h5_array {
 enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
                                   const struct v2v_h5_kind *kind) V2V_MUST_CHECK;
 
-/** Images first .. first+count-1 of outer index t as float32, in the file's own units.
+/** Images first .. first+count-1 of outer index t as float32, as they are stored.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (unreadable; NaN or Inf with its place) */
 enum v2v_status v2v_h5_array_read(const struct v2v_h5_array *array, float *out, int64_t t,
                                   int64_t first, int64_t count) V2V_MUST_CHECK;
+
+/** Make values of `count` numbers as stored: a file's attributes scale_factor and add_offset.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (a value that float32 does not hold)
+ *  @source CF conventions 1.11, 8.1 */
+enum v2v_status v2v_h5_array_unpack(const struct v2v_h5_array *array, float *x,
+                                    int64_t count) V2V_MUST_CHECK;
 
 /** @kind Local; accepts one that is not open. */
 void v2v_h5_array_close(struct v2v_h5_array *array);

@@ -194,10 +194,10 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
     V2V_TRY(v2v_h5_get_length(&file->pixel_size_um, array.set, path, "pixel_size_um"));
     V2V_TRY(v2v_h5_get_length(&file->slice_spacing_um, array.set, path, "slice_spacing_um"));
     V2V_TRY(V2V_ALLOC(file->data, "io.psf", elements(file)));
+    const int64_t view = file->slices * file->height * file->width;
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_h5_array_read(&array,
-                                  file->data + v * file->slices * file->height * file->width, v, 0,
-                                  file->slices));
+        V2V_TRY(v2v_h5_array_read(&array, file->data + v * view, v, 0, file->slices));
+        V2V_TRY(v2v_h5_array_unpack(&array, file->data + v * view, view));
     }
     rc = v2v_file_unchanged(V2V_OK, &state, path);
 done:

@@ -189,6 +189,7 @@ enum v2v_status v2v_stack_read(struct v2v_stack *stack, float *out, int64_t page
         const int64_t t = page / stack->images, first = page % stack->images;
         const int64_t here = count < stack->images - first ? count : stack->images - first;
         V2V_TRY(v2v_h5_array_read(&stack->array, out, t, first, here));
+        V2V_TRY(v2v_h5_array_unpack(&stack->array, out, here * stack->height * stack->width));
         out += here * stack->height * stack->width;
         page += here;
         count -= here;

@@ -9,7 +9,7 @@
 struct v2v_volume {
     struct v2v_volume_info info;
     struct v2v_stack stack;
-    float scale;        /* of integers: the step that the file states, or 1 / their maximum */
+    float scale;        /* of integers: the step that a TIFF states, or 1 / their maximum */
     uint8_t *done;      /* [t]; NULL: the file doesn't say, all frames count */
     uint64_t *checksum; /* [t]; NULL: the file has none */
     uint8_t
@@ -127,12 +127,7 @@ static enum v2v_status describe(struct v2v_volume *volume,
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &volume->stack;
-    double step = 0.0;
-    if (stack->tiff != NULL) {
-        step = v2v_tiff_info(stack->tiff)->step;
-    } else if (!stack->is_tiff && stack->type_max > 1.0) {
-        V2V_TRY(v2v_h5_get_length(&step, stack->array.set, stack->path, V2V_VOLUME_STEP));
-    }
+    const double step = stack->tiff != NULL ? v2v_tiff_info(stack->tiff)->step : 0.0;
     volume->scale = (float)(step > 0.0 ? step : 1.0 / stack->type_max);
     volume->info.height = stack->height;
     volume->info.width = stack->width;

@@ -212,6 +212,24 @@ static void unsuitable_psfs_are_refused_with_their_place(void **state)
     assert_refused("");
 }
 
+static void packed_psfs_become_values(void **state)
+{
+    (void)state;
+    static const double scale = 0.5, zero = 3.0;
+    struct v2v_psf_file file;
+    use("psf.h5");
+    test_h5_make(path,
+                 &(struct test_h5_spec){
+                     .dataset = "/psf", .type = TEST_H5_U16, .rank = 4, .shape = {2, 1, 2, 3}});
+    test_h5_numbers(path, "/psf", "scale_factor", &scale, 1);
+    test_h5_numbers(path, "/psf", "add_offset", &zero, 1);
+    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    for (int i = 0; i < 12; i++) {
+        assert_true(file.data[i] == 3.0f + 0.5f * (float)i);
+    }
+    v2v_psf_file_fini(&file);
+}
+
 static void empty_slices_and_any_kernel_size_are_fine(void **state)
 {
     (void)state;
@@ -288,6 +306,7 @@ int main(void)
         cmocka_unit_test(what_is_nearly_called_a_view_is_warned_of),
         cmocka_unit_test(a_psf_with_channels_or_frames_is_refused),
         cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
+        cmocka_unit_test(packed_psfs_become_values),
         cmocka_unit_test(empty_slices_and_any_kernel_size_are_fine),
         cmocka_unit_test(a_written_set_is_read_back_to_the_bit),
         cmocka_unit_test(real_psfs_have_their_known_shape_and_peak),

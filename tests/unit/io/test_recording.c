@@ -435,6 +435,79 @@ static void a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told(void *
     }
 }
 
+/* As netCDF's conventions have it: value = add_offset + scale_factor * stored. */
+static void packed_numbers_of_hdf5_become_values(void **state)
+{
+    (void)state;
+    static const struct {
+        enum test_h5_type type;
+        int has_scale, has_zero;
+        double scale, zero;
+        const char *reason; /* refused */
+    } cases[] = {
+        {TEST_H5_U16, 1, 1, 0.5, 100.0, NULL},
+        {TEST_H5_U16, 1, 0, 0.25, 0.0, NULL},
+        {TEST_H5_I16, 0, 1, 1.0, 32768.0, NULL},
+        {TEST_H5_F32, 1, 1, -2.0, -3.0, NULL},
+        {TEST_H5_U16, 1, 1, 1.0, 0.0, NULL},
+        {TEST_H5_U16, 1, 0, 0.0, 0.0, "attribute scale_factor: 0 makes no values"},
+        {TEST_H5_U16, 1, 0, 1e-60, 0.0, "attribute scale_factor: 1e-60 makes no values"},
+        {TEST_H5_U16, 1, 0, NAN, 0.0, "attribute scale_factor: is not finite"},
+        {TEST_H5_U16, 0, 1, 1.0, INFINITY, "attribute add_offset: is not finite"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct v2v_recording *recording = NULL;
+        float views[3 * 2 * 4];
+        use("packed.h5");
+        test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",
+                                                  .type = cases[i].type,
+                                                  .rank = 4,
+                                                  .shape = {2, 3, 2, 4}});
+        if (cases[i].has_scale) {
+            test_h5_numbers(path, "/views", "scale_factor", &cases[i].scale, 1);
+        }
+        if (cases[i].has_zero) {
+            test_h5_numbers(path, "/views", "add_offset", &cases[i].zero, 1);
+        }
+        if (cases[i].reason != NULL) {
+            assert_refused(&(struct v2v_input_settings){0}, cases[i].reason);
+            continue;
+        }
+        assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+        assert_ok(v2v_recording_read(recording, views, 1));
+        for (int e = 0; e < 24; e++) {
+            assert_true(views[e] == (float)(cases[i].zero + cases[i].scale * (double)(24 + e)));
+        }
+        v2v_recording_close(&recording);
+    }
+}
+
+static void values_beyond_float32_are_refused(void **state)
+{
+    (void)state;
+    static const double large[8] = {1, 1, 1, 1, 1, -1e39, 1, 1};
+    static const double step = 3e38;
+    struct v2v_recording *recording = NULL;
+    float views[8];
+    for (int packed = 0; packed <= 1; packed++) {
+        use(packed ? "packed.h5" : "large.h5");
+        test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",
+                                                  .type = packed ? TEST_H5_U16 : TEST_H5_F64,
+                                                  .rank = 3,
+                                                  .shape = {1, 2, 4},
+                                                  .values = packed ? NULL : large});
+        if (packed) {
+            test_h5_numbers(path, "/views", "scale_factor", &step, 1);
+        }
+        assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+        assert_int_equal(v2v_recording_read(recording, views, 0), V2V_E_INPUT);
+        assert_says(packed
+                        ? "/views: scale_factor 3e+38 and add_offset 0 make values beyond float32"
+                        : "/views: a number beyond float32 at frame 0, view 0, y 1, x 1");
+        v2v_recording_close(&recording);
+    }
+}
+
 static void a_view_in_frames_of_this_program_is_read_back(void **state)
 {
     (void)state;
@@ -687,6 +760,8 @@ int main(void)
         cmocka_unit_test(pages_that_make_no_whole_frames_are_refused_with_the_counts),
         cmocka_unit_test(a_time_series_states_its_views_and_its_interval),
         cmocka_unit_test(an_interval_of_other_frames_is_not_known),
+        cmocka_unit_test(packed_numbers_of_hdf5_become_values),
+        cmocka_unit_test(values_beyond_float32_are_refused),
         cmocka_unit_test(a_view_in_frames_of_this_program_is_read_back),
         cmocka_unit_test(a_row_of_pages_is_one_frame_and_says_so_unless_views_are_told),
         cmocka_unit_test(a_sliding_window_crosses_the_frames_of_an_hdf5_file),

@@ -391,6 +391,31 @@ static void slices_come_from_the_file_then_the_caller_then_the_pages(void **stat
     assert_refused(6, "a frame has 3 slices, but 6 are asked for");
 }
 
+/* Without its offset the values of a packed volume would all be shifted. */
+static void an_offset_beside_the_step_is_added(void **state)
+{
+    (void)state;
+    static const double scale = 0.5, zero = -3.0;
+    struct v2v_volume *volume = NULL;
+    float slice[6];
+    for (int has_scale = 0; has_scale <= 1; has_scale++) {
+        use(has_scale ? "both.h5" : "offset.h5");
+        test_h5_make(path,
+                     &(struct test_h5_spec){
+                         .dataset = "/volume", .type = TEST_H5_U16, .rank = 3, .shape = {2, 2, 3}});
+        test_h5_numbers(path, "/volume", "add_offset", &zero, 1);
+        if (has_scale) {
+            test_h5_numbers(path, "/volume", "scale_factor", &scale, 1);
+        }
+        assert_ok(v2v_volume_open(&volume, path, NULL, NULL));
+        assert_ok(v2v_volume_read(volume, slice, 0, 1, 1));
+        for (int i = 0; i < 6; i++) {
+            assert_true(slice[i] == (has_scale ? 0.5f : 1.0f) * (float)(6 + i) - 3.0f);
+        }
+        v2v_volume_close(&volume);
+    }
+}
+
 /* Programs call any row of pages frames; this one means it. */
 static void frames_alone_are_frames_where_this_program_wrote_them(void **state)
 {
@@ -539,6 +564,7 @@ int main(void)
         cmocka_unit_test(a_tiff_with_a_missing_frame_does_not_appear),
         cmocka_unit_test(other_file_types_and_datasets_are_a_usage_error),
         cmocka_unit_test(slices_come_from_the_file_then_the_caller_then_the_pages),
+        cmocka_unit_test(an_offset_beside_the_step_is_added),
         cmocka_unit_test(frames_alone_are_frames_where_this_program_wrote_them),
         cmocka_unit_test(an_interval_of_pages_is_that_of_their_slices),
         cmocka_unit_test(one_channel_of_a_hyperstack_is_read),
