@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/arrays.h"
+#include "v2v3d/io/bdv.h"
 #include "v2v3d/io/tiff.h"
 #include "v2v3d/method/weights.h"
 
@@ -75,6 +76,7 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff *tiff = NULL;
+    char data[V2V_PATH_BYTES];
     if (v2v_file_is_folder(path)) {
         *content = v2v_psf_file_is_folder(path) ? V2V_CONTENT_PSF
                    : is_run(path)               ? V2V_CONTENT_RUN
@@ -82,6 +84,12 @@ static enum v2v_status look(enum v2v_content *content, const char *path)
         return V2V_OK;
     }
     V2V_TRY(v2v_file_check_input(path));
+    if (v2v_bdv_is_name(path) && v2v_bdv_data_name(data, path) == V2V_OK && v2v_file_exists(data)) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_INPUT,
+                     "%s: is for BigDataViewer and not read; the voxels that it shows are in %s",
+                     path, data));
+    }
     const int is_yaml = v2v_file_kind_of_name(path) == V2V_FILE_YAML;
     if (is_yaml || v2v_file_is_safetensors(path)) {
         *content = is_yaml ? V2V_CONTENT_YAML : V2V_CONTENT_WEIGHTS;

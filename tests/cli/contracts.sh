@@ -352,6 +352,7 @@ works evaluate --truth truth.ome.tif --volume one/truth.h5
 says '^ mean +inf +1 '
 works convert --input one/truth.h5 -o truth.xml --compression gzip
 grep -q '<hdf5 type="relative">truth.bdv.h5</hdf5>' truth.xml || fail 'the XML names no data'
+refuses 65 'truth.xml: is for BigDataViewer and not read; .* in truth.bdv.h5' info truth.xml
 [ -s truth.bdv.h5 ] || fail 'there are no data for BigDataViewer'
 refuses 65 'there is no such dataset' convert --kind recording --input rec.h5 -o out.h5 \
     --dataset "$(printf 'a%.0s' {1..300})"

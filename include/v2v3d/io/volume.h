@@ -44,9 +44,9 @@ struct v2v_volume;
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack: of its channels
  *  the one that `settings` name; its slices and frames where it states both, else settings->slices,
  *  which must divide the pages, else all pages are slices of one frame, unless this program wrote
- *  frames of one slice. Integers are read in
- *  the step that the file states (V2V_VOLUME_STEP), or by ImageJ's calibration of a TIFF, else as
- *  fractions of their type's maximum.
+ *  frames of one slice. Integers are read in the step that the file states (V2V_VOLUME_STEP, in
+ *  HDF5 with an offset, `add_offset`), or by ImageJ's calibration of a TIFF, else as fractions of
+ *  their type's maximum.
  *  A frame that `/done` doesn't mark, or whose `/checksum` doesn't hold, is refused when it is
  *  read.
  *  @kind Collective(comm). @param settings NULL: as the file says
