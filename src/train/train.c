@@ -60,7 +60,9 @@ static enum v2v_status start(struct run *run)
             v2v_log(V2V_LOG_INFO, "resuming after step %lld", (long long)run->step);
         }
     }
-    run->trainer.ops->weights_changed(run->trainer.network);
+    if (!run->trainer.grid.idle) { /* whose network is planned */
+        run->trainer.ops->weights_changed(run->trainer.network);
+    }
     if (run->trainer.average != NULL && run->step == 0) {
         v2v_bulk_copy(run->trainer.average, run->trainer.network->weights,
                       run->trainer.network->schema.fields.total);

@@ -97,7 +97,9 @@ static enum v2v_status take_memory(struct v2v_trainer *trainer, const struct v2v
     const int64_t pixels =
         v2v_sampler_height(trainer->sampler) * v2v_sampler_width(trainer->sampler);
     trainer->image_floats = v2v_sampler_images(trainer->sampler) * pixels;
-    V2V_TRY(V2V_ALLOC(trainer->images, "train.images", trainer->image_floats));
+    if (!trainer->grid.idle) {
+        V2V_TRY(V2V_ALLOC(trainer->images, "train.images", trainer->image_floats));
+    }
     trainer->tail_count = FLAGS + job->config->train.batch * OUTPUTS * V2V_LOSS_TOTAL;
     V2V_TRY(V2V_ALLOC(trainer->tail, "train.tail", trainer->tail_count));
     V2V_TRY(V2V_ALLOC(trainer->checksums, "train.tail",
@@ -168,12 +170,16 @@ done:
     return rc;
 }
 
-/* Collective(shard), agreed there. */
+/* An idle rank, alone with all slabs of a sample, plans none: it takes part in the steps' numbers
+ * and keeps what checkpoints are read into. Collective(shard), agreed there. */
 static enum v2v_status create_workspace(struct v2v_trainer *trainer,
                                         const struct v2v_train_job *job)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_par_agree(trainer->grid.shard, take_memory(trainer, job)));
+    if (trainer->grid.idle) {
+        goto done;
+    }
     V2V_TRY(create_loss(trainer, job));
     V2V_TRY(v2v_par_agree(trainer->grid.shard, plan_network(trainer)));
     if (trainer->loss != NULL) {
@@ -338,8 +344,11 @@ static enum v2v_status run_round(struct v2v_trainer *trainer, int64_t step, int6
                                      .first = round == 0,
                                      .last = round == trainer->rounds - 1,
                                      .factor = 1.0f / (float)batch};
+    if (grid->idle) {
+        goto finish;
+    }
     v2v_bucket_sum_begin(trainer->buckets, &setup);
-    if (grid->idle || sample >= batch) {
+    if (sample >= batch) {
         v2v_bulk_clear(setup.x, total);
         v2v_bucket_sum_ready(trainer->buckets, 0, total);
         goto finish;
@@ -371,7 +380,7 @@ static double squared_norm(struct v2v_trainer *trainer)
     const struct v2v_grid *grid = &trainer->grid;
     const struct v2v_schema *schema = &trainer->network->schema;
     double part[V2V_NETWORK_MOST_GROUPS] = {0.0}, squares = 0.0;
-    for (int64_t g = 0; g < schema->groups; g++) {
+    for (int64_t g = 0; g < schema->groups && !grid->idle; g++) {
         const struct v2v_group *group = &schema->group[g];
         int is_shared = (group->levels >> V2V_GRID_LEVEL_BRANCH & 1) != 0;
         if (!is_shared || grid->branch_rank <= 0) { /* shared: the same on both ranks of a pair */
@@ -494,7 +503,7 @@ enum v2v_status v2v_trainer_step(struct v2v_trainer *trainer, struct v2v_step_re
     result->grad_norm = sqrt(squares);
     /* Adam squares every element in float32: where the whole sum fits, each square does */
     result->finite = isfinite((float)squares) && isfinite(result->terms[V2V_LOSS_TOTAL]);
-    if (result->finite) {
+    if (result->finite && !grid->idle) {
         step_weights(trainer, result, step);
     }
 done:

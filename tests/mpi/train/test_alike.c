@@ -99,6 +99,34 @@ static void branches_are_compared_with_their_own(void **state)
     fini(&scene, &trainer);
 }
 
+/* Alone it would take both slabs of a crop: more memory than any rank that works. */
+static void a_left_over_rank_plans_no_network(void **state)
+{
+    (void)state;
+    struct scene scene;
+    struct v2v_trainer trainer;
+    char run[PATH];
+    if (v2v_comm_size(test_world()) != 3) {
+        test_skip("only three ranks leave one over");
+    }
+    scene_init(&scene, test_folder(test_world()), 1, test_world());
+    scene_record(&scene, "recording.h5", scene_wave);
+    scene.config.train.crop = SIDE;
+    scene.config.parallel.slabs = scene.config.parallel.shards = 2;
+    scene.config.parallel.branches = 1;
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    assert_ok(v2v_trainer_create(&trainer, &job, test_world()));
+    int64_t least = -(int64_t)v2v_mem_held(), held = (int64_t)v2v_mem_held();
+    if (trainer.grid.idle) {
+        least = -INT64_MAX;
+    }
+    v2v_par_max_i64(test_world(), &least, 1);
+    if (trainer.grid.idle) {
+        assert_true(held < -least / 2);
+    }
+    fini(&scene, &trainer);
+}
+
 static void reproducible_runs_refuse_ranks_of_different_threads(void **state)
 {
     (void)state;
@@ -126,6 +154,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_flipped_bit_is_found_on_any_rank_in_any_part),
         cmocka_unit_test(branches_are_compared_with_their_own),
+        cmocka_unit_test(a_left_over_rank_plans_no_network),
         cmocka_unit_test(reproducible_runs_refuse_ranks_of_different_threads),
     };
     return scene_mpi_main(tests, argc, argv);

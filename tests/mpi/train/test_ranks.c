@@ -104,6 +104,16 @@ static void slab_ranks_train_to_the_bits_of_one_rank_with_as_many_slabs(void **s
     check_against_one_rank(1, v2v_comm_size(test_world()) / shards(), shards(), V2V_PRECISION_F32);
 }
 
+/* Three ranks: the third takes part in the steps' numbers alone. */
+static void a_rank_left_over_by_slabs_leaves_the_bits_alone(void **state)
+{
+    (void)state;
+    if (v2v_comm_size(test_world()) != 3) {
+        test_skip("only three ranks leave one over");
+    }
+    check_against_one_rank(1, 1, 2, V2V_PRECISION_F32);
+}
+
 /* The bar for sums in another order: 1e-4 after 20 steps. It holds from `kaiming` and at
  * this learning rate; from `he` the last bits decide, and at 1e-3 the kernels of AVX2 and of
  * AVX-512 part by 2e-4. */
@@ -234,6 +244,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(branch_ranks_train_to_the_bits_of_one_rank),
         cmocka_unit_test(more_ranks_than_samples_train_to_the_bits_of_one_rank),
         cmocka_unit_test(slab_ranks_train_to_the_bits_of_one_rank_with_as_many_slabs),
+        cmocka_unit_test(a_rank_left_over_by_slabs_leaves_the_bits_alone),
         cmocka_unit_test(slabs_train_like_a_whole_crop),
         cmocka_unit_test(branch_ranks_train_to_the_bits_of_one_rank_in_bf16),
         cmocka_unit_test(a_run_in_bf16_follows_the_run_in_float32),
