@@ -5,6 +5,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/method/left_out.h"
@@ -355,12 +356,18 @@ done:
     return rc;
 }
 
-/** Collective(world): what the method leaves to a frame, by the first of them. */
+/** Collective(world): what the method leaves to a frame, by the first of the recording that shows
+ *  something, as for volumes, judged or not. */
 static enum v2v_status settle(struct judge *self, const struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_consistency_job *job = self->job;
+    int64_t frame = 0;
+    int is_seen = 0;
     if (v2v_estimator_is_open(self->ops, &self->config)) {
-        V2V_TRY(v2v_par_agree(world, load(self, 0)));
+        V2V_TRY(v2v_first_seen(&frame, &is_seen, job->recording, job->scaling, world));
+        V2V_TRY(v2v_par_agree(world, v2v_fusion_read(self->fusion, self->views, job->recording,
+                                                     job->scaling, frame)));
         V2V_TRY(v2v_estimator_settle(&self->config, self->ops, &self->problem, self->views,
                                      v2v_fusion_averaging(self->fusion), world));
     }

@@ -29,6 +29,9 @@ sane deconvolve --lambda auto --psf psf.h5 --input recording_dark.h5
 grep -q 'the frame has no light to choose lambda by' stderr || fail "no word on it: $(cat stderr)"
 sane deconvolve --lambda auto --psf psf.h5 --input recording_late.h5
 grep -q 'no light to choose lambda by' stderr && fail "the dark frame decides: $(cat stderr)"
+lambda=$(grep '^lambda ' stderr)
+works evaluate --lambda auto --frames 2 --volume volume_out.h5 --psf psf.h5 --input recording_late.h5
+grep -qxF "${lambda:-none}" stderr || fail "evaluate has not \"$lambda\": $(cat stderr)"
 
 # A camera's counts end at 65535: of 1000 photons, 65 counts each, the brightest are cut off.
 works simulate --psf psf.h5 --volume volume.h5 --noise camera:1000:65 -o full.h5
