@@ -310,6 +310,15 @@ enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v
             choices++;
         }
     }
+    if (config->parallel.reproducible && ranks > 1) {
+        if (config->parallel.split == V2V_SPLIT_SLICES) {
+            return V2V_FAIL(V2V_E_CONFIG,
+                            "parallel.reproducible with parallel.split: slices, whose "
+                            "sums over ranks may round otherwise: take slabs");
+        }
+        *split = v2v_split_of_slabs(config);
+        return V2V_OK;
+    }
     if (ranks == 1 || choices == 1) {
         return V2V_OK;
     }

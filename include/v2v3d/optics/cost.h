@@ -60,7 +60,9 @@ enum v2v_split v2v_projector_faster(double seconds[V2V_SPLITS],
 
 /** How ranks share projections and back-projections of `count` views at a time: as parallel.split
  *  and parallel.transform say, or as the cost model, measured for it, predicts the fastest of what
- *  they leave; logged. @kind Collective(comm), agreed. @return V2V_OK | V2V_E_MEMORY */
+ *  they leave; logged. With parallel.reproducible by slabs: they alone keep all bits of one rank.
+ *  @kind   Collective(comm), agreed
+ *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG (slices of several ranks are to be reproducible) */
 enum v2v_status v2v_projector_choose_split(enum v2v_split *split, const struct v2v_config *config,
                                            const struct v2v_psf_file *psf, int64_t height,
                                            int64_t width, int64_t count,

@@ -124,6 +124,27 @@ static void a_frame_beyond_all_counts_takes_for_ever(void **state)
                   .forward_s));
 }
 
+/* Measured times would choose one thing here and another there. */
+static void reproducible_projections_are_by_slabs(void **state)
+{
+    static struct v2v_config config;
+    const int is_alone = v2v_comm_size(test_world()) == 1;
+    enum v2v_split split = V2V_SPLIT_AUTO;
+    (void)state;
+    v2v_config_defaults(&config);
+    config.parallel.reproducible = 1;
+    for (int transform = V2V_TRANSFORM_AUTO; transform <= V2V_TRANSFORM_FFTW3_MPI && !is_alone;
+         transform++) {
+        config.parallel.transform = transform;
+        assert_ok(v2v_projector_choose_split(&split, &config, &paper, SIDE, SIDE, 1, test_world()));
+        assert_int_equal(split, v2v_split_of_slabs(&config));
+    }
+    config.parallel.split = V2V_SPLIT_SLICES;
+    const enum v2v_status rc =
+        v2v_projector_choose_split(&split, &config, &paper, SIDE, SIDE, 1, test_world());
+    assert_int_equal(rc, is_alone ? V2V_OK : V2V_E_CONFIG);
+}
+
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
@@ -134,6 +155,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(slices_win_for_single_views_over_a_slow_network),
         cmocka_unit_test(slabs_gain_what_fftw3_mpi_is_measured_to_gain),
         cmocka_unit_test(a_frame_beyond_all_counts_takes_for_ever),
+        cmocka_unit_test(reproducible_projections_are_by_slabs),
     };
     return test_mpi_main(tests, argc, argv);
 }
