@@ -32,6 +32,12 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     if (ops->traits & V2V_TRAIT_VIEWS) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "the network '%s' makes views, no volume", ops->name));
     }
+    if (problem->config->parallel.reproducible && problem->config->parallel.shards > 1) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
+                         "parallel.reproducible with parallel.shards: %lld: a network's volumes "
+                         "depend on the slabs that a frame is cut into",
+                         (long long)problem->config->parallel.shards));
+    }
     ops->describe_work(work, &spec, problem->height, problem->width);
     work->most_shards = ops->traits & V2V_TRAIT_SLABS ? INT_MAX : 1;
     work->most_branches = ops->outputs;

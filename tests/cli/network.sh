@@ -202,6 +202,9 @@ grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped til
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped.h5 --skip 0
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o off.h5 --skip off
 same unskipped.h5 off.h5 /volume 0
+refuses 78 'parallel.reproducible with parallel.shards: 2: .*slabs' reconstruct --psf psf.h5 \
+    --weights w.h5 --input recording.h5 -o out.h5 --set parallel.reproducible=true \
+    --set parallel.shards=2
 timed "$limit" reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o large.h5 --max-mem 0.001
 [ $? -eq 70 ] || fail "--max-mem did not end with 70: $(cat stderr)"
 grep -q 'of the limit of 1000000 bytes' stderr || fail "--max-mem: $(cat stderr)"
