@@ -109,15 +109,24 @@ static int is_wanted(const struct v2v_words *only, const char *name)
     return wanted;
 }
 
+/* Is it by total variation of averaged frames, which refuses what is known of single ones? */
+static int averages_counts(const struct v2v_config *config, const struct v2v_network_ops *network)
+{
+    const int is_by_tv = network != NULL ? (network->traits & V2V_TRAIT_CORRECTS) != 0
+                                         : strcmp(config->deconv.method, "tv") == 0;
+    return is_by_tv && config->recon.neighbours > 0 &&
+           config->deconv.electrons_per_count.mode == V2V_NUMBER_GIVEN;
+}
+
 /* Where a method cannot differ from another one, it is left out. The time of emulated bf16 would
- * say nothing about bf16. */
+ * say nothing about bf16. @param config with the method's settings */
 static int can_run(const struct bench *bench, const struct method *method,
-                   const struct v2v_network_ops *network)
+                   const struct v2v_network_ops *network, const struct v2v_config *config)
 {
     const unsigned traits = network != NULL ? network->traits : 0;
     return bench->views >= method->views && bench->frames >= method->frames &&
            (method->pixels == 0 || bench->pixels <= method->pixels) &&
-           (traits & method->traits) == method->traits &&
+           (traits & method->traits) == method->traits && !averages_counts(config, network) &&
            (!(method->traits & V2V_TRAIT_BF16) || v2v_op_bf16() >= V2V_BF16_NATIVE);
 }
 
@@ -151,7 +160,8 @@ static enum v2v_status print(const struct bench *bench, const struct row *row)
 }
 
 /* One row. What volumes decide of the settings stays for the views left out.
- * @param network of the session's configuration; NULL: none */
+ * @param network of the session's configuration; NULL: none
+ * @param session with the method's settings */
 static enum v2v_status measure(const struct bench *bench, struct row *row,
                                const struct v2v_network_ops *network, struct v2v_session session)
 {
@@ -167,9 +177,6 @@ static enum v2v_status measure(const struct bench *bench, struct row *row,
                                         .frames = "0:1",
                                         .result = &row->made};
     session.force = 1;
-    for (int s = 0; s < SETTINGS && row->method->setting[s] != NULL; s++) {
-        V2V_TRY(v2v_config_set(&session.config, row->method->setting[s]));
-    }
     if (network != NULL) {
         ops = v2v_estimator_of_network(network);
     } else {
@@ -202,9 +209,13 @@ static enum v2v_status measure_all(const struct bench *bench, const struct metho
     }
     for (int i = 0; i < count; i++) {
         struct row row = {.method = &methods[i], .weights = weights};
+        struct v2v_session own = session;
+        for (int s = 0; s < SETTINGS && methods[i].setting[s] != NULL; s++) {
+            V2V_TRY(v2v_config_set(&own.config, methods[i].setting[s]));
+        }
         if (is_wanted(&bench->given->only, methods[i].name) &&
-            can_run(bench, &methods[i], network)) {
-            V2V_TRY(measure(bench, &row, network, session));
+            can_run(bench, &methods[i], network, &own.config)) {
+            V2V_TRY(measure(bench, &row, network, own));
         }
     }
 done:

@@ -79,6 +79,11 @@ works "${methods[@]}" --input own/recording.h5 --only tv-neighbours weights
 says '^tv-neighbours( +[0-9.]+){6} *$'
 says '^weights( +[0-9.]+){6} +own/run/weights.h5$'
 [ "$(wc -l <stdout)" -eq 4 ] || fail "other rows than asked for: $(cat stdout)"
+# what is known of single frames' noise is refused where they are averaged: no row
+works bench --methods --psf own/psf.h5 --input own/recording.h5 --set deconv.electrons_per_count=2 \
+    --only tv-5e-2 tv-neighbours rl-10
+says '^tv-5e-2 '
+grep -q 'tv-neighbours' stdout && fail "a row that is refused: $(cat stdout)"
 refuses 2 '--methods needs --psf FILE and --input FILE' bench --methods --psf own/psf.h5
 : >.v2v3d-part
 refuses 2 "--only: there is no row 'tv'" "${methods[@]}" --input one.h5 --only tv
