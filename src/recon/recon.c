@@ -95,7 +95,7 @@ static enum v2v_status run_rest(struct v2v_recon *recon, double *part, int64_t t
 static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
-    double part = 1.0; /* a key frame is there */
+    double part = 1.0; /* of a key frame */
     if (recon->still == NULL) {
         V2V_TRY(run_whole(recon, t));
         part = recon->estimator->computed_part;
@@ -155,14 +155,17 @@ done:
     return rc;
 }
 
-/** Collective(sample): frame t's outputs. The status is that of all its ranks. */
+/** Collective(sample): frame t's outputs; a key frame's are there. The status is that of all its
+ *  ranks. */
 static enum v2v_status make_frame(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     if (recon->still != NULL) {
         V2V_TRY(make_key(recon, t));
     }
-    V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, recon->fusion, t)));
+    if (t != recon->key) {
+        V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, recon->fusion, t)));
+    }
     V2V_TRY(v2v_par_agree(recon->grid.sample, compute(recon, t)));
 done:
     return rc;
