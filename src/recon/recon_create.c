@@ -117,11 +117,12 @@ done:
 }
 
 /** Collective(world): everything is planned, and nothing of it was touched yet. */
-static void announce_memory(const struct v2v_grid *grid)
+static void announce_memory(const struct v2v_recon *recon)
 {
-    double held = (double)v2v_mem_held();
-    v2v_par_max_f64(grid->world, &held, 1);
-    v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * held);
+    const int64_t later = recon->still != NULL ? v2v_still_planned(recon->still) : 0;
+    double planned = (double)v2v_mem_held() + (double)later;
+    v2v_par_max_f64(recon->grid.world, &planned, 1);
+    v2v_log(V2V_LOG_INFO, "memory: %.2f GB planned on the largest rank", 1e-9 * planned);
 }
 
 /** Collective(shard): the method and what frames need beside it, on ranks that are not idle. The
@@ -195,7 +196,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
         rc = equip(made, ops, &own, work.unit, is_still);
     }
     V2V_TRY(v2v_par_agree(world, rc));
-    announce_memory(&made->grid);
+    announce_memory(made);
     *recon = made;
     made = NULL;
 done:

@@ -40,6 +40,7 @@ struct v2v_still {
     struct v2v_carve *carve;
     struct v2v_windows_plan plan;
     int64_t tiles, samples;
+    int64_t planned;    /* bytes of the largest window's estimator */
     double brightest;   /* light of the key frame */
     int64_t iterations; /* that the key frame took */
     double left;        /* the largest change left out, of the brightest light */
@@ -126,6 +127,36 @@ done:
     return rc;
 }
 
+/** Local: what windows take beside the volumes and views of the caller, which are here: at most as
+ *  one of the torus' height and of the largest part of it. */
+static enum v2v_status plan_windows(struct v2v_still *still)
+{
+    enum v2v_status rc = V2V_OK;
+    enum { OF_CALLER = 2 }; /* volumes and sets of views, in what methods say of their work */
+    struct v2v_problem problem = still->problem;
+    struct v2v_grid_work work;
+    const int64_t ranks = v2v_comm_size(still->whole->shard);
+    if (problem.config->recon.refresh == 1) {
+        return V2V_OK; /* all are key frames */
+    }
+    problem.height = still->plan.torus_height;
+    problem.width = (int64_t)(most_part * (double)still->plan.torus_width) / 2 * 2;
+    problem.is_part = 1;
+    V2V_TRY(still->whole->ops->describe_work(&work, &problem));
+    const int64_t image = v2v_mem_bytes(OF_CALLER * problem.height * problem.width, 0);
+    const int64_t fixed = work.fixed_bytes - image * problem.psf->views;
+    const int64_t shared = work.bytes - work.fixed_bytes - image * problem.psf->slices;
+    still->planned = v2v_larger(fixed, 0) + v2v_parts(v2v_larger(shared, 0), ranks);
+    if ((size_t)still->planned > v2v_mem_room()) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY,
+                         "windows of frames take up to %lld bytes, and the limit leaves %zu: raise "
+                         "--max-mem, or --skip off",
+                         (long long)still->planned, v2v_mem_room()));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator *whole,
                                  const struct v2v_problem *problem)
 {
@@ -137,6 +168,9 @@ enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator 
         made->problem = *problem;
         make_plan(made, problem);
         rc = take_memory(made);
+    }
+    if (rc == V2V_OK) {
+        rc = plan_windows(made);
     }
     V2V_TRY(v2v_par_agree(whole->shard, rc));
     *still = made;
@@ -166,6 +200,11 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_mem_free(old->changed);
         v2v_mem_free(old);
     }
+}
+
+int64_t v2v_still_planned(const struct v2v_still *still)
+{
+    return still->planned;
 }
 
 void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume)

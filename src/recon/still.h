@@ -18,10 +18,13 @@ enum v2v_status v2v_still_allow(struct v2v_grid_work *work, const struct v2v_est
 /** @kind  Collective(shard)
  *  @param whole of whole frames, one output of whole slices; borrowed @param problem as whole's,
  *         with the tolerance in skip; what it points to is borrowed
- *  @return V2V_OK | V2V_E_MEMORY; agreed */
+ *  @return V2V_OK | V2V_E_MEMORY, also where the limit leaves no room for windows; agreed */
 enum v2v_status v2v_still_create(struct v2v_still **still, struct v2v_estimator *whole,
                                  const struct v2v_problem *problem) V2V_MUST_CHECK;
 void v2v_still_destroy(struct v2v_still **still);
+
+/** Bytes that windows take on this rank at most, once there are some. @kind Local. */
+int64_t v2v_still_planned(const struct v2v_still *still);
 
 /** A key frame: its views [v,y,x] and its volume [slices,y,x], of the last run of `whole`.
  *  @kind Collective(shard), no allocation. */

@@ -5,6 +5,7 @@
 #include "small_optics.h"
 #include "small_recording.h"
 
+#include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/weights_file.h"
 #include "v2v3d/method/networks.h"
@@ -514,6 +515,27 @@ static void a_method_without_windows_is_refused(void **state)
     assert_non_null(strstr(v2v_status_message(), "'rld' skips nothing"));
 }
 
+/* Else the run would end where the first large window comes. */
+static void a_limit_without_room_for_windows_is_refused_at_once(void **state)
+{
+    (void)state;
+    struct v2v_recon *recon = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH, .skip = 0.05};
+    const size_t before = v2v_mem_held();
+    assert_ok(v2v_recon_create(&recon, method, &problem, FRAMES, test_world()));
+    const size_t taken = v2v_mem_held() - before;
+    v2v_recon_destroy(&recon);
+    for (int extra = 0; extra < 2; extra++) { /* windows take less than the frame does */
+        v2v_mem_set_limit(before + (extra ? 2 * taken : taken + taken / 20));
+        const enum v2v_status rc = v2v_recon_create(&recon, method, &problem, FRAMES, test_world());
+        v2v_mem_set_limit(0);
+        assert_int_equal(rc, extra ? V2V_OK : V2V_E_MEMORY);
+        v2v_recon_destroy(&recon);
+    }
+    assert_non_null(strstr(v2v_status_message(), "windows of frames take up to"));
+}
+
 int main(int argc, char **argv)
 {
 #define TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -529,6 +551,7 @@ int main(int argc, char **argv)
         TEST(a_window_is_told_what_is_measured_of_the_frame),
         TEST(a_part_knows_the_light_around_it),
         TEST(a_method_without_windows_is_refused),
+        TEST(a_limit_without_room_for_windows_is_refused_at_once),
     };
     return test_mpi_main(tests, argc, argv);
 }
