@@ -233,35 +233,59 @@ done:
     return rc;
 }
 
-/** Local: this rank's, or -1. Ranks take turns; where frames have a key frame, each takes frames
- *  that follow one another, so that few key frames are made twice. */
-static int64_t frame_of_round(const struct v2v_recon *recon, int64_t round)
+/** How ranks take turns: `run` frames that follow one another each time, the first one's run `lead`
+ *  shorter; so many rounds in all. */
+struct turns {
+    int64_t run, lead, rounds;
+};
+
+/** Local: where frames have a key frame, each rank takes all of its frames from one place, so that
+ *  few key frames are made twice; but for a file that is written in order, those of a key frame, or
+ *  the file would keep most of the others' frames waiting. */
+static struct turns take_turns(const struct v2v_recon *recon)
+{
+    const int64_t ranks = recon->grid.data_size, refresh = recon->refresh;
+    const int64_t first = v2v_recording_info(recon->recording)->before + recon->todo[0];
+    struct turns turns = {.run = 1};
+    if (refresh > 1) {
+        turns.run = v2v_larger(v2v_parts(recon->frames, ranks), 1);
+    }
+    if (v2v_volume_keeps_step(recon->writer) && turns.run > refresh) {
+        turns.run = refresh;
+        turns.lead = first % refresh;
+    }
+    turns.rounds = v2v_parts(v2v_parts(recon->frames + turns.lead, turns.run), ranks) * turns.run;
+    return turns;
+}
+
+/** Local: this rank's, or -1. */
+static int64_t frame_of_round(const struct v2v_recon *recon, const struct turns *turns,
+                              int64_t round)
 {
     const struct v2v_grid *grid = &recon->grid;
-    const struct v2v_part mine = v2v_par_part(recon->frames, grid->data_size, grid->data_rank);
-    const int64_t i = recon->still == NULL ? round * grid->data_size + grid->data_rank
-                      : round < mine.count ? mine.first + round
-                                           : recon->frames;
-    return i < recon->frames ? recon->todo[i] : -1;
+    const int64_t turn = round / turns->run * grid->data_size + grid->data_rank;
+    const int64_t i = turn * turns->run + round % turns->run - turns->lead;
+    return !grid->idle && i >= 0 && i < recon->frames ? recon->todo[i] : -1;
 }
 
 /** Collective(world): the frames of all ranks, each rank's as fast as it can. */
 static enum v2v_status run_rounds(struct v2v_recon *recon)
 {
     enum v2v_status rc = V2V_OK, mine = V2V_OK;
-    const struct v2v_grid *grid = &recon->grid;
+    const int64_t ranks = recon->grid.data_size;
+    const struct turns turns = take_turns(recon);
     struct v2v_progress progress;
     v2v_progress_begin(&progress, recon->title, 0, recon->frames);
     V2V_TRY(v2v_agreement_meet(recon->agreement)); /* all are connected: beats get through */
-    for (int64_t done = 0; done < recon->frames; done += grid->data_size) {
-        const int64_t t = grid->idle ? -1 : frame_of_round(recon, done / grid->data_size);
+    for (int64_t round = 0; round < turns.rounds; round++) {
+        const int64_t t = frame_of_round(recon, &turns, round);
         mine = make_round(recon, t, mine);
         if (v2v_volume_keeps_step(recon->writer)) {
             V2V_TRY(v2v_agreement_meet(recon->agreement));
         }
         mine = put_round(recon, t, mine);
         V2V_TRY(v2v_agreement_tell(recon->agreement, mine));
-        v2v_progress_step(&progress, v2v_smaller(done + grid->data_size, recon->frames), NULL);
+        v2v_progress_step(&progress, v2v_smaller((round + 1) * ranks, recon->frames), NULL);
     }
     V2V_TRY(v2v_agreement_end(recon->agreement));
 done:

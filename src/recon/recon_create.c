@@ -183,7 +183,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .width = problem->width,
                            .fused = fusion_floats(problem, is_still),
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
-                           .refresh = problem->config->recon.refresh,
+                           .refresh = is_still ? problem->config->recon.refresh : 1,
                            .level = 1.0};
     work.items = frames;
     V2V_TRY(v2v_estimator_lay_out(

@@ -36,7 +36,7 @@ struct v2v_recon {
     double parts[2];                 /* computed of the frames so far, and how many */
     int64_t rounds;                  /* done: every attempt gets one further */
     struct v2v_still *still;         /* what did not change is taken over; NULL: nothing is */
-    int64_t refresh;                 /* frames from one key frame to the next */
+    int64_t refresh;                 /* frames from one key frame to the next; 1: there are none */
     int64_t key;                     /* the key frame at hand; may lie before a cut */
     struct v2v_agreement *agreement; /* of all ranks, on the rounds */
     /* of the run under way */

@@ -200,6 +200,31 @@ static void ranks_change_no_bit(void **state)
     }
 }
 
+/* Ranks take a key frame's frames in turn, from one within its own on; of three, one may be left
+ * over, which counts the same rounds. */
+static void a_file_in_order_has_the_same_bits(void **state)
+{
+    (void)state;
+    static float volume[VOXELS];
+    enum { FIRST = 1, COUNT = FRAMES - FIRST };
+    struct v2v_volume *file = NULL;
+    char path[1024];
+    alone(0.05);
+    path_of(path, "volume.tif");
+    const int size = v2v_comm_size(test_world());
+    for (int shards = 1; shards <= (size == 3 ? 2 : 1); shards++) {
+        config.parallel.shards = shards;
+        assert_ok(reconstruct(path, 0.05, FIRST, COUNT, test_world()));
+        assert_ok(v2v_volume_open(&file, path, NULL, test_world()));
+        for (int64_t t = 0; t < COUNT; t++) {
+            assert_ok(v2v_volume_read(file, volume, t, 0, SLICES));
+            assert_memory_equal(volume, reference + (FIRST + t) * VOXELS, sizeof volume);
+        }
+        v2v_volume_close(&file);
+        v2v_par_barrier(test_world());
+    }
+}
+
 /* The key frame's light and views lie on every rank, however many share a frame. */
 static void what_a_key_frame_leaves_is_counted(void **state)
 {
@@ -542,6 +567,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         TEST(what_is_still_is_the_key_frames_and_what_blinks_is_followed),
         TEST(ranks_change_no_bit),
+        TEST(a_file_in_order_has_the_same_bits),
         TEST(a_dark_frame_takes_no_iterations),
         TEST(what_a_key_frame_leaves_is_counted),
         TEST(a_range_has_the_bits_of_the_whole),
