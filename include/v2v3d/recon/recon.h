@@ -2,8 +2,10 @@
  *
  *  Purpose: everything about frames, once: their ranks, padding, units, order, writing, resuming.
  *  Invariants: ranks share frames, outputs or parts of a frame, never the answer: any rank count
- *  gives the same volume to round-off; offset and gain are one pair for a whole recording and
- *  divided out of the volume; a frame is marked done when it is on the disk.
+ *  gives the same volume to round-off, but for a network that skips tiles of a frame in slabs, each
+ *  of which takes its own sample of background: such volumes differ by as much as skipping may
+ *  leave out; offset and gain are one pair for a whole recording and divided out of the volume; a
+ *  frame is marked done when it is on the disk.
  *
  *  Example (compiled by tests/mpi/recon):
  *
