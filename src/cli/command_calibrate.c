@@ -1,4 +1,5 @@
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -156,6 +157,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     float *views = NULL;
     V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
                             2));
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn_command(1, session);
+    }
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));
     V2V_TRY(v2v_step_offset(session, &scaling, recording));

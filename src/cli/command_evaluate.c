@@ -1,5 +1,6 @@
 #include "cli/evaluation.h"
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 struct arguments {
     struct v2v_common common;
@@ -110,6 +111,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                      .uncertainty = given->uncertainty,
                                      .fit_scale = given->fit_scale};
     V2V_TRY(check_words(given));
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn_command(0, session);
+    }
     if (given->uncertainty != NULL) {
         const char *const inputs[] = {given->volume,      given->truth, given->psf,
                                       given->calibration, given->input, given->weights};

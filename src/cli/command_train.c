@@ -118,7 +118,7 @@ static enum v2v_status check_network(const struct arguments *given,
                          ops->name));
     }
     if (v2v_step_on_root(session)) {
-        v2v_unused_settings_warn(v2v_estimator_of_network(ops), session);
+        v2v_unused_settings_warn_training(ops, session);
     }
 done:
     return rc;

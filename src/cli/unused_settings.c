@@ -17,13 +17,45 @@ static int is_among(const char *const *keys, const char *key, int length)
     return *keys != NULL;
 }
 
+/* What calibrate decides itself, and evaluate where it leaves views out; both go by tv. */
+static const char *const not_of_calibrate[] = {"deconv.method",
+                                               "deconv.iterations",
+                                               "deconv.stop",
+                                               "deconv.weight",
+                                               "deconv.lambda",
+                                               "deconv.noise",
+                                               "deconv.curvature",
+                                               "deconv.electrons_per_count",
+                                               "deconv.read_noise",
+                                               "recon.neighbours",
+                                               NULL},
+                         *const not_of_evaluate[] = {"deconv.method", "deconv.iterations",
+                                                     "deconv.stop", "deconv.weight", NULL};
+
+/* Those that a network's training goes by where it lists them, and terms of the loss that only
+ * views which it has not seen have. */
+static const char
+    *const of_some_networks[] = {"model.width",       "model.features",   "model.volume_scale",
+                                 "model.view_split",  "model.view_seed",  "model.align",
+                                 "model.homogeneous", "recon.neighbours", NULL},
+           *const of_unseen_views[] = {"loss.fft", "loss.pos", "loss.dc", "loss.tv", NULL};
+
 static int is_of_a_method(const struct v2v_estimator_ops *ops, const char *key, int length)
 {
     static const char section[] = "deconv.";
-    const int is_deconv =
-        strncmp(key, section, strlen(section)) == 0 && !is_among(method, key, length);
+    const int is_deconv = strncmp(key, section, strlen(section)) == 0 &&
+                          (ops->is_learned || !is_among(method, key, length));
     const int is_gain = !ops->has_gain && is_among(gain, key, length);
-    return (is_deconv && !ops->is_learned) || is_gain || is_among(of_some, key, length);
+    return is_deconv || is_gain || is_among(of_some, key, length);
+}
+
+/* The key of setting i of the command line. */
+static const char *key_of(const struct v2v_common *common, int64_t i, int *length)
+{
+    const struct v2v_assignment *given = &common->assignments[i];
+    const char *key = given->key != NULL ? given->key : given->text;
+    *length = (int)strcspn(key, "=");
+    return key;
 }
 
 void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
@@ -31,13 +63,41 @@ void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
 {
     const struct v2v_common *common = session->common;
     for (int64_t i = 0; i < common->assignment_count; i++) {
-        const struct v2v_assignment *given = &common->assignments[i];
-        const char *key = given->key != NULL ? given->key : given->text;
-        const int length = (int)strcspn(key, "=");
+        int length = 0;
+        const char *key = key_of(common, i, &length);
         if (is_of_a_method(ops, key, length) && !is_among(ops->keys, key, length)) {
             v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of %s%s", length, key,
                     ops->is_learned ? "this network" : "--method ",
                     ops->is_learned ? "" : ops->name);
+        }
+    }
+}
+
+void v2v_unused_settings_warn_training(const struct v2v_network_ops *ops,
+                                       const struct v2v_session *session)
+{
+    const struct v2v_common *common = session->common;
+    v2v_unused_settings_warn(v2v_estimator_of_network(ops), session);
+    for (int64_t i = 0; i < common->assignment_count; i++) {
+        int length = 0;
+        const char *key = key_of(common, i, &length);
+        if ((is_among(of_some_networks, key, length) && !is_among(ops->keys, key, length)) ||
+            (ops->examples != NULL && is_among(of_unseen_views, key, length))) {
+            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of the network '%s'", length, key,
+                    ops->name);
+        }
+    }
+}
+
+void v2v_unused_settings_warn_command(int is_calibrate, const struct v2v_session *session)
+{
+    const struct v2v_common *common = session->common;
+    for (int64_t i = 0; i < common->assignment_count; i++) {
+        int length = 0;
+        const char *key = key_of(common, i, &length);
+        if (is_among(is_calibrate ? not_of_calibrate : not_of_evaluate, key, length)) {
+            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of %s", length, key,
+                    is_calibrate ? "calibrate" : "evaluate");
         }
     }
 }

@@ -4,10 +4,18 @@
 
 #include "cli/command.h"
 #include "v2v3d/method/estimator.h"
+#include "v2v3d/method/networks.h"
 
-/** Warn of each: of section deconv, of a method that needs no weights (weights have their own), of
- *  those of section recon that only some methods go by, and the gain. @kind Rank-0 */
+/** Warn of each: of section deconv, of those of section recon that only some methods go by, and the
+ *  gain. @kind Rank-0 */
 void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
                               const struct v2v_session *session);
+
+/** Likewise where a network is trained; also of what is another network's. @kind Rank-0 */
+void v2v_unused_settings_warn_training(const struct v2v_network_ops *ops,
+                                       const struct v2v_session *session);
+
+/** Likewise of calibrate, or of evaluate. @kind Rank-0 @param is_calibrate bool */
+void v2v_unused_settings_warn_command(int is_calibrate, const struct v2v_session *session);
 
 #endif

@@ -57,7 +57,9 @@ says 'calibration of 5 views, of frames of 64 x 64 pixels'
 says '^gain: [0-9.]* to [0-9.]*$'
 says '^largest shift: [0-9.e-]* pixels$'
 works calibrate --psf psf.h5 --input rec.h5 -o text.yaml --frame 1 \
-    --set deconv.electrons_per_count=100 # which has no part in it
+    --set deconv.electrons_per_count=100 --set recon.neighbours=0 # which have no part in it
+[ "$(grep -cE '(electrons_per_count|neighbours) is not a setting of calibrate' stderr)" -eq 2 ] ||
+    fail "no word on settings of others: $(cat stderr)"
 says 'held-out residual: .* before, .* after'
 
 works project --psf psf.h5 --volume volume.h5 -o spoilt.h5 --calibration spoil.yaml

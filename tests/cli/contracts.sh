@@ -108,7 +108,8 @@ heldout=(evaluate --volume still_tv.h5 --psf one/psf.h5 --input still.h5 --json)
 residual_of() { sed 's/.*"heldout_residual": \([0-9.]*\),.*/\1/' "$1"; }
 works "${heldout[@]}"
 cp stdout of_one.json
-works "${heldout[@]}" --set recon.neighbours=3
+works "${heldout[@]}" --set recon.neighbours=3 --set deconv.iterations=5
+[ "$(grep -c 'is not a setting of evaluate' stderr)" -eq 1 ] || fail "no word on it: $(cat stderr)"
 awk -v "one=$(residual_of of_one.json)" -v "four=$(residual_of stdout)" \
     'BEGIN { exit !(four > 0 && four < one) }' ||
     fail "averages predict no better: $(cat of_one.json stdout)"

@@ -195,9 +195,12 @@ refuses 65 'there is no frame 2: it has 2, from 0' reconstruct --psf psf.h5 --we
 
 refuses 2 '--skip needs model.winograd: true' reconstruct --psf psf.h5 --weights w.h5 \
     --input recording.h5 -o out.h5 --skip auto --set model.winograd=false
-works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o skipped.h5 --skip auto --strength 1
-[ "$(grep -c 'recon.strength is not a setting of this network' stderr)" -eq 1 ] ||
-    fail "no word on a setting of another network: $(cat stderr)"
+works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o skipped.h5 --skip auto --strength 1 \
+    --set deconv.noise=poisson
+for key in recon.strength deconv.noise; do
+    [ "$(grep -c "$key is not a setting of this network" stderr)" -eq 1 ] ||
+        fail "no word on $key, of another network: $(cat stderr)"
+done
 grep -q 'computed [0-9.]* % of the tiles' stderr || fail "no word on skipped tiles: $(cat stderr)"
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o unskipped.h5 --skip 0
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o off.h5 --skip off

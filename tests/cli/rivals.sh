@@ -30,7 +30,11 @@ works simulate --scene neurons --psf psf.h5 --size 40x48 --frames 11 --motion 0.
     -o film.h5 --clean clean.h5
 deepcad=(train -c "$root/configs/deepcad.yaml" --set deepcad.width=2 --set deepcad.levels=2
     --set deepcad.frames=4 --set train.crop=32)
-works "${deepcad[@]}" --input film.h5 -o frames --steps 4
+works "${deepcad[@]}" --input film.h5 -o frames --steps 4 --set model.align=false --set loss.tv=0 \
+    --set loss.mse=1
+[ "$(grep -cE "(model.align|loss.tv) is not a setting of the network 'deepcad'" stderr)" -eq 2 ] ||
+    fail "no word on settings of other networks: $(cat stderr)"
+grep -q 'loss.mse is' stderr && fail "its own setting is said to be another's: $(cat stderr)"
 works denoise --weights frames/weights.h5 --input film.h5 --clean clean.h5 -o denoised.h5
 says '^PSNR of the views: [0-9.]* dB before, [0-9.]* dB after$'
 # The same counts on another zero are as noisy.

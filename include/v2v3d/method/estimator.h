@@ -123,7 +123,7 @@ struct v2v_estimator_ops {
     int skips_light;     /**< bool: by itself it leaves out the tiles that are dark */
     const void *variant; /**< what rows with the same functions differ in */
     const char *const *keys; /**< the settings that not every method goes by but it does, then NULL:
-                                  of section recon and, without weights, of section deconv */
+                                  of sections recon and deconv */
 
     /** Does the configuration leave a setting to a frame? NULL: never. @kind Local. */
     int (*is_open)(const struct v2v_config *config);
