@@ -67,7 +67,7 @@ static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info = {0};
     if (v2v_step_on_root(session)) {
-        static const char *const generations[] = {"weights.h5", "weights.prev.h5"};
+        static const char *const generations[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
         for (int i = 0; i < 2 && info.views == 0; i++) {
             char path[V2V_PATH_BYTES];
             rc = v2v_text_format(path, sizeof path, "%s/%s", given->folder, generations[i]);

@@ -6,6 +6,7 @@
 #include "v2v3d/io/arrays.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/weights.h"
+#include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <string.h>
 
@@ -205,16 +206,16 @@ enum v2v_status v2v_inform_run(struct v2v_report *report, const char *path, int6
         return V2V_OK;
     }
     v2v_config_defaults(&config);
-    V2V_TRY(path_in(name, path, "config.yaml"));
+    V2V_TRY(path_in(name, path, V2V_RUN_CONFIG));
     V2V_TRY(v2v_config_load(&config, name));
-    V2V_TRY(path_in(name, path, "metrics.jsonl"));
+    V2V_TRY(path_in(name, path, V2V_RUN_METRICS));
     if (v2v_file_exists(name)) {
         V2V_TRY(v2v_json_lines_read(&lines, name));
     }
     const struct v2v_json_member *step = v2v_json_lines_find(&lines, "step");
     v2v_report_number(report, "last step logged", step != NULL ? step->last : 0.0, "");
     describe_losses(report, &lines);
-    V2V_TRY(path_in(name, path, "weights.h5"));
+    V2V_TRY(path_in(name, path, V2V_RUN_WEIGHTS));
     if (v2v_file_exists(name)) {
         V2V_TRY(v2v_inform_weights(report, name, frame, session));
     }

@@ -6,6 +6,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/weights_file.h"
+#include "v2v3d/train/train.h"
 
 #include <errno.h>
 #include <math.h>
@@ -13,8 +14,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#define NEWEST "weights.h5"
-#define PREVIOUS "weights.prev.h5"
 #define DAMAGED "weights.bad.h5"
 
 enum { ARENAS = V2V_WEIGHTS_GROUPS, MAIN_RANK = 0, OTHER_RANK = 1 };
@@ -27,15 +26,15 @@ static enum v2v_status path_in(char *path, const char *folder, const char *name)
 int v2v_checkpoint_exists(const char *folder)
 {
     char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES];
-    return path_in(newest, folder, NEWEST) == V2V_OK &&
-           path_in(previous, folder, PREVIOUS) == V2V_OK &&
+    return path_in(newest, folder, V2V_RUN_WEIGHTS) == V2V_OK &&
+           path_in(previous, folder, V2V_RUN_WEIGHTS_BEFORE) == V2V_OK &&
            (v2v_file_exists(newest) || v2v_file_exists(previous));
 }
 
 enum v2v_status v2v_checkpoint_forget(const char *folder)
 {
     /* the previous one first: what a kill leaves in between is the newest */
-    static const char *const name[] = {PREVIOUS, NEWEST, DAMAGED};
+    static const char *const name[] = {V2V_RUN_WEIGHTS_BEFORE, V2V_RUN_WEIGHTS, DAMAGED};
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
     for (size_t i = 0; i < sizeof name / sizeof *name; i++) {
@@ -114,8 +113,8 @@ static enum v2v_status rotate(const char *folder)
 {
     enum v2v_status rc = V2V_OK;
     char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES], between[V2V_PATH_BYTES];
-    V2V_TRY(path_in(newest, folder, NEWEST));
-    V2V_TRY(path_in(previous, folder, PREVIOUS));
+    V2V_TRY(path_in(newest, folder, V2V_RUN_WEIGHTS));
+    V2V_TRY(path_in(previous, folder, V2V_RUN_WEIGHTS_BEFORE));
     V2V_TRY(v2v_file_temporary(between, previous));
     if (!v2v_file_exists(newest)) {
         goto done;
@@ -145,7 +144,7 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     info.psf_sum = trainer->psf_sum;
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
-    V2V_TRY(path_in(path, folder, NEWEST));
+    V2V_TRY(path_in(path, folder, V2V_RUN_WEIGHTS));
     const float *const group[] = {whole->arena[0], whole->arena[1], whole->arena[2],
                                   whole->arena[3]};
     V2V_TRY(v2v_weights_file_write(path, &info, &whole->schema.fields, group, NULL, config));
@@ -262,8 +261,8 @@ static enum v2v_status promote_previous(const char *folder)
 {
     enum v2v_status rc = V2V_OK;
     char newest[V2V_PATH_BYTES], previous[V2V_PATH_BYTES], damaged[V2V_PATH_BYTES];
-    V2V_TRY(path_in(newest, folder, NEWEST));
-    V2V_TRY(path_in(previous, folder, PREVIOUS));
+    V2V_TRY(path_in(newest, folder, V2V_RUN_WEIGHTS));
+    V2V_TRY(path_in(previous, folder, V2V_RUN_WEIGHTS_BEFORE));
     V2V_TRY(path_in(damaged, folder, DAMAGED));
     if ((v2v_file_exists(newest) && rename(newest, damaged) != 0) ||
         rename(previous, newest) != 0) {
@@ -276,7 +275,7 @@ done:
 
 enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder, int64_t *step)
 {
-    static const char *const generation[] = {NEWEST, PREVIOUS};
+    static const char *const generation[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
     enum v2v_status rc = V2V_OK, read = V2V_OK;
     char path[V2V_PATH_BYTES];
     int main_rank = v2v_comm_rank(trainer->grid.world) == 0;

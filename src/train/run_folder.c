@@ -11,8 +11,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define CONFIG "config.yaml"
-#define METRICS "metrics.jsonl"
 #define LOCK "lock"
 
 static enum v2v_status path_in(char *path, const struct v2v_run_folder *folder, const char *name)
@@ -75,9 +73,9 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
     if (step == 0) {
         V2V_TRY(v2v_checkpoint_forget(folder->path));
     }
-    V2V_TRY(path_in(path, folder, CONFIG));
+    V2V_TRY(path_in(path, folder, V2V_RUN_CONFIG));
     V2V_TRY(v2v_file_write_text(path, folder->config_text));
-    V2V_TRY(path_in(path, folder, METRICS));
+    V2V_TRY(path_in(path, folder, V2V_RUN_METRICS));
     V2V_TRY(v2v_json_lines_cut(path, step));
     folder->log = fopen(path, "ae");
     if (folder->log == NULL) {
@@ -111,13 +109,13 @@ static int is_empty(const struct v2v_run_folder *folder)
 {
     char path[V2V_PATH_BYTES];
     struct stat state;
-    return path_in(path, folder, METRICS) == V2V_OK &&
+    return path_in(path, folder, V2V_RUN_METRICS) == V2V_OK &&
            !(stat(path, &state) == 0 && state.st_size > 0) && !v2v_checkpoint_exists(folder->path);
 }
 
 static void discard(const struct v2v_run_folder *folder)
 {
-    static const char *const names[] = {CONFIG, METRICS, LOCK};
+    static const char *const names[] = {V2V_RUN_CONFIG, V2V_RUN_METRICS, LOCK};
     char path[V2V_PATH_BYTES];
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         if (path_in(path, folder, names[i]) == V2V_OK) {

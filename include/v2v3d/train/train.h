@@ -28,6 +28,12 @@
 extern "C" {
 #endif
 
+/** What RUN holds: settings, a line a logged step, the newest checkpoint and the one before. */
+#define V2V_RUN_CONFIG "config.yaml"
+#define V2V_RUN_METRICS "metrics.jsonl"
+#define V2V_RUN_WEIGHTS "weights.h5"
+#define V2V_RUN_WEIGHTS_BEFORE "weights.prev.h5"
+
 struct v2v_train_job {
     const struct v2v_config *config;
     const struct v2v_psf_file *psf;          /**< normalised as the configuration says */
