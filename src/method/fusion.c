@@ -58,7 +58,7 @@ struct v2v_fusion {
     float *sum;       /* [v,y,x] of weighted views */
     float *weight;    /* [v,y,x] of weights */
     float *neighbour; /* [v,y,x] */
-    float *moved;     /* [v,y,x]: a neighbour, moved onto frame t */
+    float *moved;     /* [v,y,x]: a neighbour, moved onto frame t; in the end frame t itself */
     float *factor;    /* [v,y,x]: .. and what its light is multiplied with */
     float *change;    /* [v,y,x] of a neighbour: mean square of its difference */
     float *mean;      /* [y,x] of that over the views */
@@ -450,6 +450,7 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
     const int64_t samples = fusion->views * fusion->height * fusion->width;
 #pragma omp parallel for schedule(static)
     for (int64_t i = 0; i < samples; i++) {
+        fusion->moved[i] = views[i];
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
     if (fusion->noise.sigma > 0.0) {
@@ -463,6 +464,11 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
 const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion)
 {
     return fusion->averaging.frames != NULL ? &fusion->averaging : NULL;
+}
+
+const float *v2v_fusion_recorded(const struct v2v_fusion *fusion)
+{
+    return fusion->averaging.frames != NULL ? fusion->moved : NULL;
 }
 
 enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,

@@ -88,7 +88,8 @@ static enum v2v_status run_whole(struct v2v_recon *recon, int64_t t)
 static enum v2v_status run_rest(struct v2v_recon *recon, double *part, int64_t t)
 {
     recon->estimator->frame = number_of(recon, t);
-    return v2v_still_run(recon->still, part, recon->output[0], recon->padded);
+    return v2v_still_run(recon->still, part, recon->output[0], recon->padded,
+                         v2v_fusion_recorded(recon->fusion));
 }
 
 /** Collective(shard): the outputs that this rank holds. The status is this rank's. */

@@ -342,14 +342,14 @@ done:
 }
 
 enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
-                              const float *views)
+                              const float *views, const float *recorded)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_estimator *whole = still->whole;
     struct v2v_core_window windows[V2V_WINDOWS_MOST];
     rc = v2v_estimator_check_views(whole, views, still->problem.psf->views);
     V2V_TRY(v2v_par_agree(whole->shard, rc));
-    const double left = find_changed(still, views);
+    const double left = find_changed(still, recorded != NULL ? recorded : views);
     /* one answer for all: ranks on other processors may round another way */
     v2v_par_broadcast(whole->shard, still->changed, still->tiles, 0);
     const int64_t count = v2v_windows_cover(windows, still->changed, &still->plan);

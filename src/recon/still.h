@@ -33,10 +33,11 @@ void v2v_still_keep(struct v2v_still *still, const float *views, const float *vo
 /** The volume of a frame after a key frame. @kind Collective(shard); a window of a size unlike the
  *  last one's is allocated anew
  *  @param  part out: computed of the frame, 0 .. 1 @param volume [slices,y,x] out
- *  @param  views [v,y,x]
+ *  @param  views [v,y,x] @param recorded those of the frame alone, whose noise is even, to tell by
+ *          what changed; NULL: views are
  *  @return V2V_OK | as run and create of the method; agreed */
 enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
-                              const float *views) V2V_MUST_CHECK;
+                              const float *views, const float *recorded) V2V_MUST_CHECK;
 
 /** The largest change that was left out so far, of the brightest light. @kind Local. */
 double v2v_still_left(const struct v2v_still *still);

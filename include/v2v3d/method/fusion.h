@@ -67,6 +67,10 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
                                 struct v2v_recording *recording, const struct v2v_scaling *scaling,
                                 int64_t t) V2V_MUST_CHECK;
 
+/** The frame's views as they were before others were averaged in, [v,y,x], until the next one is
+ *  begun or aligned; NULL: none were, or its noise is not known. @kind Local. */
+const float *v2v_fusion_recorded(const struct v2v_fusion *fusion);
+
 #ifdef __cplusplus
 }
 #endif

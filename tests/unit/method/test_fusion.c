@@ -466,6 +466,7 @@ static void samples_say_how_many_frames_they_are_of(void **state)
     const struct v2v_averaging *averaging = v2v_fusion_averaging(fusion);
     assert_non_null(averaging);
     assert_true(averaging->sigma == sigma_of(frames[0]));
+    assert_memory_equal(v2v_fusion_recorded(fusion), frames[0], sizeof frames[0]);
     assert_false(averaging->is_of_photons);
     for (int64_t i = 0; i < SAMPLES; i++) {
         const double of = (double)averaging->frames[i];
@@ -486,6 +487,7 @@ static void samples_say_how_many_frames_they_are_of(void **state)
     v2v_fusion_begin(fusion, frames[0]);
     v2v_fusion_end(fusion, fused);
     assert_null(v2v_fusion_averaging(fusion));
+    assert_null(v2v_fusion_recorded(fusion));
     v2v_fusion_destroy(&fusion);
 }
 
