@@ -15,8 +15,8 @@
 struct v2v_h5_chunks;
 
 /** Look at the storage as a whole. @kind Local. @param path, name borrowed; set is to stay open
- *  @return V2V_OK | V2V_E_INPUT (more or fewer bytes stored than the dataset has, or chunks; a chunk
- *  of more than 2 GiB) | V2V_E_MEMORY */
+ *  @return V2V_OK | V2V_E_INPUT (more or fewer bytes stored than the dataset has, or chunks; a
+ *  chunk of more than 2 GiB) | V2V_E_MEMORY */
 enum v2v_status v2v_h5_chunks_create(struct v2v_h5_chunks **chunks, hid_t set, const char *path,
                                      const char *name) V2V_MUST_CHECK;
 
