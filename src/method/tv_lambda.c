@@ -40,6 +40,9 @@ static const struct usual {
 } of_normal_noise = {0.03, 0.15}, of_photons = {0.0275, 0.4};
 static const double usual_noise = 0.1, least_noise = 0.002;
 
+/* Nothing is smoothed along z there, and light has no other slice to go to. */
+static const double of_one_slice = 2.0;
+
 /* Views missed by so many times their noise are missed by more than noise, which shows early:
  * after two iterations 16 recordings in register are missed by 0.982 to 1.028, after six by 0.981
  * to 0.991, four out of register by 1.34 and more all along. */
@@ -263,7 +266,8 @@ static double usual_weight(const struct v2v_estimator *estimator, const struct c
     const struct usual *usual = noise.gain > 0.0 ? &of_photons : &of_normal_noise;
     const double times = fmax(noise.part, least_noise) / usual_noise;
     const double seen = fmax(self->seen, self->problem.psf->views > 1 ? 0.0 : 1.0);
-    const double weight = usual->weight * pow(times, usual->power) * sqrt(seen);
+    const double slices = self->problem.psf->slices == 1 ? of_one_slice : 1.0;
+    const double weight = usual->weight * pow(times, usual->power) * sqrt(seen) * slices;
     return noise.part > 0.0 ? weight : fallback;
 }
 
