@@ -158,7 +158,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
                             2));
     if (v2v_step_on_root(session)) {
-        v2v_unused_settings_warn_command(1, session);
+        v2v_unused_settings_warn_command("calibrate", session);
     }
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &psf));

@@ -112,7 +112,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
                                      .fit_scale = given->fit_scale};
     V2V_TRY(check_words(given));
     if (v2v_step_on_root(session)) {
-        v2v_unused_settings_warn_command(0, session);
+        v2v_unused_settings_warn_command("evaluate", session);
     }
     if (given->uncertainty != NULL) {
         const char *const inputs[] = {given->volume,      given->truth, given->psf,

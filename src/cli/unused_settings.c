@@ -18,27 +18,24 @@ static int is_among(const char *const *keys, const char *key, int length)
 }
 
 /* What calibrate decides itself, and evaluate where it leaves views out; both go by tv. */
-static const char *const not_of_calibrate[] = {"deconv.method",
-                                               "deconv.iterations",
-                                               "deconv.stop",
-                                               "deconv.weight",
-                                               "deconv.lambda",
-                                               "deconv.noise",
-                                               "deconv.curvature",
-                                               "deconv.electrons_per_count",
-                                               "deconv.read_noise",
-                                               "recon.neighbours",
-                                               NULL},
-                         *const not_of_evaluate[] = {"deconv.method", "deconv.iterations",
-                                                     "deconv.stop", "deconv.weight", NULL};
+static const struct {
+    const char *command;
+    const char *const *keys;
+} left_aside[] = {
+    {"calibrate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
+                                        "deconv.weight", "deconv.lambda", "deconv.noise",
+                                        "deconv.curvature", "deconv.electrons_per_count",
+                                        "deconv.read_noise", "recon.neighbours", NULL}},
+    {"evaluate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
+                                       "deconv.weight", NULL}}};
 
 /* Those that a network's training goes by where it lists them, and terms of the loss that only
  * views which it has not seen have. */
-static const char
-    *const of_some_networks[] = {"model.width",       "model.features",   "model.volume_scale",
-                                 "model.view_split",  "model.view_seed",  "model.align",
-                                 "model.homogeneous", "recon.neighbours", NULL},
-           *const of_unseen_views[] = {"loss.fft", "loss.pos", "loss.dc", "loss.tv", NULL};
+static const char *const of_some_networks[] = {
+    "model.width",       "model.features",   "model.volume_scale",
+    "model.view_split",  "model.view_seed",  "model.align",
+    "model.homogeneous", "recon.neighbours", NULL};
+static const char *const of_unseen_views[] = {"loss.fft", "loss.pos", "loss.dc", "loss.tv", NULL};
 
 static int is_of_a_method(const struct v2v_estimator_ops *ops, const char *key, int length)
 {
@@ -89,15 +86,19 @@ void v2v_unused_settings_warn_training(const struct v2v_network_ops *ops,
     }
 }
 
-void v2v_unused_settings_warn_command(int is_calibrate, const struct v2v_session *session)
+void v2v_unused_settings_warn_command(const char *command, const struct v2v_session *session)
 {
     const struct v2v_common *common = session->common;
+    size_t of = 0;
+    while (strcmp(left_aside[of].command, command) != 0) {
+        of++;
+        V2V_ASSERT(of < sizeof left_aside / sizeof *left_aside);
+    }
     for (int64_t i = 0; i < common->assignment_count; i++) {
         int length = 0;
         const char *key = key_of(common, i, &length);
-        if (is_among(is_calibrate ? not_of_calibrate : not_of_evaluate, key, length)) {
-            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of %s", length, key,
-                    is_calibrate ? "calibrate" : "evaluate");
+        if (is_among(left_aside[of].keys, key, length)) {
+            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of %s", length, key, command);
         }
     }
 }

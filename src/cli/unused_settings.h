@@ -1,4 +1,4 @@
-/** Settings of the command line that a method leaves aside. */
+/** Settings of the command line that a method, or a command, leaves aside. */
 #ifndef V2V_CLI_UNUSED_SETTINGS_H
 #define V2V_CLI_UNUSED_SETTINGS_H
 
@@ -15,7 +15,7 @@ void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
 void v2v_unused_settings_warn_training(const struct v2v_network_ops *ops,
                                        const struct v2v_session *session);
 
-/** Likewise of calibrate, or of evaluate. @kind Rank-0 @param is_calibrate bool */
-void v2v_unused_settings_warn_command(int is_calibrate, const struct v2v_session *session);
+/** Likewise of what a command leaves aside. @kind Rank-0 @param command calibrate or evaluate */
+void v2v_unused_settings_warn_command(const char *command, const struct v2v_session *session);
 
 #endif

@@ -207,18 +207,22 @@ static void run_steps(const struct way *way)
     teardown(&run);
 }
 
-/* Plain kernels round every product before it is added, the encoder's on other processors and the
- * projector's where sanitizers allow no clones: more round-off before the first kinks, too. */
+/* What oneDNN may err by in step 3. Plain kernels round every product before it is added, the
+ * encoder's on other processors and the projector's where sanitizers allow no clones: more
+ * round-off before the first kinks, too. So have oneDNN's kernels of AVX2 (3e-3). */
+static double last_of_onednn(void)
+{
 #if defined V2V_X86 && !defined __SANITIZE_ADDRESS__
-#define LAST 1e-3
+    return __builtin_cpu_supports("avx512f") ? 1e-3 : 1e-2;
 #else
-#define LAST 1e-2
+    return 1e-2;
 #endif
+}
 
 static void three_steps_match_the_reference(void **state)
 {
     (void)state;
-    run_steps(&(struct way){V2V_BACKEND_ONEDNN, 0, 0, LAST});
+    run_steps(&(struct way){V2V_BACKEND_ONEDNN, 0, 0, last_of_onednn()});
 }
 
 static void three_steps_by_minimal_filtering_match_the_reference(void **state)
