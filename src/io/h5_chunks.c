@@ -83,14 +83,33 @@ done:
     return rc;
 }
 
-/* The sum of all recorded sizes; HDF5 walks through the whole index for it. Chunks that were never
- * written read as the fill value without any error: a recording whose writer was killed. */
+/* Chunks that were never written read as the fill value without any error: a recording whose writer
+ * was killed. Without filters the sum of sizes tells. */
+static enum v2v_status check_count(const struct v2v_h5_chunks *chunks)
+{
+    enum v2v_status rc = V2V_OK;
+    hsize_t written = 0;
+    hid_t space = H5Dget_space(chunks->set);
+    if (H5Dget_num_chunks(chunks->set, space, &written) < 0) {
+        V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, "has no index of chunks"));
+    }
+    if (written != (hsize_t)chunks->count) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: only %llu of its %lld chunks were ever written",
+                         chunks->path, chunks->name, (unsigned long long)written,
+                         (long long)chunks->count));
+    }
+done:
+    v2v_h5_close(&space);
+    return rc;
+}
+
+/* The sum of all recorded sizes; HDF5 walks through the whole index for it. */
 static enum v2v_status check_sum(struct v2v_h5_chunks *chunks)
 {
     enum v2v_status rc = V2V_OK;
     const hsize_t stored = H5Dget_storage_size(chunks->set);
     const int64_t expected = v2v_mem_product(chunks->count, chunks->bytes, 1);
-    hid_t file = H5Iget_file_id(chunks->set), space = H5Dget_space(chunks->set);
+    hid_t file = H5Iget_file_id(chunks->set);
     if (H5Fget_filesize(file, &chunks->file_bytes) < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, "its file has no size"));
     }
@@ -111,19 +130,7 @@ static enum v2v_status check_sum(struct v2v_h5_chunks *chunks)
                          chunks->path, chunks->name, (unsigned long long)stored,
                          (long long)expected));
     }
-    if (chunks->filters > 0) {
-        hsize_t written = 0;
-        if (H5Dget_num_chunks(chunks->set, space, &written) < 0) {
-            V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, chunks->path, chunks->name, "has no index of chunks"));
-        }
-        if (written != (hsize_t)chunks->count) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s: only %llu of its %lld chunks were ever written",
-                             chunks->path, chunks->name, (unsigned long long)written,
-                             (long long)chunks->count));
-        }
-    }
 done:
-    v2v_h5_close(&space);
     v2v_h5_close(&file);
     return rc;
 }
@@ -224,6 +231,7 @@ enum v2v_status v2v_h5_chunks_create(struct v2v_h5_chunks **chunks, hid_t set, c
     V2V_TRY(describe(fresh));
     V2V_TRY(check_sum(fresh));
     if (fresh->filters > 0) {
+        V2V_TRY(check_count(fresh));
         V2V_TRY(V2V_ALLOC(fresh->seen, "io.chunks", fresh->count));
     }
     *chunks = fresh;

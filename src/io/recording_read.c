@@ -161,14 +161,14 @@ enum v2v_status v2v_recording_cut(struct v2v_recording *recording, int64_t first
 {
     struct v2v_recording_info *info = &recording->info;
     V2V_ASSERT(first >= 0 && count > 0);
-    if (first >= info->frames) {
-        return v2v_recording_has_frame(recording, first);
+    const enum v2v_status rc = v2v_recording_has_frame(recording, first);
+    if (rc == V2V_OK) {
+        const int64_t rest = info->frames - first;
+        info->frames = count < rest ? count : rest;
+        info->before += first;
+        info->after += rest - info->frames;
     }
-    const int64_t rest = info->frames - first;
-    info->frames = count < rest ? count : rest;
-    info->before += first;
-    info->after += rest - info->frames;
-    return V2V_OK;
+    return rc;
 }
 
 /* Pages of a TIFF file into views `first` .. of frame t. The file knows nothing of frames and

@@ -94,13 +94,6 @@ void v2v_local_brightness_begin(struct v2v_local_brightness *local, const float 
     v2v_coarse_images(local->photons, photons, local->views, height, width, SIDE, 1.0f);
 }
 
-/* How many squares a mean over 2 RADIUS + 1 of them, twice, is as sure as. */
-static double count_of_mean(void)
-{
-    const double n = 2.0 * RADIUS + 1.0, of_line = 3.0 * n * n * n / (2.0 * n * n + 1.0);
-    return of_line * of_line;
-}
-
 /* Of a square of a view, of means of its samples: the variance of b, and of a - f b. */
 struct variance {
     float of_b, of_both;
@@ -140,7 +133,7 @@ static void find_moments(const struct v2v_local_brightness *local, int64_t v, do
 static void find_factors(const struct v2v_local_brightness *local, int64_t v, double factor)
 {
     const int64_t squares = local->rows * local->columns;
-    const double count = count_of_mean();
+    const double count = v2v_smooth_twice_count(RADIUS);
     for (int64_t i = v * squares; i < (v + 1) * squares; i++) {
         const struct variance variance = variance_of(local, local->photons[i], (float)factor);
         const double noise = (double)(variance.of_b / variance.of_both);

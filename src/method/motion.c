@@ -428,13 +428,6 @@ static int move_views_apart(const struct v2v_motion *motion, const struct level 
     return is_taken;
 }
 
-/* How many squares a mean over 2 RADIUS + 1 of them, twice, is as sure as. */
-static double count_of_mean(void)
-{
-    const double n = 2.0 * RADIUS + 1.0, of_line = 3.0 * n * n * n / (2.0 * n * n + 1.0);
-    return of_line * of_line;
-}
-
 /* The outermost squares have the moments of those beside them. */
 static void repeat_edges(float *image, const struct level *level)
 {
@@ -464,7 +457,7 @@ static void move_squares_apart(const struct v2v_motion *motion, const struct lev
                                double variance)
 {
     const int64_t squares = squares_of(level);
-    const double count = count_of_mean();
+    const double count = v2v_smooth_twice_count(RADIUS);
     const double noise = count * (double)motion->views * noise_of(level);
     for (int k = 0; k < MOMENTS; k++) {
         smooth_about(motion, level, motion->moments + k * squares);

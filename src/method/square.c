@@ -1,5 +1,6 @@
 #include "method/square.h"
 
+#include "method/registration.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
@@ -78,9 +79,10 @@ void v2v_square_cut(const struct v2v_square *square, float *to, const float *ima
     }
 }
 
-static struct v2v_part within(int64_t side, int64_t margin)
+/* All but a narrow margin. */
+static struct v2v_part widely_judged(int64_t side)
 {
-    const int64_t edge = v2v_smaller(margin, v2v_field_margin(side));
+    const int64_t edge = v2v_smaller(V2V_FIELD_MARGIN / 3, v2v_field_margin(side));
     return (struct v2v_part){edge, side - 2 * edge};
 }
 
@@ -102,8 +104,8 @@ static enum v2v_status choose_judged(struct v2v_square_views *square, int64_t vi
     enum v2v_status rc = V2V_OK;
     const int64_t height = square->height, width = square->width;
     const struct v2v_square all = {{0, height}, {0, width}};
-    const struct v2v_square inner = {within(height, V2V_FIELD_MARGIN),
-                                     within(width, V2V_FIELD_MARGIN)};
+    const struct v2v_square inner = {v2v_registration_judged(height),
+                                     v2v_registration_judged(width)};
     float *scratch = NULL;
     V2V_TRY(V2V_ALLOC(scratch, "square.views", v2v_mem_product(views, height, width)));
     const double sigma = v2v_noise_of_images(scratch, square->views, views, height, width);
@@ -111,9 +113,8 @@ static enum v2v_status choose_judged(struct v2v_square_views *square, int64_t vi
         (double)(inner.rows.count * inner.columns.count) / (double)(height * width);
     const int is_dark = light_in(square, views, &inner, sigma) <
                         little * share * light_in(square, views, &all, sigma);
-    square->judged = is_dark ? (struct v2v_square){within(height, V2V_FIELD_MARGIN / 3),
-                                                   within(width, V2V_FIELD_MARGIN / 3)}
-                             : inner;
+    square->judged =
+        is_dark ? (struct v2v_square){widely_judged(height), widely_judged(width)} : inner;
 done:
     v2v_mem_free(scratch);
     return rc;

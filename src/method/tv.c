@@ -522,17 +522,7 @@ static void inherit(struct v2v_estimator *window, const struct v2v_estimator *wh
     self->is_told = 1;
 }
 
-static const char *const keys[] = {"deconv.iterations",
-                                   "deconv.stop",
-                                   "deconv.lambda",
-                                   "deconv.noise",
-                                   "deconv.electrons_per_count",
-                                   "deconv.read_noise",
-                                   "deconv.depth",
-                                   "deconv.curvature",
-                                   "deconv.tolerance",
-                                   "recon.refresh",
-                                   NULL};
+static const char *const keys[] = {"deconv.stop", V2V_TV_KEYS, NULL};
 
 const struct v2v_estimator_ops v2v_estimator_tv = {
     .name = "tv",

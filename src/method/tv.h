@@ -7,6 +7,12 @@
 
 extern const struct v2v_estimator_ops v2v_estimator_tv;
 
+/** Settings that it goes by, wherever it runs (v2v_estimator_ops, keys). */
+#define V2V_TV_KEYS                                                                                \
+    "deconv.iterations", "deconv.lambda", "deconv.noise", "deconv.electrons_per_count",            \
+        "deconv.read_noise", "deconv.depth", "deconv.curvature", "deconv.tolerance",               \
+        "recon.refresh"
+
 /** Where its volumes lie: the frame and a border, or a part that has none. @kind Local. */
 struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
 

@@ -168,19 +168,7 @@ static void whole_light(struct v2v_estimator *whole, float *volume, float *views
     tv->ops->whole_light(tv, volume, views);
 }
 
-/* Those of section deconv are total variation's. */
-static const char *const keys[] = {"recon.strength",
-                                   "recon.refresh",
-                                   "recon.precision",
-                                   "deconv.iterations",
-                                   "deconv.lambda",
-                                   "deconv.noise",
-                                   "deconv.electrons_per_count",
-                                   "deconv.read_noise",
-                                   "deconv.depth",
-                                   "deconv.curvature",
-                                   "deconv.tolerance",
-                                   NULL};
+static const char *const keys[] = {"recon.strength", "recon.precision", V2V_TV_KEYS, NULL};
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",

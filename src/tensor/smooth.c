@@ -28,3 +28,11 @@ void v2v_smooth_image(float *to, float *scratch, const float *image, int64_t hei
         smooth_line(to + x, scratch + x, height, width, radius);
     }
 }
+
+/* Along a line: the weights of n pixels, taken twice, are a triangle, and their squares sum to
+ * (2 n n + 1) / (3 n n n). */
+double v2v_smooth_twice_count(int radius)
+{
+    const double n = 2.0 * radius + 1.0, of_line = 3.0 * n * n * n / (2.0 * n * n + 1.0);
+    return of_line * of_line;
+}

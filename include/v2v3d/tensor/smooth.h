@@ -12,6 +12,10 @@ extern "C" {
 void v2v_smooth_image(float *to, float *scratch, const float *image, int64_t height, int64_t width,
                       int radius);
 
+/** How many pixels' noise such a mean, taken twice, has the variance of the mean of.
+ *  @kind Local. */
+double v2v_smooth_twice_count(int radius);
+
 #ifdef __cplusplus
 }
 #endif

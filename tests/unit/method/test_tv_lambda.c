@@ -6,6 +6,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/projector.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { SIDE = 64, PIXELS = SIDE * SIDE };
@@ -163,12 +164,38 @@ static void lines_are_weighed_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* Of one view none can be left out: the noise says, and that there is a single slice. */
+static void a_single_slice_has_twice_the_weight_by_the_noise(void **state)
+{
+    (void)state;
+    static float views[PIXELS];
+    struct v2v_psf_file all = small_psf(), one = all;
+    struct v2v_estimator *estimator = NULL;
+    one.views = one.slices = 1;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &one, .height = SIDE, .width = SIDE};
+    for (int64_t i = 0; i < PIXELS; i++) {
+        views[i] = (float)((i / SIDE / 8 + i % SIDE / 8) % 2 + /* a chess board */
+                           0.05 * v2v_random_normal(5, 0, (uint64_t)i));
+    }
+    assert_ok(v2v_estimator_create(&estimator, &v2v_estimator_tv, &problem, NULL));
+    estimator->ops->measure(estimator, views);
+    const double noise = v2v_tv_noise(estimator).part;
+    v2v_estimator_destroy(&estimator);
+    const double seen = fmax(v2v_tv_noise_seen(&one), 1.0);
+    const double weight = 2.0 * 0.03 * pow(10.0 * noise, 0.15) * sqrt(seen);
+    assert_true(noise > 0.02 && noise < 0.1);
+    assert_float_equal(settled(V2V_NUMBER_NONE, &problem, views), weight, 1e-12 * weight);
+    v2v_psf_file_fini(&all);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(few_sharp_points_are_weighed_by_views_left_out, setup),
         cmocka_unit_test_setup(lines_are_weighed_by_views_left_out, setup),
+        cmocka_unit_test_setup(a_single_slice_has_twice_the_weight_by_the_noise, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
