@@ -89,6 +89,10 @@ static enum v2v_status assign_whole(int64_t *value, const struct v2v_key *key, c
 {
     enum v2v_status rc = V2V_OK;
     int64_t number = 0;
+    if (key->whole.is_open && strcmp(text, "auto") == 0) {
+        *value = V2V_WHOLE_AUTO;
+        return V2V_OK;
+    }
     V2V_TRY(v2v_text_to_i64(&number, text, key->whole.least, key->whole.most, where, V2V_E_CONFIG));
     if (number % key->whole.multiple != 0) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: %s is not a multiple of %lld", where, text,
@@ -225,7 +229,7 @@ static int64_t place_of(size_t offset)
 
 int64_t v2v_key_conflict(const struct v2v_config *config, char *why, size_t bytes)
 {
-    if (config->train.crop != 0 && config->train.crop <= 2 * config->train.halo) {
+    if (config->train.crop > 0 && config->train.crop <= 2 * config->train.halo) {
         snprintf(why, bytes, "train.crop: %lld leaves nothing inside a train.halo of %lld",
                  (long long)config->train.crop, (long long)config->train.halo);
         return place_of(offsetof(struct v2v_config, train.crop));

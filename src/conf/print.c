@@ -30,6 +30,15 @@ static void format_whole(char *text, int64_t value)
     snprintf(text, VALUE_BYTES, "%lld", (long long)value);
 }
 
+static void format_whole_or_auto(char *text, int64_t value, const struct v2v_key *key)
+{
+    if (key->whole.is_open && value == V2V_WHOLE_AUTO) {
+        snprintf(text, VALUE_BYTES, "auto");
+    } else {
+        format_whole(text, value);
+    }
+}
+
 static void format_number(char *text, struct v2v_number number, const struct v2v_key *key)
 {
     if (number.mode == V2V_NUMBER_GIVEN) {
@@ -44,7 +53,7 @@ void v2v_key_format(char *text, const struct v2v_config *config, const struct v2
     const void *value = (const char *)config + key->offset;
     switch (key->kind) {
     case V2V_KEY_WHOLE:
-        format_whole(text, *(const int64_t *)value);
+        format_whole_or_auto(text, *(const int64_t *)value, key);
         break;
     case V2V_KEY_REAL:
         format_real(text, *(const double *)value);
@@ -83,6 +92,9 @@ static void print_range(const struct v2v_key *key, FILE *stream)
     } else {
         format_real(least, key->real.least);
         format_real(most, key->real.most);
+    }
+    if (key->kind == V2V_KEY_WHOLE && key->whole.is_open) {
+        fprintf(stream, "auto or ");
     }
     if (key->kind == V2V_KEY_NUMBER) {
         fprintf(stream, "auto%s%s or ", key->none != NULL ? ", " : "",

@@ -14,6 +14,13 @@
                   .meaning = meaning_                                                              \
     }
 
+/* The same, or "auto", as it is by itself. */
+#define MULTIPLE_OR_AUTO(s, n, of, least_, most_, meaning_)                                        \
+    {                                                                                              \
+        AT(s, n), .kind = V2V_KEY_WHOLE, .whole = {least_, most_, V2V_WHOLE_AUTO, of, 1},          \
+                  .meaning = meaning_                                                              \
+    }
+
 #define REAL(s, n, least_, most_, fallback_, meaning_)                                             \
     {                                                                                              \
         AT(s, n), .kind = V2V_KEY_REAL, .real = {least_, most_, fallback_}, .meaning = meaning_    \
@@ -175,7 +182,9 @@ const struct v2v_key v2v_key_table[] = {
 
     WHOLE(train, steps, 1, BILLION, 2000, "optimiser steps"),
     WHOLE(train, batch, 1, 65536, 1, "crops of one step over all ranks"),
-    MULTIPLE(train, crop, 32, 0, 65536, 128, "pixels of a crop's side; 0: the whole frame"),
+    MULTIPLE_OR_AUTO(train, crop, 32, 0, 65536,
+                     "pixels of a crop's side; 0: the whole frame; auto: 128, or 64 of unrolled, "
+                     "vcdnet and deepcad, less where frames are smaller"),
     WHOLE(train, halo, 0, 32768, 16, "ring of a crop that the views' loss leaves out, pixels"),
     WHOLE(train, candidates, 1, 1024, 1, "positions, of which the brightest is taken; 1: any"),
     BOOL(train, flips, 1, "flips that map the view set onto itself"),

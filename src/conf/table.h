@@ -31,6 +31,7 @@ struct v2v_key {
     struct {
         int64_t least, most, fallback;
         int64_t multiple; /**< 0 or 1: any number; else the value is a multiple of this */
+        int is_open;      /**< bool: may be "auto", V2V_WHOLE_AUTO, too, and is by itself */
     } whole;              /**< of V2V_KEY_WHOLE, _BOOL and _WORD */
     struct {
         double least, most, fallback;

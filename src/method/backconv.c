@@ -292,6 +292,7 @@ const struct v2v_network_ops v2v_network_backconv = {
     .keys = keys,
     .split = "even-odd",
     .outputs = HALVES,
+    .crop = 128,
     .traits = V2V_TRAIT_PROJECTS,
     .declare = declare,
     .sizes_of = sizes_of,

@@ -53,6 +53,7 @@ const struct v2v_network_ops v2v_network_deepcad = {
     V2V_UNET_NETWORK_OPS,
     .name = "deepcad",
     .keys = keys,
+    .crop = 64,
     .examples = &v2v_examples_odd_even,
     .traits = V2V_TRAIT_VIEWS | V2V_TRAIT_ANY,
     .declare = declare,

@@ -431,6 +431,7 @@ const struct v2v_network_ops v2v_network_depth_net = {
     .before = before,
     .split = "none",
     .outputs = 1,
+    .crop = 64,
     .examples = &v2v_examples_lessons,
     .traits = V2V_TRAIT_CORRECTS | V2V_TRAIT_ANY,
     .describe_work = describe_work,

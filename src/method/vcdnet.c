@@ -44,6 +44,13 @@ static void describe_work(struct v2v_grid_work *work, const struct v2v_network_s
 }
 
 const struct v2v_network_ops v2v_network_vcdnet = {
-    V2V_UNET_NETWORK_OPS, .name = "vcdnet",     .keys = keys,     .examples = &v2v_examples_truth,
-    .declare = declare,   .sizes_of = sizes_of, .create = create, .describe_work = describe_work,
+    V2V_UNET_NETWORK_OPS,
+    .name = "vcdnet",
+    .keys = keys,
+    .crop = 64,
+    .examples = &v2v_examples_truth,
+    .declare = declare,
+    .sizes_of = sizes_of,
+    .create = create,
+    .describe_work = describe_work,
 };

@@ -40,6 +40,7 @@ struct v2v_sampler {
     int64_t a_frame;               /* how many are made of a frame; of frames: 1 */
     int64_t images;                /* of a sample: views, or those of an example */
     int64_t height, width;         /* of a sample */
+    int is_whole;                  /* bool: samples are frames, padded; else crops */
     int64_t frame_pixels;          /* of the largest frame */
     int flip[AXES];                /* y, x: physical and wanted */
     int64_t moves[AXES];           /* of what should come out, when it is mirrored, pixels */
@@ -63,10 +64,33 @@ static const struct v2v_recording_info *info_of(const struct source *source)
     return v2v_recording_info(source->of.recording);
 }
 
+/* A crop that is left open has the network's sides, or the most multiples of the unit that are in
+ * every frame; where the halo leaves nothing of such a one, frames are taken whole. */
+static enum v2v_status choose_sides(struct v2v_sampler *sampler, struct v2v_sample_sides sides)
+{
+    const struct v2v_recording_info *first = info_of(&sampler->source[0]);
+    const int64_t crop = sampler->settings->crop, twice = 2 * sampler->settings->halo;
+    const int64_t most = crop == V2V_WHOLE_AUTO ? sides.crop : crop;
+    int64_t height = most, width = most;
+    if (most > 0 && most <= twice) {
+        return V2V_FAIL(V2V_E_CONFIG, "train.halo: %lld leaves nothing of a train.crop of %lld",
+                        (long long)sampler->settings->halo, (long long)most);
+    }
+    for (int64_t i = 0; i < sampler->source_count && crop == V2V_WHOLE_AUTO; i++) {
+        const struct v2v_recording_info *info = info_of(&sampler->source[i]);
+        height = v2v_smaller(height, info->height / sides.unit * sides.unit);
+        width = v2v_smaller(width, info->width / sides.unit * sides.unit);
+    }
+    sampler->is_whole = v2v_smaller(height, width) <= twice;
+    sampler->height = sampler->is_whole ? v2v_round_up(first->height, sides.unit) : height;
+    sampler->width = sampler->is_whole ? v2v_round_up(first->width, sides.unit) : width;
+    return V2V_OK;
+}
+
 static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t psf_views)
 {
     const struct v2v_recording_info *first = info_of(&sampler->source[0]);
-    int64_t crop = sampler->settings->crop;
+    const int64_t crop = sampler->settings->crop;
     for (int64_t i = 0; i < sampler->source_count; i++) {
         const struct v2v_recording_info *info = info_of(&sampler->source[i]);
         if (info->views != psf_views) {
@@ -76,14 +100,15 @@ static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t ps
         if (crop > 0 && (info->height < crop || info->width < crop)) {
             return V2V_FAIL(V2V_E_INPUT,
                             "recording %lld has frames of %lld x %lld, smaller than train.crop = "
-                            "%lld",
+                            "%lld; auto, as it is by itself, takes what fits",
                             (long long)i + 1, (long long)info->height, (long long)info->width,
                             (long long)crop);
         }
-        if (crop == 0 && (info->height != first->height || info->width != first->width)) {
+        if (sampler->is_whole && (info->height != first->height || info->width != first->width)) {
             return V2V_FAIL(V2V_E_INPUT,
-                            "train.crop = 0 takes recordings of one frame size; recording %lld "
-                            "has another than the first",
+                            "train.crop = 0, and auto of frames smaller than a crop, take "
+                            "recordings of one frame size; recording %lld has another than the "
+                            "first",
                             (long long)i + 1);
         }
     }
@@ -155,8 +180,6 @@ static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v
             V2V_FAIL(V2V_E_INPUT,
                      "every frame is dark, or below its offset: there is nothing to learn from"));
     }
-    V2V_TRY(v2v_par_agree(comm, check_sizes(sampler, job->psf->views)));
-    V2V_TRY(v2v_par_agree(comm, check_sources(sampler)));
 done:
     return rc;
 }
@@ -168,7 +191,7 @@ static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_
     enum v2v_status rc = V2V_OK;
     const int mirroring =
         sampler->examples != NULL ? sampler->examples->ops->mirroring : V2V_MIRROR_VIEWS;
-    const int wanted = sampler->settings->flips && sampler->settings->crop > 0;
+    const int wanted = sampler->settings->flips && !sampler->is_whole;
     for (int axis = 0; axis < AXES; axis++) {
         V2V_TRY(V2V_ALLOC(sampler->partner[axis], "sampler.flips", sampler->images));
         for (int64_t i = 0; i < sampler->images; i++) {
@@ -183,7 +206,8 @@ static enum v2v_status plan_flips(struct v2v_sampler *sampler, const struct v2v_
             sampler->moves[axis] = v2v_shifts_flip_moves(job->psf, axis);
         }
     }
-    sampler->can_transpose = wanted && mirroring == V2V_MIRROR_IMAGES;
+    sampler->can_transpose =
+        wanted && mirroring == V2V_MIRROR_IMAGES && sampler->height == sampler->width;
     v2v_log(V2V_LOG_INFO, "samples of %lld x %lld, flips: y %s, x %s", (long long)sampler->height,
             (long long)sampler->width, sampler->flip[0] ? "yes" : "no",
             sampler->flip[1] ? "yes" : "no");
@@ -202,19 +226,15 @@ static int64_t count_numbers(const struct v2v_sampler *sampler)
 }
 
 static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
-                                   int64_t unit, const struct v2v_examples_ops *kind)
+                                   const struct v2v_examples_ops *kind)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = info_of(&sampler->source[0]);
-    int64_t crop = sampler->settings->crop;
     sampler->images = job->psf->views;
     sampler->a_frame = 1;
     if (kind != NULL) {
         sampler->images = sampler->examples->inputs + sampler->examples->outputs;
         sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
-    sampler->height = crop > 0 ? crop : v2v_round_up(info->height, unit);
-    sampler->width = crop > 0 ? crop : v2v_round_up(info->width, unit);
     int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
     size_t most = (size_t)KEPT_BYTES;
     if (v2v_mem_room() / 2 < most) { /* the rest is for the network */
@@ -238,8 +258,8 @@ done:
 }
 
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, const struct v2v_examples_ops *kind,
-                                   const struct v2v_comm *comm)
+                                   struct v2v_sample_sides sides,
+                                   const struct v2v_examples_ops *kind, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_sampler *self = NULL;
@@ -250,7 +270,10 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
             v2v_par_agree(comm, v2v_examples_create(&self->examples, kind, job->config, job->psf)));
     }
     V2V_TRY(add_sources(self, job, comm));
-    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, unit, kind)));
+    V2V_TRY(v2v_par_agree(comm, choose_sides(self, sides)));
+    V2V_TRY(v2v_par_agree(comm, check_sizes(self, job->psf->views)));
+    V2V_TRY(v2v_par_agree(comm, check_sources(self)));
+    V2V_TRY(v2v_par_agree(comm, take_memory(self, job, kind)));
 done:
     if (rc != V2V_OK) {
         v2v_sampler_destroy(&self);
@@ -318,7 +341,7 @@ struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler)
 {
     const struct v2v_recording_info *info = info_of(&sampler->source[0]);
     int64_t halo = sampler->settings->halo;
-    if (sampler->settings->crop == 0) {
+    if (sampler->is_whole) {
         return (struct v2v_window){0, info->height, 0, info->width};
     }
     return (struct v2v_window){halo, sampler->height - halo, halo, sampler->width - halo};
@@ -522,7 +545,7 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int
     const struct choice choice = choose(sampler, stream, step, index);
     const struct v2v_recording_info *info = info_of(source_of(sampler, choice.frame));
     V2V_TRY(keep(sampler, &data, &choice));
-    if (settings->crop == 0) {
+    if (sampler->is_whole) {
         v2v_pad_reflect(images, data, sampler->images, info->height, info->width, height, width);
     } else {
         const int64_t inputs = inputs_of(sampler), pixels = info->height * info->width;

@@ -9,12 +9,19 @@
 
 struct v2v_sampler;
 
+/* What a network asks of the sides of its samples, pixels. */
+struct v2v_sample_sides {
+    int64_t unit; /* they are multiples of it */
+    int64_t crop; /* of a crop that is called auto, where frames are as large */
+};
+
 /* Decides offset and gain of every recording (reads them once), which flips are physical and the
- * size of a sample; whole frames are padded to a multiple of `unit`. With a kind of examples (else
- * NULL), samples are crops of them, each of which is made when it is first drawn from.
+ * size of a sample; whole frames are padded to a multiple of the unit. With a kind of examples
+ * (else NULL), samples are crops of them, each of which is made when it is first drawn from.
  * Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
-                                   int64_t unit, const struct v2v_examples_ops *kind,
+                                   struct v2v_sample_sides sides,
+                                   const struct v2v_examples_ops *kind,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
 

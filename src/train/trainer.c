@@ -244,7 +244,8 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     trainer->rounds = v2v_parts(job->config->train.batch, trainer->grid.data_size);
     struct v2v_network_spec spec = describe(trainer, job);
     trainer->ops->describe_work(&work, &spec, 1, 1);
-    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, work.unit, trainer->ops->examples, comm));
+    const struct v2v_sample_sides sides = {.unit = work.unit, .crop = trainer->ops->crop};
+    V2V_TRY(v2v_sampler_create(&trainer->sampler, job, sides, trainer->ops->examples, comm));
     V2V_TRY(v2v_precision_agree(&precision, job->config->train.precision, comm));
     V2V_TRY(v2v_par_agree(comm, create_network(trainer, job, precision)));
     V2V_TRY(create_buckets(trainer));

@@ -169,6 +169,7 @@ const struct v2v_network_ops v2v_network_v2v = {
     .keys = keys,
     .outputs = BRANCHES,
     .skip_auto = SKIP_AUTO,
+    .crop = 128,
     .traits = V2V_TRAIT_SKIPS | V2V_TRAIT_BF16 | V2V_TRAIT_SLABS,
     .declare = declare,
     .sizes_of = sizes_of,

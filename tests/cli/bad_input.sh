@@ -8,6 +8,7 @@ cd files || exit 1
 "$V2V_MAKE_BAD" . || exit 1
 cp "$root/configs/tiny.yaml" "$root/configs/unrolled.yaml" .
 printf 'train:\n  learning_rat: 1\n' >unknown.yaml
+printf 'model:\n  method: unrolled\ntrain:\n  crop: 64\n  halo: 0\n' >crop64.yaml
 printf 'train:\n  steps: 3\n  steps: 4\n' >duplicate.yaml
 printf 'train:\n  steps:\n' >missing.yaml
 printf 'train:\n  steps: -1\n' >range.yaml

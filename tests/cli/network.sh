@@ -121,6 +121,15 @@ else
     echo "left out: there is no python3 to run the example of configs/README.md"
 fi
 
+# Frames with a side below the network's crop are learnt from as far as they go.
+works train -c "$root/configs/unrolled.yaml" --psf psf.h5 --input recording_small.h5 --steps 3 \
+    -o small-run
+grep -q 'samples of 24 x 40' stderr || fail "other samples of small frames: $(cat stderr)"
+grep -q '^  crop: auto$' small-run/config.yaml || fail 'the run does not say that its crop was open'
+works reconstruct --psf psf.h5 --weights small-run/weights.h5 --input recording_small.h5 -o small.h5
+works info small.h5
+says 'volume, 2 frames, 7 slices of 24 x 40'
+
 # A correction of no strength is total variation; of all strength it is not, with any weights.
 works weights init --psf psf.h5 --set model.method=unrolled --rule he --seed 3 -o unrolled.h5
 works deconvolve --psf psf.h5 --input recording.h5 -o tv.h5

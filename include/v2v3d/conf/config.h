@@ -36,6 +36,9 @@ struct v2v_number {
     double value;
 };
 
+/** A whole number that says "auto", of those that may. */
+enum { V2V_WHOLE_AUTO = -1 };
+
 enum v2v_normalize { V2V_NORMALIZE_VIEW, V2V_NORMALIZE_NONE };
 /** How ranks share a projection: see optics/projector.h. AUTO: what the cost model predicts faster.
  *  Training takes slabs whatever is asked for: the same bits at any rank count. */
@@ -146,7 +149,8 @@ enum v2v_schedule { V2V_SCHEDULE_STEPS, V2V_SCHEDULE_LINEAR };
 struct v2v_train_settings {
     int64_t steps;
     int64_t batch;         /**< crops of one step over all ranks */
-    int64_t crop;          /**< pixels of a side, a multiple of 32; 0: the whole frame */
+    int64_t crop;          /**< pixels of a side, a multiple of 32; 0: the whole frame; or
+                                V2V_WHOLE_AUTO: the network's, less where frames are smaller */
     int64_t halo;          /**< ring of a crop that the views' loss leaves out, pixels */
     int64_t candidates;    /**< positions of which the brightest becomes the crop; 1: any */
     int flips;             /**< bool: flips that map the view set onto itself */

@@ -136,6 +136,7 @@ struct v2v_network_ops {
     int outputs;
     unsigned traits;  /**< V2V_TRAIT_.. */
     double skip_auto; /**< the tolerance of skipping that is called auto */
+    int64_t crop;     /**< the side of a crop in training that is called auto, a multiple of 32 */
 
     /** Append the parameters of the outputs in spec to an empty table. @kind Local.
      *  @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG */

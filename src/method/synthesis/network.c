@@ -52,6 +52,7 @@ const struct v2v_network_ops v2v_network_synthesis = {
     V2V_UNET_NETWORK_OPS,
     .name = "synthesis",
     .keys = keys,
+    .crop = 128,
     .examples = &v2v_examples_left_out_view,
     .traits = V2V_TRAIT_VIEWS | V2V_TRAIT_ANY,
     .declare = declare,

@@ -63,7 +63,7 @@ static void defaults_are_those_of_the_method(void **state)
     assert_int_equal(c.model.features, 4);
     assert_true(c.train.learning_rate == 8e-5 && c.train.decay == 0.3);
     assert_true(c.train.beta1 == 0.9 && c.train.beta2 == 0.999 && c.train.epsilon == 1e-8);
-    assert_int_equal(c.train.crop, 128);
+    assert_int_equal(c.train.crop, V2V_WHOLE_AUTO);
     assert_int_equal(c.train.flips, 1);
     assert_int_equal(c.psf.normalize, V2V_NORMALIZE_VIEW);
     assert_int_equal(c.psf.reduce, V2V_REDUCE_SUM);
@@ -158,7 +158,9 @@ static void bad_files_are_refused_by_line_and_reason(void **state)
         {"train:\n  crop: 100\n", ":2: ", "not a multiple of 32"},
         {"train:\n  halo: 10\n\n  crop: 32\n  batch: 3\n", NULL, NULL},
         {"train:\n  halo: 16\n\n  crop: 32\n", ":4: train.crop: 32 ", "halo of 16"},
-        {"train:\n  halo: 64\n", "train.crop: 128 ", "halo of 64"},
+        {"train:\n  halo: 64\n  crop: 128\n", "train.crop: 128 ", "halo of 64"},
+        {"train:\n  crop: -1\n", ":2: train.crop", "is outside"},
+        {"train:\n  halo: auto\n", ":2: train.halo", "not a whole number"},
         {"train:\n  flips: yes\n", ":2: ", "is not false or true"},
         {"psf:\n  normalize: veiw\n", ":2: ", "'veiw' is not view or none"},
         {"recon:\n  skip: on\n", ":2: ", "'on' is not a number"},
@@ -278,6 +280,8 @@ static void set_changes_one_value_or_nothing(void **state)
     assert_ok(v2v_config_set(&c, "recon.precision=bf16"));
     assert_ok(v2v_config_set(&c, "train.precision=bf16-always"));
     assert_int_equal(c.train.crop, 32);
+    assert_ok(v2v_config_set(&c, "train.crop=auto"));
+    assert_int_equal(c.train.crop, V2V_WHOLE_AUTO);
     assert_true(c.loss.weight[V2V_LOSS_FFT].value == 0.1);
     assert_int_equal(c.recon.precision, V2V_PRECISION_BF16);
     assert_int_equal(c.train.precision, V2V_PRECISION_BF16_ALWAYS);

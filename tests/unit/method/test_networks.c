@@ -221,6 +221,16 @@ static void what_a_network_does_not_offer_is_refused(void **state)
     }
 }
 
+/* As those are that are asked for: any network's sides are multiples of what divides 32. */
+static void every_network_has_a_crop_of_its_own(void **state)
+{
+    (void)state;
+    for (int64_t i = 0; i < v2v_network_count(); i++) {
+        const int64_t crop = v2v_network_at(i)->crop;
+        assert_true(crop > 0 && crop % 32 == 0);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -229,6 +239,7 @@ int main(void)
         cmocka_unit_test(an_output_alone_has_the_bits_of_all_together),
         cmocka_unit_test(a_weight_file_says_what_its_network_is),
         cmocka_unit_test(what_a_file_does_not_name_is_as_it_was_before_there_was_the_setting),
+        cmocka_unit_test(every_network_has_a_crop_of_its_own),
         cmocka_unit_test(what_a_network_does_not_offer_is_refused),
     };
     return cmocka_run_group_tests(tests, make_optics, drop_optics);

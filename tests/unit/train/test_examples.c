@@ -10,6 +10,7 @@
 enum { CROP = 32, PIXELS = CROP * CROP, CODE = 32768, DRAWN = 60 };
 enum { OF_FRAMES = 1, GAIN = 2 };
 
+static const struct v2v_sample_sides sides = {.unit = 32, .crop = 64};
 static float sample[(VIEWS + SLICES) * PIXELS];
 
 /* Frame, image and place of a sample, exact in float32. */
@@ -112,7 +113,7 @@ static void check_truths(int64_t frames)
     struct v2v_volume *truth = write_truth(&scene, frames, SLICES);
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.truths = &truth;
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL));
     assert_int_equal(v2v_sampler_images(sampler), VIEWS + SLICES);
     for (int64_t step = 0; step < DRAWN; step++) {
         assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
@@ -146,7 +147,7 @@ static void a_volume_of_other_slices_is_refused(void **state)
     struct v2v_volume *truth = write_truth(&scene, FRAMES, SLICES + 1);
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.truths = &truth;
-    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL),
+    assert_int_equal(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL),
                      V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "truth 1"));
     v2v_volume_close(&truth);
@@ -199,7 +200,7 @@ static void check_projections(int off)
     scene_record(&scene, "recording.h5", projection_of);
     scene_truth(&scene, volume_of);
     struct v2v_train_job job = scene_job(&scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_truth, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL));
     for (int64_t step = 0; step < DRAWN; step++) {
         assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
         project(made, sample + VIEWS * PIXELS, &scene.psf, CROP);
@@ -212,7 +213,7 @@ static void check_projections(int off)
         scene.config.train.flips = 0; /* the same sample as it would be without */
         static float plain[(VIEWS + SLICES) * PIXELS];
         struct v2v_sampler *other = NULL;
-        assert_ok(v2v_sampler_create(&other, &job, 32, &v2v_examples_truth, NULL));
+        assert_ok(v2v_sampler_create(&other, &job, sides, &v2v_examples_truth, NULL));
         assert_ok(v2v_sampler_draw(other, plain, step, 0));
         flipped += memcmp(plain, sample, sizeof plain) != 0;
         v2v_sampler_destroy(&other);
@@ -242,7 +243,7 @@ static void odd_frames_go_in_and_even_ones_should_come_out(void **state)
     setup(&scene);
     scene.config.deepcad.frames = FRAMES / 2;
     struct v2v_train_job job = scene_job(&scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_odd_even, NULL));
     assert_int_equal(v2v_sampler_images(sampler), FRAMES);
     for (int64_t step = 0; step < DRAWN; step++) {
         assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
@@ -289,7 +290,7 @@ static void stacks_begin_at_every_frame_that_leaves_room(void **state)
     scene.config.deepcad.frames = STACK;
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.recordings = &recording;
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_odd_even, NULL));
     for (int64_t step = 0; step < DRAWN; step++) {
         assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
         const int64_t first = decode(sample[0] / GAIN).t;
@@ -313,7 +314,7 @@ static void recordings_with_too_few_frames_are_refused(void **state)
     setup(&scene);
     scene.config.deepcad.frames = FRAMES / 2 + 1;
     struct v2v_train_job job = scene_job(&scene, run, "run");
-    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, &v2v_examples_odd_even, NULL),
+    assert_int_equal(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_odd_even, NULL),
                      V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "takes 4 or more"));
     scene_fini(&scene);

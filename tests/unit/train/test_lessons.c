@@ -10,6 +10,7 @@
 
 enum { IMAGES = 16, PIXELS = SIDE * SIDE, BATCH = 2, SYMMETRIES = 8, STEPS_OF_LESSON = 250 };
 
+static const struct v2v_sample_sides sides = {.unit = 2, .crop = SIDE};
 static float lesson[2 * BATCH][IMAGES * PIXELS], sample[IMAGES * PIXELS];
 
 static void setup(struct scene *scene)
@@ -69,7 +70,7 @@ static struct v2v_sampler *create(struct scene *scene)
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 2, &v2v_examples_lessons, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_lessons, NULL));
     assert_int_equal(v2v_sampler_images(sampler), IMAGES);
     return sampler;
 }
@@ -101,6 +102,43 @@ static void samples_are_lessons_turned_about(void **state)
     scene_fini(&scene);
 }
 
+/* Sides that differ: mirrored, but no rows in the place of columns. */
+static void samples_of_small_frames_are_parts_of_their_lessons(void **state)
+{
+    (void)state;
+    enum { HEIGHT = 33, WIDTH = 50, ROWS = 32, STEPS = 40 };
+    struct scene scene;
+    unsigned turns = 0;
+    setup(&scene);
+    scene.config.train.crop = V2V_WHOLE_AUTO;
+    scene.height = HEIGHT;
+    scene.width = WIDTH;
+    scene_record(&scene, "small.h5", scene_wave);
+    make_lessons(&scene);
+    struct v2v_sampler *sampler = create(&scene);
+    assert_int_equal(v2v_sampler_height(sampler), ROWS);
+    assert_int_equal(v2v_sampler_width(sampler), WIDTH);
+    for (int64_t step = 0; step < STEPS; step++) {
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
+        int found = -1;
+        for (int turn = 0; turn < 8 && found < 0; turn++) { /* by the first row and both flips */
+            int same = 1;
+            for (int i = 0; i < IMAGES * ROWS * WIDTH && same; i++) {
+                const int y = i / WIDTH % ROWS, x = i % WIDTH, image = i / WIDTH / ROWS;
+                const int fy = (turn & 4) / 4 + (turn & 1 ? ROWS - 1 - y : y);
+                const int fx = turn & 2 ? WIDTH - 1 - x : x;
+                same = sample[i] == lesson[0][(image * HEIGHT + fy) * WIDTH + fx];
+            }
+            found = same ? turn : -1;
+        }
+        assert_true(found >= 0);
+        turns |= 1u << found;
+    }
+    assert_int_equal(turns, 0xff);
+    v2v_sampler_destroy(&sampler);
+    scene_fini(&scene);
+}
+
 static void without_flips_they_are_the_lessons_themselves(void **state)
 {
     (void)state;
@@ -121,6 +159,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(samples_are_lessons_turned_about),
+        cmocka_unit_test(samples_of_small_frames_are_parts_of_their_lessons),
         cmocka_unit_test(without_flips_they_are_the_lessons_themselves),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -16,6 +16,8 @@ enum {
 }; /* streams' counters, as saved runs
       rely on them */
 
+static const struct v2v_sample_sides sides = {.unit = 32, .crop = 64};
+
 /* Frame and place of a sample, exact in float32. */
 static float code(int t, int64_t i)
 {
@@ -51,7 +53,7 @@ static struct v2v_sampler *create(struct scene *scene)
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, NULL, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, NULL, NULL));
     return sampler;
 }
 
@@ -233,12 +235,105 @@ static void the_window_leaves_the_halo_out(void **state)
     scene_fini(&scene);
 }
 
+/* Frames, what a network asks, and what its samples are then. */
+struct open_size {
+    int64_t frame[2]; /* y, x */
+    struct v2v_sample_sides sides;
+    int64_t halo;
+    int64_t sample[2];
+    struct v2v_window window;
+};
+
+/* A side has the network's size, or the multiples of the unit that the frame has; where nothing of
+ * such a crop counts, it is the frame, padded. */
+static void a_crop_that_is_left_open_is_as_large_as_the_frame_allows(void **state)
+{
+    (void)state;
+    static const struct open_size sizes[] = {
+        {{64, 64}, {2, 64}, 0, {64, 64}, {0, 64, 0, 64}},
+        {{65, 70}, {2, 64}, 0, {64, 64}, {0, 64, 0, 64}},
+        {{40, 60}, {2, 64}, 0, {40, 60}, {0, 40, 0, 60}},
+        {{33, 90}, {2, 64}, 0, {32, 64}, {0, 32, 0, 64}},
+        {{63, 63}, {2, 64}, 0, {62, 62}, {0, 62, 0, 62}},
+        {{100, 90}, {32, 128}, 16, {96, 64}, {16, 80, 16, 48}},
+        {{40, 60}, {32, 128}, 16, {64, 64}, {0, 40, 0, 60}}, /* 32 are halo */
+        {{20, 40}, {32, 128}, 0, {32, 64}, {0, 20, 0, 40}},
+        {{1, 40}, {2, 64}, 0, {2, 40}, {0, 1, 0, 40}},
+    };
+    struct scene scene;
+    setup(&scene);
+    scene.config.train.crop = V2V_WHOLE_AUTO;
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        const struct open_size *size = &sizes[i];
+        char run[PATH];
+        struct v2v_sampler *sampler = NULL;
+        float *views = NULL;
+        scene.config.train.halo = size->halo;
+        scene.height = size->frame[0];
+        scene.width = size->frame[1];
+        scene_record(&scene, "recording.h5", scene_wave);
+        struct v2v_train_job job = scene_job(&scene, run, "run");
+        assert_ok(v2v_sampler_create(&sampler, &job, size->sides, NULL, NULL));
+        const struct v2v_window window = v2v_sampler_window(sampler);
+        assert_int_equal(v2v_sampler_height(sampler), size->sample[0]);
+        assert_int_equal(v2v_sampler_width(sampler), size->sample[1]);
+        assert_memory_equal(&window, &size->window, sizeof window);
+        assert_ok(V2V_ALLOC(views, "test", VIEWS * size->sample[0] * size->sample[1]));
+        assert_ok(v2v_sampler_draw(sampler, views, 0, 0));
+        v2v_mem_free(views);
+        v2v_sampler_destroy(&sampler);
+    }
+    scene_fini(&scene);
+}
+
+/* The same bits as of a crop that was asked for. */
+static void a_crop_that_is_left_open_is_the_same_where_it_fits(void **state)
+{
+    (void)state;
+    static float asked[VIEWS * PIXELS], left_open[VIEWS * PIXELS];
+    struct scene scene;
+    char run[PATH];
+    struct v2v_sampler *sampler[2] = {NULL};
+    setup(&scene);
+    scene_record(&scene, "recording.h5", code);
+    for (int i = 0; i < 2; i++) {
+        struct v2v_train_job job = scene_job(&scene, run, "run");
+        scene.config.train.crop = i == 0 ? CROP : V2V_WHOLE_AUTO;
+        assert_ok(
+            v2v_sampler_create(&sampler[i], &job, (struct v2v_sample_sides){2, CROP}, NULL, NULL));
+    }
+    for (int64_t step = 0; step < 5; step++) {
+        assert_ok(v2v_sampler_draw(sampler[0], asked, step, 0));
+        assert_ok(v2v_sampler_draw(sampler[1], left_open, step, 0));
+        assert_memory_equal(asked, left_open, sizeof asked);
+    }
+    v2v_sampler_destroy(&sampler[0]);
+    v2v_sampler_destroy(&sampler[1]);
+    scene_fini(&scene);
+}
+
+static void a_halo_that_leaves_nothing_is_refused(void **state)
+{
+    (void)state;
+    struct scene scene;
+    char run[PATH];
+    struct v2v_sampler *sampler = NULL;
+    setup(&scene);
+    scene.config.train.crop = V2V_WHOLE_AUTO;
+    scene.config.train.halo = 32;
+    scene_record(&scene, "recording.h5", code);
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    assert_int_equal(v2v_sampler_create(&sampler, &job, sides, NULL, NULL), V2V_E_CONFIG);
+    assert_non_null(strstr(v2v_status_message(), "train.halo: 32 leaves nothing of"));
+    scene_fini(&scene);
+}
+
 static void check_refused(struct scene *scene, const char *word)
 {
     char run[PATH];
     struct v2v_sampler *sampler = NULL;
     struct v2v_train_job job = scene_job(scene, run, "run");
-    assert_int_equal(v2v_sampler_create(&sampler, &job, 32, NULL, NULL), V2V_E_INPUT);
+    assert_int_equal(v2v_sampler_create(&sampler, &job, sides, NULL, NULL), V2V_E_INPUT);
     assert_null(sampler);
     assert_non_null(strstr(v2v_status_message(), word));
 }
@@ -280,7 +375,7 @@ static void both_recordings_are_drawn_from(void **state)
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.recordings = both;
     job.recording_count = 2;
-    assert_ok(v2v_sampler_create(&sampler, &job, 32, NULL, NULL));
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, NULL, NULL));
     int from_two = 0;
     for (int64_t step = 0; step < 20; step++) {
         int64_t frame = draw(&scene, step * BATCH, DRAW_FRAME, 2 * FRAMES);
@@ -363,6 +458,9 @@ int main(void)
         cmocka_unit_test(samples_do_not_depend_on_the_order_of_drawing),
         cmocka_unit_test(whole_frames_are_reflected_to_multiples_of_32),
         cmocka_unit_test(the_window_leaves_the_halo_out),
+        cmocka_unit_test(a_crop_that_is_left_open_is_as_large_as_the_frame_allows),
+        cmocka_unit_test(a_crop_that_is_left_open_is_the_same_where_it_fits),
+        cmocka_unit_test(a_halo_that_leaves_nothing_is_refused),
         cmocka_unit_test(recordings_that_do_not_fit_are_refused),
         cmocka_unit_test(both_recordings_are_drawn_from),
         cmocka_unit_test(frames_of_a_homogeneous_network_have_one_level),
