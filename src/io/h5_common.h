@@ -53,6 +53,12 @@ enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path,
 /** Is there anything of that name? @kind Local. */
 int v2v_h5_has(hid_t file, const char *name);
 
+/** What there is: "has /a, /b/c and 5 more", what may be images or PSFs before other datasets, and
+ *  before what this program keeps beside its results. @kind Local. @param text V2V_H5_LIST_BYTES
+ *  hold any */
+enum { V2V_H5_LIST_BYTES = 640 };
+void v2v_h5_list(char *text, size_t bytes, hid_t file);
+
 /** The refusal of a file without a dataset: what it has instead, and `hint`. @kind Local. */
 enum v2v_status v2v_h5_there_is_none(hid_t file, const char *path, const char *name,
                                      const char *hint) V2V_MUST_CHECK;

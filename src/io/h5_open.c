@@ -69,43 +69,106 @@ done:
     return rc;
 }
 
-/* Names of datasets, the first of them. */
+/* Datasets by what they may be good for: images or PSFs, by their axes; others; what this program
+ * keeps beside its results. */
+enum { IMAGES, OTHERS, KEPT_BESIDE, SORTS };
+static const char *const kept_beside[] = {"checksum", "done", "adam_m/", "adam_v/", "last/"};
+
+/* Of each sort the first, of a group few of them where there are more than are named. */
+enum { MOST_NAMES = 8, MOST_OF_GROUP = 3, MOST_LINKS = 100000, NAME_BYTES = 64 };
+
 struct names {
-    char *text;
-    size_t bytes;
-    int count;
+    char name[SORTS][MOST_NAMES][NAME_BYTES];
+    int kept[SORTS];
+    int most_of_group;
+    int64_t count, links; /* seen so far */
 };
 
-enum { MOST_NAMES = 8, NAME_BYTES = 64 };
+static int sort_of(const char *name, hid_t set)
+{
+    for (size_t i = 0; i < sizeof kept_beside / sizeof kept_beside[0]; i++) {
+        const size_t length = strlen(kept_beside[i]);
+        const int is_group = kept_beside[i][length - 1] == '/';
+        if (strncmp(name, kept_beside[i], is_group ? length : length + 1) == 0) {
+            return KEPT_BESIDE;
+        }
+    }
+    hid_t space = H5Dget_space(set), type = H5Dget_type(set);
+    const H5T_class_t class = H5Tget_class(type);
+    const int rank = H5Sget_simple_extent_ndims(space);
+    v2v_h5_close(&type);
+    v2v_h5_close(&space);
+    return (class == H5T_INTEGER || class == H5T_FLOAT) && (rank == 3 || rank == 4) ? IMAGES
+                                                                                    : OTHERS;
+}
+
+/* How many of those that are kept are of the group of a name; none is where it is of no group. */
+static int of_group(char (*kept)[NAME_BYTES], int count, const char *name)
+{
+    const char *slash = strrchr(name, '/');
+    const size_t length = slash != NULL ? (size_t)(slash - name) + 1 : 0;
+    int found = 0;
+    for (int i = 0; i < count && length > 0; i++) {
+        found += strncmp(kept[i], name, length) == 0 && strchr(kept[i] + length, '/') == NULL;
+    }
+    return found;
+}
 
 static herr_t add_name(hid_t file, const char *name, const H5L_info_t *info, void *data)
 {
     struct names *names = data;
-    const size_t used = strlen(names->text);
-    int is_dataset = info->type != H5L_TYPE_HARD; /* a link, which may be to one */
-    if (!is_dataset) {
+    int sort = OTHERS; /* of a link, which may be to a dataset */
+    if (info->type == H5L_TYPE_HARD) {
         hid_t object = H5Oopen(file, name, H5P_DEFAULT);
-        is_dataset = H5Iget_type(object) == H5I_DATASET;
+        const int is_dataset = H5Iget_type(object) == H5I_DATASET;
+        sort = is_dataset ? sort_of(name, object) : SORTS;
         v2v_h5_close(&object);
     }
-    if (is_dataset && names->count++ < MOST_NAMES) {
-        (void)snprintf(names->text + used, names->bytes - used, "%s/%.*s",
-                       names->count > 1 ? ", " : "has ", NAME_BYTES, name);
+    if (sort < SORTS) {
+        char(*kept)[NAME_BYTES] = names->name[sort];
+        int *count = &names->kept[sort];
+        if (*count < MOST_NAMES && of_group(kept, *count, name) < names->most_of_group) {
+            (void)snprintf(kept[(*count)++], NAME_BYTES, "%s", name);
+        }
+        names->count++;
     }
-    return names->count > MOST_NAMES;
+    return ++names->links >= MOST_LINKS;
 }
 
-static void list_names(char *text, size_t bytes, hid_t file)
+/* On one line, whatever they carry. */
+static void print_names(char *text, size_t bytes, const struct names *names)
 {
-    struct names names = {.text = text, .bytes = bytes};
+    int named = 0;
+    for (int sort = 0; sort < SORTS; sort++) {
+        for (int i = 0; i < names->kept[sort] && named < MOST_NAMES; i++, named++) {
+            const size_t used = strlen(text);
+            (void)snprintf(text + used, bytes - used, "%s/%s", named > 0 ? ", " : "has ",
+                           names->name[sort][i]);
+        }
+    }
+    const size_t used = strlen(text);
+    if (names->count == 0) {
+        (void)snprintf(text, bytes, "has no dataset");
+    } else if (names->count > named) {
+        (void)snprintf(text + used, bytes - used, " and %s%lld more",
+                       names->links >= MOST_LINKS ? "at least " : "",
+                       (long long)names->count - named);
+    }
+    for (char *c = text; *c != '\0'; c++) {
+        *c = (unsigned char)*c < 0x20 || *c == 0x7f ? '?' : *c;
+    }
+}
+
+void v2v_h5_list(char *text, size_t bytes, hid_t file)
+{
+    struct names names = {.most_of_group = MOST_NAMES};
     (void)snprintf(text, bytes, "%s", "");
     (void)H5Lvisit(file, H5_INDEX_NAME, H5_ITER_INC, add_name, &names);
-    const size_t used = strlen(text);
     if (names.count > MOST_NAMES) {
-        (void)snprintf(text + used, bytes - used, ", ...");
-    } else if (used == 0) {
-        (void)snprintf(text, bytes, "has no dataset");
+        names = (struct names){.most_of_group = MOST_OF_GROUP};
+        (void)H5Lvisit(file, H5_INDEX_NAME, H5_ITER_INC, add_name, &names);
     }
+    print_names(text, bytes, &names);
 }
 
 enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path)
@@ -114,7 +177,7 @@ enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path)
     hid_t file = H5I_INVALID_HID;
     V2V_TRY(v2v_h5_guard(path));
     V2V_TRY(v2v_h5_open(&file, path));
-    list_names(text, bytes, file);
+    v2v_h5_list(text, bytes, file);
 done:
     v2v_h5_close(&file);
     return rc;
@@ -142,8 +205,8 @@ int v2v_h5_has(hid_t file, const char *name)
 enum v2v_status v2v_h5_there_is_none(hid_t file, const char *path, const char *name,
                                      const char *hint)
 {
-    char names[MOST_NAMES * (NAME_BYTES + 4) + 16];
-    list_names(names, sizeof names, file);
+    char names[V2V_H5_LIST_BYTES];
+    v2v_h5_list(names, sizeof names, file);
     return V2V_FAIL(V2V_E_INPUT, "%s: %s: there is no such dataset; it %s%s", path, name, names,
                     hint);
 }

@@ -15,6 +15,59 @@
 
 /* ---- reading ---- */
 
+/* As PyTorch's own files are, by its first bytes. */
+static int is_zip(const char *path)
+{
+    char first[4] = "";
+    FILE *file = fopen(path, "rbe");
+    const size_t got = file != NULL ? fread(first, 1, sizeof first, file) : 0;
+    if (file != NULL) {
+        fclose(file);
+    }
+    return got == sizeof first && memcmp(first, "PK\3\4", sizeof first) == 0;
+}
+
+/* What is no HDF5 file, and where the weights are, or how they are made of it. */
+static enum v2v_status check_kind(const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char inside[V2V_PATH_BYTES];
+    if (v2v_file_is_folder(path) &&
+        v2v_text_format(inside, sizeof inside, "%s/weights.h5", path) == V2V_OK &&
+        v2v_file_exists(inside)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is a folder; its weights are %s", path, inside));
+    }
+    V2V_TRY(v2v_file_check_input(path));
+    if (v2v_file_is_hdf5(path) || H5Fis_hdf5(path) > 0) {
+        goto done;
+    }
+    if (v2v_file_is_safetensors(path)) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: is safetensors, not HDF5 as weights are: v2v3d convert --input %s -o "
+                         "weights.h5 makes them of it",
+                         path, path));
+    }
+    V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is %s", path,
+                     is_zip(path) ? "a zip file, as PyTorch's own are: configs/README.md has how "
+                                    "to make safetensors of it, and v2v3d convert weights of these"
+                                  : "not an HDF5 file, as weights are: v2v3d train and weights "
+                                    "init make them, and convert of safetensors"));
+done:
+    return rc;
+}
+
+/* An attribute that all weight files have is missing. */
+static enum v2v_status refuse_other(hid_t file, const char *path, const char *attribute)
+{
+    char names[V2V_H5_LIST_BYTES];
+    v2v_h5_list(names, sizeof names, file);
+    return V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is missing: not a weight file; it %s; %s", path,
+                    attribute, names,
+                    v2v_h5_has(file, "weights")
+                        ? "v2v3d convert makes one of another program's arrays"
+                        : "v2v3d train and weights init make weight files");
+}
+
 static enum v2v_status check_version(hid_t file, const char *path)
 {
     int64_t version = V2V_WEIGHTS_VERSION;
@@ -39,8 +92,7 @@ static enum v2v_status read_first_settings(struct v2v_weights_info *info, hid_t 
     V2V_TRY(v2v_h5_get_integer(&width, &found_width, file, path, "width"));
     V2V_TRY(v2v_h5_get_integer(&features, &found_features, file, path, "features"));
     if (!found_width || !found_features) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is missing: not a weight file", path,
-                         found_width ? "features" : "width"));
+        V2V_TRY(refuse_other(file, path, found_width ? "features" : "width"));
     }
     V2V_TRY(v2v_h5_get_numbers(&volume_scale, &found, file, path, "volume_scale", 1));
     V2V_TRY(v2v_text_format(info->settings, sizeof info->settings,
@@ -117,9 +169,11 @@ static enum v2v_status read_info(struct v2v_weights_info *info, hid_t file, cons
         const struct v2v_weights_count *count = &v2v_weights_counts[i];
         int64_t *value = (int64_t *)((char *)info + count->at);
         V2V_TRY(v2v_h5_get_integer(value, &found, file, path, count->name));
-        if (found ? *value < count->least : !count->may_lack) {
-            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is %s", path, count->name,
-                             found ? "too small" : "missing: not a weight file"));
+        if (!found && !count->may_lack) {
+            V2V_TRY(refuse_other(file, path, count->name));
+        }
+        if (found && *value < count->least) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: attribute %s: is too small", path, count->name));
         }
     }
     for (int i = 0; i < V2V_WEIGHTS_WORDS; i++) {
@@ -212,6 +266,7 @@ enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info, const char 
     enum v2v_status rc = V2V_OK;
     struct v2v_file_state state;
     hid_t file = H5I_INVALID_HID;
+    V2V_TRY(check_kind(path));
     V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_open(&file, path));
     V2V_TRY(v2v_file_unchanged(read_info(info, file, path), &state, path));

@@ -23,6 +23,8 @@ head -c 2000000 /dev/zero | tr '\0' '#' >large.yaml
 works weights init --psf psf.h5 --width 4 -o weights.h5
 works weights init --psf psf.h5 --set model.method=unrolled --rule he -o unrolled.h5
 works convert --input weights.h5 -o weights.safetensors
+mkdir a_run && cp weights.h5 a_run
+printf 'PK\3\4archive/data.pkl' >torch.pth
 works reconstruct --psf psf.h5 --weights unrolled.h5 --input recording_dark.h5 -o dark.h5
 grep -q 'no light to choose the strength' stderr || fail "a dark first frame: $(cat stderr)"
 works preview good.tif -o fine.png

@@ -51,7 +51,7 @@ enum v2v_file_kind v2v_file_kind_of_name(const char *path);
 /** Has it to be opened as HDF5? By its first bytes, else by its name. @kind Local. */
 int v2v_file_is_hdf5(const char *path);
 
-/** What an HDF5 file has, as a message says it: "has /a, /b/c", the first datasets.
+/** What an HDF5 file has, as a message says it: "has /a, /b/c and 5 more", of its datasets a few.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (it cannot be opened: why) */
 enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path) V2V_MUST_CHECK;
 

@@ -40,7 +40,8 @@ struct v2v_weights_info {
 int v2v_weights_suit(const struct v2v_weights_info *info, int64_t psf_sum);
 
 /** Read the attributes only. Of files without `method` the settings are what the attributes width,
- *  features and volume_scale say. @kind Local. @return V2V_OK | V2V_E_INPUT */
+ *  features and volume_scale say. @kind Local. @return V2V_OK | V2V_E_INPUT (of another kind of
+ *  file: what it is, and what makes weights) */
 enum v2v_status v2v_weights_file_info(struct v2v_weights_info *info,
                                       const char *path) V2V_MUST_CHECK;
 

@@ -232,7 +232,13 @@ static void files_that_are_no_weights_are_refused(void **state)
     test_h5_make(path, &(struct test_h5_spec){.dataset = "/views", .rank = 3, .shape = {2, 3, 4}});
     assert_refused("has no group /weights");
     assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
-    assert_says("attribute views: is missing: not a weight file");
+    assert_says("attribute views: is missing: not a weight file; it has /views; v2v3d train");
+    use("arrays.h5");
+    test_h5_group(path, "/weights");
+    assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
+    assert_says("not a weight file; it has no dataset; v2v3d convert makes one");
+    use("w.h5");
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/views", .rank = 3, .shape = {2, 3, 4}});
     test_h5_numbers(path, "/", "format_version", (double[]){2}, 1);
     assert_refused("format 2 was written by a newer program");
     assert_int_equal(v2v_weights_file_info(&found, path), V2V_E_INPUT);
