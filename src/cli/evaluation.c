@@ -40,10 +40,11 @@ static enum v2v_status check_shapes(const struct v2v_evaluation_job *job,
 }
 
 /* The frame of the truth that the volume's first one shows. As `simulate` has it, frame t of a
- * recording shows frame t mod T of the truth; volumes of one recording show it side by side. */
+ * recording shows frame t mod T of the truth; volumes of one recording show it side by side.
+ * @param is_root of the ranks: it says what others keep to themselves */
 static enum v2v_status align(int64_t *first, const struct v2v_evaluation *evaluation,
                              const struct v2v_evaluation_job *job, const struct v2v_origin *truth,
-                             int64_t of_truth)
+                             int64_t of_truth, int is_root)
 {
     const struct v2v_origin *volume = &evaluation->origin;
     *first = v2v_larger(volume->first_frame, 0);
@@ -58,10 +59,17 @@ static enum v2v_status align(int64_t *first, const struct v2v_evaluation *evalua
                             truth->first_frame, truth->first_frame + of_truth - 1);
         }
     }
+    const int is_over = of_truth > 1 && *first + evaluation->frames > of_truth;
     *first %= of_truth;
     if (*first > 0) {
         v2v_log(V2V_LOG_INFO, "the volume's first frame shows frame %" PRId64 " of %s", *first,
                 job->truth);
+    }
+    if (is_over && is_root) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s has %" PRId64 " frames, fewer than the volume shows: they are taken over and "
+                "over, as simulate --frames does",
+                job->truth, of_truth);
     }
     return V2V_OK;
 }
@@ -115,7 +123,7 @@ static enum v2v_status score(struct v2v_evaluation *evaluation,
     V2V_TRY(check_shapes(job, v2v_volume_info(truth), info));
     const int64_t of_truth = v2v_volume_info(truth)->frames;
     V2V_TRY(v2v_origin_read(&origin, job->truth, session));
-    V2V_TRY(align(&first, evaluation, job, &origin, of_truth));
+    V2V_TRY(align(&first, evaluation, job, &origin, of_truth, v2v_step_on_root(session)));
     rc = allocate(evaluation, V2V_FIGURE_PSNR, V2V_FIGURE_SCALE);
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(a, "evaluate.truth", voxels);

@@ -169,6 +169,14 @@ for words in 'every.h5 two.h5' 'two.h5 two.h5' 'two.h5 copy.h5' 'copy.h5 two.h5'
 done
 refuses 65 'every.h5 shows frames 0 to 3 of its recording, two.h5 1 to 2' evaluate --truth two.h5 \
     --volume every.h5
+# A truth of fewer frames, but more than one, is taken over and over, with a word.
+works simulate --psf one/psf.h5 --volume two.h5 --frames 3 -o thrice.h5
+works deconvolve --method rld --psf one/psf.h5 --input thrice.h5 -o of_thrice.h5 --iterations 2
+for row in 'two.h5 1' 'zeroth.tif 0'; do
+    works evaluate --truth "${row% *}" --volume of_thrice.h5
+    [ "$(grep -c 'fewer than the volume shows' stderr)" -eq "${row#* }" ] ||
+        fail "a truth of fewer frames, ${row% *}: $(cat stderr)"
+done
 # A phantom is counted from its own first frame, whatever recording its light once came from.
 works simulate --psf one/psf.h5 --volume two.h5 --frames 2 -o phantom.h5
 works deconvolve --method rld --psf one/psf.h5 --input phantom.h5 -o of_phantom.h5 --iterations 20
