@@ -4,6 +4,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/tiff.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
@@ -152,13 +153,6 @@ done:
     return rc;
 }
 
-/* Do a file and PSFs state different sizes? They are stated with two digits, often. */
-static int is_other_size(double um, double of_psf_um)
-{
-    const double nominal = 0.01;
-    return um > 0.0 && of_psf_um > 0.0 && fabs(um - of_psf_um) > nominal * of_psf_um;
-}
-
 enum v2v_status v2v_step_recording(const struct v2v_session *session,
                                    struct v2v_recording **recording, const char *path,
                                    const struct v2v_psf_file *psf)
@@ -179,7 +173,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
     }
-    if (is_other_size(info->pixel_size_um, psf->pixel_size_um)) {
+    if (v2v_tiff_is_other_size(info->pixel_size_um, psf->pixel_size_um)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: says pixels of %g um, but the PSFs are for %g um; if they are the "
                          "same, --pixel-size %g says so",
@@ -215,7 +209,8 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
     } sizes[] = {{"pixels of", info->pixel_size_um, psf->pixel_size_um},
                  {"slices every", info->slice_spacing_um, psf->slice_spacing_um}};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
-        if (is_other_size(sizes[i].of_volume, sizes[i].of_psf) && v2v_step_on_root(session)) {
+        if (v2v_tiff_is_other_size(sizes[i].of_volume, sizes[i].of_psf) &&
+            v2v_step_on_root(session)) {
             v2v_log(V2V_LOG_WARNING,
                     "%s: says %s %g um, but the PSFs are for %g um, which it is taken for", path,
                     sizes[i].name, sizes[i].of_volume, sizes[i].of_psf);

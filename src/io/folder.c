@@ -4,6 +4,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -100,6 +101,66 @@ enum v2v_status v2v_folder_path(char path[V2V_PATH_BYTES], const struct v2v_fold
     const size_t length = strlen(folder->path);
     const char *slash = length > 0 && folder->path[length - 1] == '/' ? "" : "/";
     return v2v_text_format(path, V2V_PATH_BYTES, "%s%s%s", folder->path, slash, folder->name[i]);
+}
+
+/* The number that two names differ by alone, that of the first. */
+struct number {
+    size_t first, digits; /* characters of the name */
+    int64_t value;
+    int64_t step; /* to that of the second; 0: they differ otherwise */
+};
+
+static int64_t value_of(const char *digit, size_t count)
+{
+    int64_t value = 0;
+    for (size_t i = 0; i < count; i++) {
+        value = 10 * value + (digit[i] - '0');
+    }
+    return value;
+}
+
+static struct number number_between(const char *a, const char *b)
+{
+    enum { MOST_DIGITS = 18 };
+    struct number number = {0};
+    size_t first = 0;
+    while (a[first] != '\0' && a[first] == b[first]) {
+        first++;
+    }
+    while (first > 0 && strchr(digits, a[first - 1]) != NULL) {
+        first--;
+    }
+    const size_t na = strspn(a + first, digits), nb = strspn(b + first, digits);
+    if (na > 0 && na <= MOST_DIGITS && nb > 0 && nb <= MOST_DIGITS &&
+        strcmp(a + first + na, b + first + nb) == 0) {
+        number = (struct number){.first = first, .digits = na, .value = value_of(a + first, na)};
+        number.step = value_of(b + first, nb) - number.value;
+    }
+    return number;
+}
+
+int v2v_folder_gap(char missing[V2V_PATH_BYTES], const struct v2v_folder *folder)
+{
+    int64_t least = INT64_MAX, pairs = 0, regular = 0;
+    for (int64_t i = 0; i + 1 < folder->count; i++) {
+        const int64_t step = number_between(folder->name[i], folder->name[i + 1]).step;
+        if (step > 0) {
+            pairs++;
+            regular = step < least ? 1 : regular + (step == least);
+            least = step < least ? step : least;
+        }
+    }
+    for (int64_t i = 0; i + 1 < folder->count && 2 * regular >= pairs; i++) {
+        const char *name = folder->name[i];
+        const struct number number = number_between(name, folder->name[i + 1]);
+        if (number.step > least) {
+            (void)snprintf(missing, V2V_PATH_BYTES, "%.*s%0*lld%s", (int)number.first, name,
+                           (int)number.digits, (long long)(number.value + least),
+                           name + number.first + number.digits);
+            return 1;
+        }
+    }
+    return 0;
 }
 
 void v2v_folder_fini(struct v2v_folder *folder)

@@ -21,6 +21,11 @@ enum v2v_status v2v_folder_path(char path[V2V_PATH_BYTES], const struct v2v_fold
                                 int64_t i) V2V_MUST_CHECK;
 void v2v_folder_fini(struct v2v_folder *folder);
 
+/** Of files that are numbered one by one, or in equal steps, the first that isn't there between
+ *  those that are. Numbers of which fewer than half are followed by the next one are no numbering.
+ *  @kind Local. @param missing its name, without the folder @return bool: there is one */
+int v2v_folder_gap(char missing[V2V_PATH_BYTES], const struct v2v_folder *folder);
+
 /** < 0, 0, > 0: `a` before `b`, the same, after. @kind Local. */
 int v2v_folder_compare(const char *a, const char *b);
 

@@ -132,6 +132,10 @@ static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, in
                          (long long)info->width, (long long)file->slices, (long long)file->height,
                          (long long)file->width));
     }
+    if (v2v_tiff_is_other_size(info->pixel_size_um, file->pixel_size_um)) {
+        v2v_log(V2V_LOG_WARNING, "%s: says pixels of %.6g um, but psf_1.tif of %.6g, which counts",
+                path, info->pixel_size_um, file->pixel_size_um);
+    }
     V2V_TRY(v2v_tiff_read(tiff, file->data + v * file->slices * file->height * file->width, 0,
                           file->slices));
 done:

@@ -161,6 +161,9 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
                       (long long)stack->files, (long long)files);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
+    if (stack->folder != NULL && v2v_comm_rank(comm) == 0) {
+        v2v_tiff_folder_warn(stack->folder);
+    }
 done:
     if (rc != V2V_OK) {
         v2v_stack_fini(stack);

@@ -1,4 +1,5 @@
 #include "io/tiff_folder.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
 
@@ -17,6 +18,8 @@ struct v2v_tiff_folder {
     struct member *open[MOST_OPEN]; /* the next that is opened takes the place of the oldest */
     int64_t opened;                 /* so far */
     struct v2v_tiff_info info;
+    int64_t other_pixels; /* the first file that says pixels of another size; 0: none */
+    double other_pixel_size_um;
 };
 
 static enum v2v_status open_member(struct v2v_tiff_folder *folder, struct member *member,
@@ -54,6 +57,15 @@ static enum v2v_status check_alike(const struct v2v_tiff_folder *folder, const c
     return V2V_OK;
 }
 
+static void look_at_pixels(struct v2v_tiff_folder *folder, int64_t file, double pixel_size_um)
+{
+    if (folder->other_pixels == 0 &&
+        v2v_tiff_is_other_size(pixel_size_um, folder->info.pixel_size_um)) {
+        folder->other_pixels = file;
+        folder->other_pixel_size_um = pixel_size_um;
+    }
+}
+
 enum v2v_status v2v_tiff_folder_open(struct v2v_tiff_folder **folder, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -74,12 +86,30 @@ enum v2v_status v2v_tiff_folder_open(struct v2v_tiff_folder **folder, const char
             fresh->info = *v2v_tiff_info(member->tiff);
         }
         V2V_TRY(check_alike(fresh, file, v2v_tiff_info(member->tiff)));
+        look_at_pixels(fresh, i, v2v_tiff_info(member->tiff)->pixel_size_um);
     }
     *folder = fresh;
     fresh = NULL;
 done:
     v2v_tiff_folder_close(&fresh);
     return rc;
+}
+
+void v2v_tiff_folder_warn(const struct v2v_tiff_folder *folder)
+{
+    const struct v2v_folder *list = &folder->list;
+    char missing[V2V_PATH_BYTES];
+    if (v2v_folder_gap(missing, list)) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: by its files' numbers %s is missing; they are taken one "
+                "after the other",
+                list->path, missing);
+    }
+    if (folder->other_pixels > 0) {
+        v2v_log(V2V_LOG_WARNING, "%s: %s says pixels of %.6g um, but %s of %.6g, which counts",
+                list->path, list->name[folder->other_pixels], folder->other_pixel_size_um,
+                list->name[0], folder->info.pixel_size_um);
+    }
 }
 
 int64_t v2v_tiff_folder_files(const struct v2v_tiff_folder *folder)

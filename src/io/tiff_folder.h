@@ -16,6 +16,10 @@ int64_t v2v_tiff_folder_files(const struct v2v_tiff_folder *folder);
 /** Of each file. @kind Local. */
 const struct v2v_tiff_info *v2v_tiff_folder_info(const struct v2v_tiff_folder *folder);
 
+/** Warn of what may not be meant: a number that the names leave out, and pixel sizes of another
+ *  file than the first that differ from its own by more than 1 %. @kind Rank-0. */
+void v2v_tiff_folder_warn(const struct v2v_tiff_folder *folder);
+
 /** One page of a file as float32. @kind Local.
  *  @return V2V_OK | V2V_E_INPUT (as v2v_tiff_read; the file changed) | V2V_E_MEMORY
  *  @cost a file that is not open any more is opened, and its pages walked through */

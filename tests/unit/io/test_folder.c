@@ -1,3 +1,4 @@
+#include "capture.h"
 #include "counted_stack.h"
 
 #include "io/folder.h"
@@ -186,6 +187,82 @@ static void a_file_is_an_interval(void **state)
     }
 }
 
+/* One page of 1 x 1 pixels, of this size. */
+static void put_page(const char *file, double pixel_size_um)
+{
+    const struct v2v_tiff_info info = {.pages = 1,
+                                       .height = 1,
+                                       .width = 1,
+                                       .bits = 32,
+                                       .is_float = 1,
+                                       .type_max = 1.0,
+                                       .pixel_size_um = pixel_size_um};
+    char name[600];
+    snprintf(name, sizeof name, "%s/%s", path, file);
+    counting_stack(name, &info, 0.0f, 1.0f);
+}
+
+/* Opened as a view a file: what is warned of goes to text. */
+static void open_by_view(char *text, size_t bytes)
+{
+    const struct v2v_input_settings settings = {.layout = V2V_LAYOUT_VIEWS};
+    struct v2v_recording *recording = NULL;
+    test_capture_begin();
+    const enum v2v_status rc = v2v_recording_open(&recording, path, &settings, NULL);
+    test_capture_end(text, bytes);
+    assert_ok(rc);
+    v2v_recording_close(&recording);
+}
+
+static void a_number_that_is_missing_is_warned_of(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *files[6];
+        const char *missing; /* NULL: none is */
+    } cases[] = {
+        {{"frame_1.tif", "frame_2.tif", "frame_4.tif"}, "frame_3.tif is missing"},
+        {{"v08.tif", "v09.tif", "v11.tif", "v12.tif", "v14.tif"}, "v10.tif is missing"},
+        {{"t0.tif", "t10.tif", "t20.tif", "t40.tif"}, "t30.tif is missing"},
+        {{"t1_v1.tif", "t1_v2.tif", "t1_v3.tif", "t2_v1.tif", "t2_v3.tif"}, "t2_v2.tif is"},
+        {{"3.tif", "4.tif", "5.tif"}, NULL},
+        {{"t0.tif", "t10.tif", "t20.tif"}, NULL},
+        {{"left.tif", "middle.tif", "right.tif"}, NULL},
+        {{"a1.tif", "a2.tif", "b7.tif", "b8.tif"}, NULL},
+        {{"170011.tif", "170029.tif", "170030.tif", "170052.tif", "170075.tif"}, NULL},
+        {{"1.tif", "99999999999999999999999.tif", "99999999999999999999999999.tif"}, NULL},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char text[1024];
+        use_folder(0, 0);
+        for (int f = 0; f < 6 && cases[i].files[f] != NULL; f++) {
+            put_page(cases[i].files[f], 0.5);
+        }
+        open_by_view(text, sizeof text);
+        const char *said = cases[i].missing != NULL ? strstr(text, cases[i].missing) : text;
+        if (said == NULL || (cases[i].missing == NULL && text[0] != '\0')) {
+            fail_msg("%s: \"%s\"", cases[i].files[0], text);
+        }
+    }
+}
+
+static void pixels_of_another_size_are_warned_of_by_the_files_name(void **state)
+{
+    (void)state;
+    char text[1024];
+    use_folder(0, 0);
+    put_page("1.tif", 0.5);
+    put_page("2.tif", 0.504); /* 0.8 %: stated with fewer digits */
+    put_page("3.tif", 0.0);   /* says none */
+    open_by_view(text, sizeof text);
+    assert_string_equal(text, "");
+    put_page("4.tif", 0.65);
+    put_page("5.tif", 0.65);
+    open_by_view(text, sizeof text);
+    assert_non_null(strstr(text, "4.tif says pixels of 0.65 um, but 1.tif of 0.5"));
+    assert_null(strstr(text, "5.tif"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -195,6 +272,8 @@ int main(void)
         cmocka_unit_test(every_file_of_many_is_read_and_watched),
         cmocka_unit_test(a_file_is_an_interval),
         cmocka_unit_test(the_sum_of_a_folder_knows_order_and_bytes),
+        cmocka_unit_test(a_number_that_is_missing_is_warned_of),
+        cmocka_unit_test(pixels_of_another_size_are_warned_of_by_the_files_name),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,8 +34,8 @@ static void assert_refused(const char *reason)
 }
 
 /* psf_N.tif [slices,2,3] whose elements are N + 0.125 * index, in the folder `path`. */
-static void put_stack(const char *name, int number, int64_t channels, int64_t slices,
-                      int64_t frames)
+static void put_stack_of(const char *name, int number, int64_t channels, int64_t slices,
+                         int64_t frames, double pixel_size_um)
 {
     const struct v2v_tiff_info info = {.pages = channels * slices * frames,
                                        .height = 2,
@@ -46,11 +46,17 @@ static void put_stack(const char *name, int number, int64_t channels, int64_t sl
                                        .bits = 32,
                                        .is_float = 1,
                                        .type_max = 1.0,
-                                       .pixel_size_um = 0.5,
+                                       .pixel_size_um = pixel_size_um,
                                        .slice_spacing_um = 2.0};
     char file[600];
     snprintf(file, sizeof file, "%s/%s", path, name);
     counting_stack(file, &info, (float)number, 0.125f);
+}
+
+static void put_stack(const char *name, int number, int64_t channels, int64_t slices,
+                      int64_t frames)
+{
+    put_stack_of(name, number, channels, slices, frames, 0.5);
 }
 
 static void put_view(const char *name, int number, int64_t slices)
@@ -163,6 +169,22 @@ static void what_is_nearly_called_a_view_is_warned_of(void **state)
         v2v_psf_file_fini(&file);
         remove_view(names[i]);
     }
+}
+
+static void a_view_of_other_pixels_is_warned_of_by_its_name(void **state)
+{
+    (void)state;
+    struct v2v_psf_file file;
+    char text[1024];
+    use_folder(4);
+    put_stack_of("psf_3.tif", 3, 1, 4, 1, 0.65);
+    test_capture_begin();
+    const enum v2v_status rc = v2v_psf_file_read(&file, path, NULL);
+    test_capture_end(text, sizeof text);
+    assert_ok(rc);
+    assert_non_null(strstr(text, "psf_3.tif: says pixels of 0.65 um, but psf_1.tif of 0.5"));
+    assert_true(file.pixel_size_um == 0.5);
+    v2v_psf_file_fini(&file);
 }
 
 static void a_psf_with_channels_or_frames_is_refused(void **state)
@@ -304,6 +326,7 @@ int main(void)
         cmocka_unit_test(gaps_and_unequal_shapes_are_refused),
         cmocka_unit_test(views_are_found_however_number_and_ending_are_spelt),
         cmocka_unit_test(what_is_nearly_called_a_view_is_warned_of),
+        cmocka_unit_test(a_view_of_other_pixels_is_warned_of_by_its_name),
         cmocka_unit_test(a_psf_with_channels_or_frames_is_refused),
         cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
         cmocka_unit_test(packed_psfs_become_values),
