@@ -48,22 +48,30 @@ static enum v2v_status add_globbed(FILE *to, int64_t *count, const char *pattern
                : V2V_FAIL(V2V_E_INPUT, "%s: there is no such file", pattern);
 }
 
-/* Lines as they stand there; empty ones are none. */
+/* The mark that editors put in front of UTF-8. */
+static const char byte_order_mark[] = "\xef\xbb\xbf";
+enum { MARK = sizeof byte_order_mark - 1 };
+
+/* Lines as they stand there, of Windows' ends or others; empty ones are none. */
 static enum v2v_status add_listed(FILE *to, int64_t *count, const char *path)
 {
     const int64_t before = *count;
     char *line = NULL;
     size_t room = 0;
+    int is_first = 1;
     FILE *list = fopen(path, "r");
     if (list == NULL) {
         return V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno));
     }
     while (getline(&line, &room, list) >= 0) {
+        const size_t mark = is_first && strncmp(line, byte_order_mark, MARK) == 0 ? MARK : 0;
+        const char *name = line + mark;
         line[strcspn(line, "\r\n")] = '\0';
-        if (line[0] != '\0') {
-            (void)fwrite(line, 1, strlen(line) + 1, to);
+        if (name[0] != '\0') {
+            (void)fwrite(name, 1, strlen(name) + 1, to);
             ++*count;
         }
+        is_first = 0;
     }
     const int failed = ferror(list);
     free(line);

@@ -73,7 +73,8 @@ tells '^v2v3d deconvolve: 1 of 4 recordings failed, the first one: busy.rec 1.h5
 mkdir words
 works "${common[@]}" --input in/rec?1.h5 'in/rec*.h5' -o words # a folder that is there; a file's own name
 made words 2
-printf 'in/rec 1.h5\r\n\nin/@rec.h5\n' >list.txt
+# As Windows' editors write it: a mark in front, other ends of lines, the last without one.
+printf '\xef\xbb\xbfin/rec 1.h5\r\n\r\nin/@rec.h5' >list.txt
 mkdir list
 works "${common[@]}" --input @list.txt -o list/%n.h5
 made list 2
