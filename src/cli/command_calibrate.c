@@ -57,8 +57,13 @@ static void warn(const struct v2v_calibration *calibration,
         }
     }
     if (report->is_in_vain) {
-        v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual: the calibration leaves the "
-                                 "views as they are");
+        v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual by more than noise does: "
+                                 "the views are in register, or too noisy to tell; the "
+                                 "calibration leaves them as they are");
+    } else if (report->is_gains_alone) {
+        v2v_log(V2V_LOG_WARNING, "shifts lower the held-out residual by no more than noise does: "
+                                 "the views are in register, or too noisy to tell; the "
+                                 "calibration has their gains alone");
     } else if (report->frame_after > hardly_lower * report->frame_before) {
         v2v_log(V2V_LOG_WARNING, "the held-out residual is hardly lower: the views are in register "
                                  "without it, or too few or too noisy to tell");

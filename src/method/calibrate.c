@@ -129,13 +129,16 @@ done:
     return rc;
 }
 
+/* Times what noise takes that is certain. Shifts of views in register take up to 9: predictions err
+ * alike in neighbouring pixels (tests/bench/views.md). */
+enum { CERTAIN = 3, CERTAIN_OF_SHIFTS = 10 };
+
 /** Is this part of the residual no more than what so many unknowns of a view take of noise alone?
  *  Each takes one of as many squares as there are pixels, give or take. Local. */
-static int is_by_noise(const struct v2v_calibrator *at, double lowered, int unknowns)
+static int is_by_noise(const struct v2v_calibrator *at, double lowered, int unknowns, int certain)
 {
-    enum { CERTAIN = 3 };
     const double left = 1.0 - lowered, pixels = (double)(at->rows.count * at->columns.count);
-    return !(1.0 - left * left > (double)(CERTAIN * unknowns) / pixels);
+    return !(1.0 - left * left > (double)(certain * unknowns) / pixels);
 }
 
 /** Was a stage worth it, and within the bounds of what a file may say? Local. */
@@ -144,7 +147,7 @@ static int is_kept(const struct calibration_run *self, const struct stage *stage
     const int unknowns =
         v2v_registration_unknowns(stage->look.terms) - v2v_registration_unknowns(self->terms);
     return !is_optional(stage) ||
-           (lowered >= stage->least && !is_by_noise(&self->at, lowered, unknowns) &&
+           (lowered >= stage->least && !is_by_noise(&self->at, lowered, unknowns, CERTAIN) &&
             v2v_calibration_is_within_bounds(self->at.calibration));
 }
 
@@ -228,12 +231,23 @@ done:
     return rc;
 }
 
+/** Collective(comm). */
+static enum v2v_status judge(struct calibration_run *self, struct v2v_calibration_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_calibrator_look(&self->at, &judging));
+    report->frame_after = self->at.missed;
+    report->heldout_after = self->at.missed_in_square;
+done:
+    return rc;
+}
+
 /** Where views are predicted hardly better than as they came, they stay so. Local. */
 static void undo_in_vain(struct calibration_run *self, struct v2v_calibration_report *report)
 {
     struct v2v_calibration *const found = self->at.calibration;
     const double lowered = 1.0 - report->frame_after / report->frame_before;
-    if (!is_by_noise(&self->at, lowered, v2v_registration_unknowns(self->terms))) {
+    if (!is_by_noise(&self->at, lowered, v2v_registration_unknowns(self->terms), CERTAIN)) {
         return;
     }
     self->terms = 0;
@@ -242,7 +256,41 @@ static void undo_in_vain(struct calibration_run *self, struct v2v_calibration_re
     }
     report->frame_after = report->frame_before;
     report->heldout_after = report->heldout_before;
+    report->is_gains_alone = 0;
     report->is_in_vain = 1;
+}
+
+/** Where views are predicted hardly better than by their gains alone, these are found once more
+ *  and nothing else is kept. Unlike gains lower the residual by much, and would vouch for shifts
+ *  that noise made. Collective(comm). */
+static enum v2v_status undo_shifts_in_vain(struct calibration_run *self,
+                                           struct v2v_calibration_report *report)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_calibration *const now = self->at.calibration;
+    const size_t bytes = (size_t)now->views * sizeof *now->view;
+    const struct v2v_calibration_report of_all = *report;
+    const int unknowns = v2v_registration_unknowns(self->terms) - 1; /* all but the gain */
+    if (self->terms != V2V_REGISTER_SHIFT) {
+        return V2V_OK; /* what is more was worth it, or nothing was */
+    }
+    memcpy(self->best, now->view, bytes);
+    for (int64_t v = 0; v < now->views; v++) {
+        now->view[v] = (struct v2v_view_calibration){.gain = now->view[v].gain};
+    }
+    V2V_TRY(judge(self, report));
+    if (is_by_noise(&self->at, 1.0 - of_all.frame_after / report->frame_after, unknowns,
+                    CERTAIN_OF_SHIFTS)) {
+        report->is_gains_alone = 1;
+        V2V_TRY(find_gains(self));
+        V2V_TRY(judge(self, report));
+        undo_in_vain(self, report);
+    } else {
+        memcpy(now->view, self->best, bytes);
+        *report = of_all;
+    }
+done:
+    return rc;
 }
 
 /** Views as they came, by the weight that suits them, then by those that are found.
@@ -265,11 +313,10 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     V2V_TRY(choose_weight(self, 1, &report->weight));
     V2V_TRY(run_stages(self, FIRST_FINE, STAGES));
     V2V_TRY(find_gains(self));
-    V2V_TRY(v2v_calibrator_look(at, &judging));
-    report->frame_after = at->missed;
-    report->heldout_after = at->missed_in_square;
-    report->rounds = self->rounds;
+    V2V_TRY(judge(self, report));
     undo_in_vain(self, report);
+    V2V_TRY(undo_shifts_in_vain(self, report));
+    report->rounds = self->rounds;
     report->has_slopes = (self->terms & V2V_REGISTER_SLOPE) != 0;
     report->has_fields = (self->terms & V2V_REGISTER_FIELDS) != 0;
 done:
@@ -280,9 +327,10 @@ done:
 static int64_t cost_at_most(const struct calibration_run *self)
 {
     const struct v2v_calibrator *at = &self->at;
-    double cost = 2.0 * v2v_calibrator_cost(at, &judging) +
-                  2.0 * WEIGHTS * v2v_calibrator_cost(at, &stages[FIRST_FINE].look) +
-                  (double)(GAIN_ROUNDS * v2v_gains_iterations()) * v2v_calibrator_share(at, LARGE);
+    double cost =
+        4.0 * v2v_calibrator_cost(at, &judging) +
+        2.0 * WEIGHTS * v2v_calibrator_cost(at, &stages[FIRST_FINE].look) +
+        (double)(2 * GAIN_ROUNDS * v2v_gains_iterations()) * v2v_calibrator_share(at, LARGE);
     for (int s = 0; s < STAGES; s++) {
         cost += (double)(stages[s].rounds + is_optional(&stages[s])) *
                 v2v_calibrator_cost(at, &stages[s].look);

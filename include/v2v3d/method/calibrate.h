@@ -17,6 +17,7 @@ struct v2v_calibration_report {
     double weight; /**< of the total variation, in noise of the views */
     int64_t rounds;
     int has_slopes, has_fields; /**< bools: did they lower the residual by enough to be kept? */
+    int is_gains_alone;         /**< bool: shifts lowered it by no more than noise does */
     int is_in_vain;             /**< bool: nothing did, and the views stay as they came */
 };
 
@@ -27,7 +28,8 @@ struct v2v_calibration_report {
  *  distortion, the latter by the whole frame, to the third degree and then to the tenth, are kept
  *  where they lower the residual by 3 % (the tenth degree: 1 %). At the end gains are found by the
  *  volume of all views, less its bias. The report is of the whole frame, two views at a time left
- *  out, before and after; where noise alone could lower it as much, the views stay as they came.
+ *  out, before and after; where noise alone could lower it as much, shifts, and then gains, stay
+ *  as they came.
  *  What views cannot tell stays as it was: what all of them share, and what moves, stretches or
  *  bends the volume in depth.
  *  @kind   Collective(comm); any number of ranks finds the same to the bit

@@ -113,27 +113,80 @@ static void views_come_back_into_register(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* A square frame. */
+struct small {
+    struct v2v_psf_file psf;
+    struct v2v_config config;
+    struct v2v_problem problem;
+    struct v2v_calibration truth, found;
+    struct v2v_calibration_report report;
+};
+
+static void small_init(struct small *small, int64_t side)
+{
+    *small = (struct small){.psf = make_psf()};
+    v2v_config_defaults(&small->config);
+    small->problem = (struct v2v_problem){
+        .config = &small->config, .psf = &small->psf, .height = side, .width = side};
+    assert_ok(v2v_calibration_init(&small->truth, VIEWS, side, side));
+}
+
+static void small_fini(struct small *small)
+{
+    v2v_calibration_fini(&small->found);
+    v2v_calibration_fini(&small->truth);
+    v2v_psf_file_fini(&small->psf);
+}
+
 /* What noise lets many numbers take of few pixels is no reason for fields. */
 static void small_noisy_views_in_register_stay(void **state)
 {
     (void)state;
     enum { SIDE = 96 };
     static float views[VIEWS * SIDE * SIDE];
-    struct v2v_psf_file psf = make_psf();
-    struct v2v_config config;
-    struct v2v_calibration truth, found;
-    struct v2v_calibration_report report;
-    v2v_config_defaults(&config);
-    const struct v2v_problem problem = {
-        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
-    assert_ok(v2v_calibration_init(&truth, VIEWS, SIDE, SIDE));
-    show(views, &truth, 0.01, 0);
-    assert_ok(v2v_calibrate(&found, &report, &problem, views, test_world()));
-    assert_false(report.has_fields);
-    assert_true(report.is_in_vain);
-    v2v_calibration_fini(&found);
-    v2v_calibration_fini(&truth);
-    v2v_psf_file_fini(&psf);
+    struct small small;
+    small_init(&small, SIDE);
+    show(views, &small.truth, 0.01, 0);
+    assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
+    assert_false(small.report.has_fields);
+    assert_true(small.report.is_in_vain);
+    small_fini(&small);
+}
+
+/* Gains of 1:9 lower the residual by half, which is no reason for shifts that noise made. */
+static void unlike_views_in_register_have_gains_alone(void **state)
+{
+    (void)state;
+    enum { SIDE = 112, EDGE = 24 };
+    static const double noise = 0.01, certain = 5.0, bias = 0.01;
+    static float views[VIEWS * SIDE * SIDE], clean[VIEWS * SIDE * SIDE];
+    struct small small;
+    small_init(&small, SIDE);
+    for (int v = 0; v < VIEWS; v++) {
+        small.truth.view[v].gain = pow(9.0, (double)(v * 5 % VIEWS) / (VIEWS - 1) - 0.5);
+    }
+    show(clean, &small.truth, 0.0, 0);
+    show(views, &small.truth, noise, 0);
+    assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
+    assert_true(small.report.is_gains_alone);
+    assert_false(small.report.is_in_vain || small.report.has_slopes || small.report.has_fields);
+    assert_true(small.report.frame_after < 0.5 * small.report.frame_before);
+    for (int v = 0; v < VIEWS; v++) {
+        const struct v2v_view_calibration *found = &small.found.view[v];
+        double squares = 0.0;
+        for (int64_t y = EDGE; y < SIDE - EDGE; y++) {
+            for (int64_t x = EDGE; x < SIDE - EDGE; x++) {
+                squares += pow((double)clean[(v * SIDE + y) * SIDE + x], 2.0);
+            }
+        }
+        assert_true(found->shift[0] == 0.0 && found->shift[1] == 0.0);
+        /* what noise lets least squares with the true view err by, and the bar of all gains */
+        const double bar = certain * noise / sqrt(squares) + bias, gain = small.truth.view[v].gain;
+        if (!(fabs(found->gain / gain - 1.0) < bar)) {
+            fail_msg("view %d: gain %g, not %g within %g", v, found->gain, gain, bar);
+        }
+    }
+    small_fini(&small);
 }
 
 static void two_views_cannot_be_compared(void **state)
@@ -157,6 +210,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_come_back_into_register),
         cmocka_unit_test(small_noisy_views_in_register_stay),
+        cmocka_unit_test(unlike_views_in_register_have_gains_alone),
         cmocka_unit_test(two_views_cannot_be_compared),
     };
     return test_mpi_main(tests, argc, argv);
