@@ -22,10 +22,11 @@ static const struct {
     const char *command;
     const char *const *keys;
 } left_aside[] = {
-    {"calibrate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
-                                        "deconv.weight", "deconv.lambda", "deconv.noise",
-                                        "deconv.curvature", "deconv.electrons_per_count",
-                                        "deconv.read_noise", "recon.neighbours", NULL}},
+    {"calibrate",
+     (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop", "deconv.weight",
+                           "deconv.lambda", "deconv.noise", "deconv.curvature", "deconv.sparsity",
+                           "deconv.electrons_per_count", "deconv.read_noise", "recon.neighbours",
+                           NULL}},
     {"evaluate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
                                        "deconv.weight", NULL}}};
 

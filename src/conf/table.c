@@ -238,6 +238,9 @@ const struct v2v_key v2v_key_table[] = {
          "tv: of the camera, electrons, rms; auto: by the views"),
     REAL(deconv, depth, 0.0, 100.0, 0.25, "tv: of differences along z, of those along x and y"),
     REAL(deconv, curvature, 0.0, 100.0, 0.5, "tv: weight of curvature in the plane, of lambda"),
+    AUTO(deconv, sparsity, V2V_NUMBER_AUTO, 0.0, 1e3, 0.0,
+         "tv: weight of the volume itself, in noise that a voxel sees; auto: none, but where views "
+         "left out want it, as of points of light"),
     REAL(deconv, tolerance, 0.0, 1.0, 0.015,
          "tv: least change of an iteration, of the volume; less where there is hardly any noise"),
 

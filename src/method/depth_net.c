@@ -42,14 +42,10 @@ static const struct wire wires[WIRES] = {{0, 1, 0, 4}, {1, 2, 0, 4},  {2, 3, 0, 
 static const int64_t reach[V2V_FEATURES] = {2, 1, 1};
 
 static const float no_bias[MOST_CHANNELS];
-static const char *const keys[] = {"deconv.lambda",
-                                   "deconv.depth",
-                                   "deconv.curvature",
-                                   "deconv.tolerance",
-                                   "deconv.iterations",
-                                   "recon.neighbours",
-                                   NULL};
-static const char *const before[] = {"deconv.curvature=0", NULL};
+static const char *const keys[] = {
+    "deconv.lambda",    "deconv.depth",      "deconv.curvature", "deconv.sparsity",
+    "deconv.tolerance", "deconv.iterations", "recon.neighbours", NULL};
+static const char *const before[] = {"deconv.curvature=0", "deconv.sparsity=0", NULL};
 
 struct layer {
     int64_t weight; /* place in the table of fields */

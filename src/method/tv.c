@@ -22,8 +22,9 @@
 /* Total variation by maximum a posteriori (REFERENCE.md 10):
  *     min over x >= 0 of
  *         1/2 |A x - y|^2 + lambda sigma sum (|(dx, dy, depth dz) x| + curvature |L x|)
- * with sigma the noise of the views, L a Laplacian in the plane, and |.| squared below a small part
- * of sigma, by a primal-dual method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011),
+ *                         + sparsity s sum x
+ * with sigma the noise of the views, s what a voxel sees of it, L a Laplacian in the plane, and |.|
+ * squared below a small part of sigma, by a primal-dual method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011),
  * over-relaxed as Condat, J. Optim. Theory Appl. 158, 460 (2013)). With K all that has a dual, of
  * step h, a step of the volume x costs 1/2 |x - v|_P^2, P >= h K^T K (Pock and Chambolle, Proc.
  * ICCV, 1762 (2011)): what K does in the plane is a number a frequency, so that P is h K^T K itself
@@ -62,6 +63,9 @@ static const double usual_voxel_noise = 0.02976;
  * (tests/bench/quality.md). */
 static const double clear_noise = 0.0125, least_asked = 0.1;
 
+/* Of the tolerance, at most, where the volume itself has a weight: points of light come late. */
+static const double part_if_sparse = 1.0 / 3.0;
+
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
@@ -80,7 +84,7 @@ struct tv {
     struct v2v_part rows; /* of the frame, here */
     int64_t views, slices, height, width;
     int64_t iterations;
-    double lambda, depth, curvature, tolerance;
+    double lambda, depth, curvature, sparsity, tolerance;
     enum v2v_noise_model model;
     struct v2v_camera camera;
     int may_average;           /* bool: views may be means of frames */
@@ -110,7 +114,7 @@ static enum v2v_status settle(struct v2v_config *config, const struct v2v_proble
         rc = v2v_photons_settle(config, problem, views, averaging);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    V2V_TRY(v2v_tv_settle_lambda(&config->deconv.lambda, problem, views, averaging, comm));
+    V2V_TRY(v2v_tv_settle_weights(&config->deconv, problem, views, averaging, comm));
 done:
     return rc;
 }
@@ -211,6 +215,9 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
                         .lambda = config->deconv.lambda.value,
                         .depth = config->deconv.depth,
                         .curvature = config->deconv.curvature,
+                        .sparsity = config->deconv.sparsity.mode == V2V_NUMBER_GIVEN
+                                        ? config->deconv.sparsity.value
+                                        : 0.0,
                         .tolerance = config->deconv.tolerance,
                         .model = config->deconv.noise,
                         .camera = v2v_camera_of(config),
@@ -238,10 +245,11 @@ double v2v_tv_noise_seen(const struct v2v_psf_file *psf)
     return v2v_psf_voxel_noise(psf) / v2v_psf_light(psf) / usual_voxel_noise;
 }
 
-void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda)
+void v2v_tv_set_weights(struct v2v_estimator *estimator, double lambda, double sparsity)
 {
     struct tv *self = estimator->self;
     self->lambda = lambda;
+    self->sparsity = sparsity;
 }
 
 static void destroy(struct v2v_estimator *estimator)
@@ -362,7 +370,8 @@ static enum v2v_status look(const struct v2v_estimator *estimator, int64_t itera
 static double tolerance_of(const struct tv *self, double missed)
 {
     const double noise = self->level.sigma / self->level.brightness * fmax(missed, 1.0);
-    return self->tolerance * fmin(fmax(noise / clear_noise, least_asked), 1.0);
+    const double most = self->sparsity > 0.0 ? part_if_sparse : 1.0;
+    return self->tolerance * fmin(fmax(noise / clear_noise, least_asked), most);
 }
 
 /* What a dual's step is multiplied by, so that what it is of counts by its square where it is
@@ -377,10 +386,12 @@ static struct v2v_tv_steps steps_of(const struct tv *self, double step)
 {
     const double light = self->light, lambda = weight_of(self) * light;
     const double bent = self->curvature > 0.0 ? bend : 0.0;
+    const double kept = plain * sqrt(fmax(self->seen, 1.0));
     return (struct v2v_tv_steps){
         .lambda = (float)lambda,
         .depth = (float)self->depth,
-        .plain = (float)(plain * sqrt(fmax(self->seen, 1.0))),
+        .plain = (float)kept,
+        .sparse = (float)(self->sparsity * self->seen * usual_voxel_noise * light / kept),
         .bend = (float)bent,
         .bound = (float)(lambda * self->curvature / bend),
         .sigma = (float)step,

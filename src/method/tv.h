@@ -10,8 +10,8 @@ extern const struct v2v_estimator_ops v2v_estimator_tv;
 /** Settings that it goes by, wherever it runs (v2v_estimator_ops, keys). */
 #define V2V_TV_KEYS                                                                                \
     "deconv.iterations", "deconv.lambda", "deconv.noise", "deconv.electrons_per_count",            \
-        "deconv.read_noise", "deconv.depth", "deconv.curvature", "deconv.tolerance",               \
-        "recon.refresh"
+        "deconv.read_noise", "deconv.depth", "deconv.curvature", "deconv.sparsity",                \
+        "deconv.tolerance", "recon.refresh"
 
 /** Where its volumes lie: the frame and a border, or a part that has none. @kind Local. */
 struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
@@ -20,8 +20,8 @@ struct v2v_torus v2v_tv_torus_of(const struct v2v_problem *problem);
  *  the 13 views of 39 slices that this method's constants were chosen for. @kind Local. */
 double v2v_tv_noise_seen(const struct v2v_psf_file *psf);
 
-/** Weight of the runs from here on. @kind Local. */
-void v2v_tv_set_lambda(struct v2v_estimator *estimator, double lambda);
+/** Weights of the runs from here on (deconv.lambda, deconv.sparsity). @kind Local. */
+void v2v_tv_set_weights(struct v2v_estimator *estimator, double lambda, double sparsity);
 
 /** Its step towards the views, free for other use between runs: lent. @kind Local. */
 struct v2v_data_step *v2v_tv_data_step(const struct v2v_estimator *estimator);

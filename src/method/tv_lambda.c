@@ -9,6 +9,7 @@
 #include "v2v3d/par/watchdog.h"
 
 #include <math.h>
+#include <stdio.h>
 
 /* Weights that may be tried, 0.0075 to 1.92 of sigma; downhill from 0.03, or from HALF below what
  * noise says. */
@@ -61,6 +62,16 @@ static const double taken_below = 0.6, much_seen = 3.0, taken_below_if_sharp = 0
 static const double sure_of_one = 5.0, sure_of_all = 6.0;
 enum { FEWEST_ASKED = 4 };
 
+/* Points of light want next to no variation and a weight of the volume itself instead. Tried with
+ * parts of the variation's weight that views left out want, in as many iterations as that takes,
+ * and taken where they predict better by so many deviations (tests/bench/quality.md). */
+static const double sparse_part[] = {1.0 / 4.0, 1.0 / 16.0}, sparsity = 1.0, sure_of_sparse = 2.0;
+enum {
+    SPARSE = sizeof sparse_part / sizeof sparse_part[0],
+    TRIED = WEIGHTS + SPARSE, /* without a weight of the volume, then with it */
+    SPARSE_ITERATIONS = 100
+};
+
 struct chooser {
     struct v2v_square_views square;
     double seen;      /* v2v_tv_noise_seen */
@@ -72,14 +83,15 @@ struct chooser {
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
     int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    double missed[FOLDS][WEIGHTS]; /* sums of the squares; < 0: not tried */
-    int64_t judged;                /* samples of the views that a fold leaves out */
+    double usual;                /* of the variation, what parts of it are tried with sparsity */
+    double missed[FOLDS][TRIED]; /* sums of the squares; < 0: not tried */
+    int64_t judged;              /* samples of the views that a fold leaves out */
     float *samples; /* [fold,weight,judged]: by how much they are missed; 0 where not tried */
 };
 
 static float *samples_of(const struct chooser *self, int fold, int index)
 {
-    return self->samples + (fold * WEIGHTS + index) * self->judged;
+    return self->samples + (fold * TRIED + index) * self->judged;
 }
 
 /* What the volume misses samples of the views left out by. */
@@ -104,11 +116,26 @@ static double weight_of(double index)
     return LEAST_WEIGHT * pow(WEIGHT_RATIO, index);
 }
 
+struct weights {
+    double lambda, sparsity;
+};
+
 /* A volume without the views of a fold, by a weight; by which group, as far as there are groups. */
 struct trial {
     int fold, index, group;
 };
 enum { TRIALS = FOLDS }; /* at once */
+
+static void set_weights(struct v2v_estimator *estimator, const struct chooser *self, int index)
+{
+    if (index < WEIGHTS) {
+        v2v_tv_set_weights(estimator, weight_of(index), self->config.deconv.sparsity.value);
+        estimator->most_iterations = ITERATIONS;
+    } else {
+        v2v_tv_set_weights(estimator, self->usual * sparse_part[index - WEIGHTS], sparsity);
+        estimator->most_iterations = SPARSE_ITERATIONS;
+    }
+}
 
 /* What a volume misses by, on one rank of the group. Collective(self->sharing). */
 static enum v2v_status run_trial(struct chooser *self, const struct trial *trial)
@@ -120,7 +147,7 @@ static enum v2v_status run_trial(struct chooser *self, const struct trial *trial
         V2V_TRY(v2v_left_out_choose(fold, &v2v_estimator_tv, &self->problem, trial->fold,
                                     self->sharing));
     }
-    v2v_tv_set_lambda((*fold)->estimator, weight_of(trial->index));
+    set_weights((*fold)->estimator, self, trial->index);
     V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
                              v2v_square_averaging(&self->square)));
     if (v2v_comm_rank(self->sharing) == 0) {
@@ -245,7 +272,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     self->config.deconv.iterations = ITERATIONS;
     self->problem = (struct v2v_problem){
         .config = &self->config, .psf = problem->psf, .height = height, .width = width};
-    for (int i = 0; i < WEIGHTS; i++) {
+    for (int i = 0; i < TRIED; i++) {
         self->missed[0][i] = self->missed[1][i] = -1.0;
     }
     V2V_TRY(
@@ -253,7 +280,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(V2V_ALLOC(self->predicted, "tv.lambda", V2V_LEFT_OUT_MOST * height * width));
     self->judged =
         V2V_LEFT_OUT_MOST * self->square.judged.rows.count * self->square.judged.columns.count;
-    V2V_TRY(V2V_ALLOC(self->samples, "tv.lambda", v2v_mem_product(FOLDS, WEIGHTS, self->judged)));
+    V2V_TRY(V2V_ALLOC(self->samples, "tv.lambda", v2v_mem_product(FOLDS, TRIED, self->judged)));
 done:
     return rc;
 }
@@ -290,7 +317,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     estimator->ops->measure(estimator, self->square.views);
     estimator->ops->inherit(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, self, *weight);
-    v2v_tv_set_lambda(estimator, *weight);
+    v2v_tv_set_weights(estimator, *weight, self->config.deconv.sparsity.value);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));
     *missed = estimator->misfit.missed;
 done:
@@ -298,12 +325,34 @@ done:
     return rc;
 }
 
-/* Where half of a weight surely predicts one fold better, the weight may be far less.
+/* A weight of the volume, where it predicts better than the best one of the variation alone.
  * Collective(self->comm). */
-static enum v2v_status choose_less(double *weight, struct chooser *self)
+static enum v2v_status choose_sparse(struct weights *chosen, struct chooser *self, int best)
 {
     enum v2v_status rc = V2V_OK;
-    const int index = (int)lround(log(*weight / LEAST_WEIGHT) / log(WEIGHT_RATIO));
+    const struct trial trials[SPARSE] = {{0, WEIGHTS, 0}, {0, WEIGHTS + 1, 1}};
+    if (self->config.deconv.sparsity.mode == V2V_NUMBER_GIVEN) {
+        return V2V_OK;
+    }
+    self->usual = weight_of(best);
+    V2V_TRY(run_trials(self, trials, SPARSE));
+    const int sparse = WEIGHTS + (self->missed[0][WEIGHTS + 1] < self->missed[0][WEIGHTS]);
+    if (better_by(self, sparse, best, 1) > sure_of_sparse) {
+        V2V_TRY(try_weight(self, sparse));
+        if (better_by(self, sparse, best, FOLDS) > sure_of_sparse) {
+            *chosen = (struct weights){self->usual * sparse_part[sparse - WEIGHTS], sparsity};
+        }
+    }
+done:
+    return rc;
+}
+
+/* Where half of a weight surely predicts one fold better, the weight may be far less.
+ * Collective(self->comm). */
+static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const int index = (int)lround(log(chosen->lambda / LEAST_WEIGHT) / log(WEIGHT_RATIO));
     const int half = (int)v2v_larger(index - HALF, 0);
     const struct trial trials[TRIALS] = {{0, index, 0}, {0, half, 1}};
     if (half >= index || index >= WEIGHTS) {
@@ -315,8 +364,9 @@ static enum v2v_status choose_less(double *weight, struct chooser *self)
         V2V_TRY(descend(self, half, &best));
         V2V_TRY(try_weight(self, index));
         if (better_by(self, best, index, FOLDS) > sure_of_all) {
-            *weight = OF_ALL_VIEWS * between(self, best);
+            chosen->lambda = OF_ALL_VIEWS * between(self, best);
         }
+        V2V_TRY(choose_sparse(chosen, self, best));
     }
 done:
     return rc;
@@ -338,67 +388,85 @@ done:
     return rc;
 }
 
+/* Local. */
+static void take(struct v2v_deconv_settings *deconv, const struct weights *chosen, const char *why)
+{
+    char also[32] = "";
+    if (chosen->sparsity > 0.0) {
+        snprintf(also, sizeof also, " and sparsity %.3g", chosen->sparsity);
+    }
+    deconv->lambda.value = chosen->lambda;
+    deconv->sparsity.value = chosen->sparsity;
+    v2v_log(V2V_LOG_INFO, "lambda %.3g%s, by views left out of a frame%s", chosen->lambda, also,
+            why);
+}
+
 /** Views left out are to say. Collective(self->comm). */
-static enum v2v_status ask(struct v2v_number *lambda, struct chooser *self, const char *why)
+static enum v2v_status ask(struct v2v_deconv_settings *deconv, struct chooser *self,
+                           const char *why)
 {
     enum v2v_status rc = V2V_OK;
     int best = MIDDLE;
+    struct weights chosen = {0.0, deconv->sparsity.value};
     V2V_TRY(descend(self, MIDDLE, &best));
-    lambda->value = OF_ALL_VIEWS * between(self, best);
+    chosen.lambda = OF_ALL_VIEWS * between(self, best);
+    if (deconv->lambda.mode == V2V_NUMBER_AUTO && best <= MIDDLE - HALF) {
+        V2V_TRY(choose_sparse(&chosen, self, best));
+    }
     if (tells_nothing(self, best)) {
         v2v_log(V2V_LOG_INFO, "the frame has no light to choose lambda by");
     }
-    v2v_log(V2V_LOG_INFO, "lambda %.3g, by views left out of a frame%s", lambda->value, why);
+    take(deconv, &chosen, why);
 done:
     return rc;
 }
 
 /** What they say, where it is far less than noise says. Collective(self->comm). */
-static enum v2v_status ask_for_less(struct v2v_number *lambda, struct chooser *self)
+static enum v2v_status ask_for_less(struct v2v_deconv_settings *deconv, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
     const double part = self->seen > much_seen ? taken_below_if_sharp : taken_below;
-    double chosen = lambda->value;
+    struct weights chosen = {deconv->lambda.value, deconv->sparsity.value};
     V2V_TRY(choose_less(&chosen, self));
-    if (chosen < part * lambda->value) {
-        lambda->value = chosen;
-        v2v_log(V2V_LOG_INFO,
-                "lambda %.3g, by views left out of a frame, which want less than noise does",
-                chosen);
+    if (chosen.lambda < part * deconv->lambda.value) {
+        take(deconv, &chosen, ", which want less than noise does");
     }
 done:
     return rc;
 }
 
 /** Collective(self->comm). */
-static enum v2v_status settle(struct v2v_number *lambda, struct chooser *self)
+static enum v2v_status settle(struct v2v_deconv_settings *deconv, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_number *lambda = &deconv->lambda;
     const int are_enough = self->problem.psf->views > FOLDS; /* to leave some out */
     double missed = 0.0;
     if (lambda->mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(ask(lambda, self, ""));
+        V2V_TRY(ask(deconv, self, ""));
     } else {
         V2V_TRY(miss_all(&missed, &lambda->value, self));
         v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
                 lambda->value, missed);
     }
     if (are_enough && missed > noise_alone) {
-        V2V_TRY(ask(lambda, self, ", since volumes miss more of the views than noise"));
+        V2V_TRY(ask(deconv, self, ", since volumes miss more of the views than noise"));
     } else if (self->problem.psf->views >= FEWEST_ASKED && missed > 0.0) {
-        V2V_TRY(ask_for_less(lambda, self));
+        V2V_TRY(ask_for_less(deconv, self));
     }
-    lambda->mode = V2V_NUMBER_GIVEN;
+    lambda->mode = deconv->sparsity.mode = V2V_NUMBER_GIVEN;
 done:
     return rc;
 }
 
-enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v_problem *problem,
-                                     const float *views, const struct v2v_averaging *averaging,
-                                     const struct v2v_comm *world)
+enum v2v_status v2v_tv_settle_weights(struct v2v_deconv_settings *deconv,
+                                      const struct v2v_problem *problem, const float *views,
+                                      const struct v2v_averaging *averaging,
+                                      const struct v2v_comm *world)
 {
     enum v2v_status rc = V2V_OK;
     struct chooser *self = NULL;
+    const struct v2v_number *lambda = &deconv->lambda;
     if (lambda->mode == V2V_NUMBER_GIVEN) {
         return V2V_OK;
     }
@@ -410,7 +478,7 @@ enum v2v_status v2v_tv_settle_lambda(struct v2v_number *lambda, const struct v2v
     V2V_TRY(v2v_par_agree(world, V2V_ALLOC(self, "tv.lambda", 1)));
     V2V_TRY(v2v_par_agree(world, prepare(self, problem, views, averaging)));
     V2V_TRY(share(self, world));
-    V2V_TRY(v2v_par_agree(world, settle(lambda, self)));
+    V2V_TRY(v2v_par_agree(world, settle(deconv, self)));
 done:
     if (self != NULL) {
         for (int64_t fold = 0; fold < FOLDS; fold++) {

@@ -217,13 +217,13 @@ static void move_duals(const struct moving *row, const struct v2v_tv_steps *step
 }
 
 V2V_SIMD_CLONES
-static void move_positive(float *restrict w, const float *here, float sigma, float relax,
-                          int64_t width)
+static void move_positive(float *restrict w, const float *here, float sigma, float sparse,
+                          float relax, int64_t width)
 {
 #pragma omp simd
     for (int64_t x = 0; x < width; x++) {
         const float moved = w[x] + sigma * here[x];
-        w[x] += relax * ((moved < 0.0f ? moved : 0.0f) - w[x]);
+        w[x] += relax * ((moved < sparse ? moved : sparse) - w[x]);
     }
 }
 
@@ -263,7 +263,7 @@ static void dual_row_step(struct v2v_tv_planes *planes, const struct v2v_tv_step
     move_duals(&row, steps, planes->width);
     if (is_inside(planes, y)) {
         move_positive(positive_row(planes, z, y), row.here, steps->sigma * steps->plain,
-                      steps->relax, planes->width);
+                      steps->sparse, steps->relax, planes->width);
     }
 }
 

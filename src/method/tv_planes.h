@@ -1,9 +1,10 @@
 /** The local half of an iteration of total variation (method/tv.c): everything but the data step.
  *
  *  Duals of what is to be small: of the differences of x along x, y and z, together of magnitude
- *  lambda at most, of its curvature (REFERENCE.md 10) in the plane, and w <= 0 of x >= 0. Every
- *  number of a step depends on its neighbours alone. A rank holds rows of the torus and, at either
- *  side, two more of the volume and one of the duals, computed there as here.
+ *  lambda at most, of its curvature (REFERENCE.md 10) in the plane, and w of x >= 0, at most what x
+ *  itself costs. Every number of a step depends on its neighbours alone. A rank holds rows of the
+ *  torus and, at either side, two more of the volume and one of the duals, computed there as
+ *  here.
  */
 #ifndef METHOD_TV_PLANES_H
 #define METHOD_TV_PLANES_H
@@ -38,6 +39,7 @@ struct v2v_tv_steps {
     float lambda; /**< weight of the total variation, in units of the volume */
     float depth;  /**< of a difference along z, against one along x or y */
     float plain;  /**< of x in K .. */
+    float sparse; /**< what x costs, over `plain`: the largest w */
     float bend;   /**< .. and of the Laplacian, against a difference along x or y .. */
     float bound;  /**< .. and the largest magnitude of its dual, in units of the volume */
     float sigma;  /**< of the dual step */

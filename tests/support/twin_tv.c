@@ -62,8 +62,9 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
         }
         const double curved = shrink_curved * (p->curved[i] + sigma * bend * laplacian(p, e, i));
         p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
+        const double positive = p->positive[i] + sigma * settings->plain * e[i];
         p->positive[i] +=
-            relax * (fmin(0.0, p->positive[i] + sigma * settings->plain * e[i]) - p->positive[i]);
+            relax * (fmin(settings->sparse / settings->plain, positive) - p->positive[i]);
     }
 }
 

@@ -6,6 +6,7 @@
 
 struct twin_tv {
     double weight, depth, curvature; /**< lambda, a and c, for PSFs that sum to 1 a view */
+    double sparse;                   /**< what x costs */
     double step;                     /**< of the duals */
     double plain;                    /**< of x in the operator K */
     int64_t iterations;

@@ -201,6 +201,8 @@ struct v2v_deconv_settings {
     struct v2v_number read_noise;          /**< .. and, in electrons, beside it; auto: estimated */
     double depth;     /**< tv: of differences along z, against those along x and y */
     double curvature; /**< tv: weight of curvature in the plane, of lambda; 0: variation alone */
+    struct v2v_number
+        sparsity; /**< tv: weight of the volume itself, in noise that a voxel sees of the views */
     double tolerance; /**< tv: change of an iteration that ends them, of the volume */
 };
 

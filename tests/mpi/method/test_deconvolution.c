@@ -529,6 +529,7 @@ static void any_number_of_ranks_settles_alike(void **state)
                     (modes[m] == V2V_NUMBER_AUTO)); /* points */
         assert_int_equal(together.deconv.lambda.mode, V2V_NUMBER_GIVEN);
         assert_true(together.deconv.lambda.value == alone.deconv.lambda.value);
+        assert_true(together.deconv.sparsity.value == alone.deconv.sparsity.value);
         assert_int_equal(together.deconv.noise, alone.deconv.noise);
         recorded[PIXELS + 2 * WIDTH + 7] = NAN;
         assert_int_equal(settle(&together, modes[m], recorded, test_world()), V2V_E_NUMERIC);

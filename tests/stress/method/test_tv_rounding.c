@@ -66,7 +66,8 @@ static void estimate(float *volume, const float *views, const struct v2v_psf_fil
 }
 
 /* By the noise that a back-projection has, beside that of 13 views of 39 slices. */
-static double plain_of(const struct v2v_psf_file *psf)
+/* b, of PSFs that sum to 1 a view. */
+static double voxel_noise_of(const struct v2v_psf_file *psf)
 {
     const int64_t samples = psf->views * psf->slices * psf->height * psf->width;
     double squares = 0.0, sum = 0.0;
@@ -75,11 +76,16 @@ static double plain_of(const struct v2v_psf_file *psf)
         sum += (double)psf->data[i];
     }
     const double light = sum / (double)psf->views;
-    const double seen = sqrt(squares / (double)psf->slices) / light / 0.02976;
-    return 0.5 * sqrt(fmax(seen, 1.0));
+    return sqrt(squares / (double)psf->slices) / light;
 }
 
-static void check(const char *what, struct v2v_psf_file *psf, const float *views)
+static double plain_of(const struct v2v_psf_file *psf)
+{
+    return 0.5 * sqrt(fmax(voxel_noise_of(psf) / 0.02976, 1.0));
+}
+
+static void check_sparse(const char *what, struct v2v_psf_file *psf, const float *views,
+                         double sparsity)
 {
     static float volume[VOXELS];
     static double expected[VOXELS];
@@ -89,12 +95,14 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
     const double weight = config.deconv.lambda.value * (1.0 + config.deconv.curvature);
     config.deconv.iterations = ITERATIONS;
     config.deconv.tolerance = 0.0;
+    config.deconv.sparsity = (struct v2v_number){V2V_NUMBER_GIVEN, sparsity};
     v2v_psf_normalize_views(psf);
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, HEIGHT, WIDTH);
     const struct twin_tv settings = {
         .weight = config.deconv.lambda.value,
         .depth = config.deconv.depth,
         .curvature = config.deconv.curvature,
+        .sparse = sparsity * voxel_noise_of(psf),
         .plain = plain_of(psf),
         .step = step_of(&sigma, views, psf->views * PIXELS, psf->views, weight),
         .iterations = ITERATIONS};
@@ -125,6 +133,11 @@ static void check(const char *what, struct v2v_psf_file *psf, const float *views
     v2v_psf_file_fini(psf);
 }
 
+static void check(const char *what, struct v2v_psf_file *psf, const float *views)
+{
+    check_sparse(what, psf, views, 0.0);
+}
+
 static void single_precision_is_that_of_the_iterations(void **state)
 {
     (void)state;
@@ -134,6 +147,8 @@ static void single_precision_is_that_of_the_iterations(void **state)
         struct v2v_psf_file psf = small_psf();
         make_views(views, noise[i]);
         check("noisy views", &psf, views);
+        psf = small_psf();
+        check_sparse("noisy views, the volume itself has a weight", &psf, views, 1.0);
     }
     assert_int_equal(v2v_mem_held(), 0);
 }

@@ -119,6 +119,31 @@ static void slices_are_pulled_together_by_the_weight_of_depth(void **state)
     }
 }
 
+/* Where the volume itself has a weight every voxel pays it, and none pays more than it has. */
+static void a_weight_of_the_volume_is_taken_from_every_voxel(void **state)
+{
+    (void)state;
+    enum { SIDE = 8, PIXELS = SIDE * SIDE };
+    static float views[2 * PIXELS], volume[2 * PIXELS];
+    float data[4];
+    const struct v2v_psf_file psf = sharp_psf(data, 2);
+    const double sparsity = 1000.0, pull = sparsity * LEAST_NOISE * 4.0 * v2v_psf_voxel_noise(&psf);
+    for (int i = 0; i < 2 * PIXELS; i++) {
+        views[i] = i < PIXELS ? 4.0f : 0.5f * (float)pull;
+    }
+    config.deconv.lambda.value = 0.0;
+    config.deconv.sparsity = (struct v2v_number){V2V_NUMBER_GIVEN, sparsity};
+    config.deconv.tolerance = 1e-8;
+    config.deconv.iterations = 4000;
+    assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+    for (int i = 0; i < 2 * PIXELS; i++) {
+        const double expected = i < PIXELS ? 4.0 - pull : 0.0;
+        if (!(fabs((double)volume[i] - expected) < 1e-3 * pull)) {
+            fail_msg("voxel %d: %g, not %g", i, (double)volume[i], expected);
+        }
+    }
+}
+
 /* Noise of the views: 0.1, which the median of 2 x 2 differences finds to a few percent. */
 static void noise_of_the_views_is_found(void **state)
 {
@@ -556,6 +581,7 @@ int main(void)
         cmocka_unit_test_setup(edges_are_lowered_by_the_weight, setup),
         cmocka_unit_test_setup(ripples_are_lowered_by_variation_and_curvature, setup),
         cmocka_unit_test_setup(slices_are_pulled_together_by_the_weight_of_depth, setup),
+        cmocka_unit_test_setup(a_weight_of_the_volume_is_taken_from_every_voxel, setup),
         cmocka_unit_test_setup(noise_of_the_views_is_found, setup),
         cmocka_unit_test_setup(noise_of_photons_is_found, setup),
         cmocka_unit_test_setup(noise_of_photons_is_weighted, setup),

@@ -11,15 +11,25 @@
 
 enum { SIDE = 64, PIXELS = SIDE * SIDE };
 
-/* A weight that is left to be settled; it is settled to the same bits once more. */
+/* Weights that are left to be settled; they are settled to the same bits once more. */
+static struct v2v_deconv_settings both_settled(int mode, const struct v2v_problem *problem,
+                                               const float *views)
+{
+    struct v2v_deconv_settings deconv = problem->config->deconv, again;
+    deconv.lambda = (struct v2v_number){mode, 0.03};
+    again = deconv;
+    assert_ok(v2v_tv_settle_weights(&deconv, problem, views, NULL, NULL));
+    assert_ok(v2v_tv_settle_weights(&again, problem, views, NULL, NULL));
+    assert_int_equal(deconv.lambda.mode, V2V_NUMBER_GIVEN);
+    assert_int_equal(deconv.sparsity.mode, V2V_NUMBER_GIVEN);
+    assert_true(deconv.lambda.value == again.lambda.value);
+    assert_true(deconv.sparsity.value == again.sparsity.value);
+    return deconv;
+}
+
 static double settled(int mode, const struct v2v_problem *problem, const float *views)
 {
-    struct v2v_number lambda = {mode, 0.03}, again = lambda;
-    assert_ok(v2v_tv_settle_lambda(&lambda, problem, views, NULL, NULL));
-    assert_ok(v2v_tv_settle_lambda(&again, problem, views, NULL, NULL));
-    assert_int_equal(lambda.mode, V2V_NUMBER_GIVEN);
-    assert_true(lambda.value == again.value);
-    return lambda.value;
+    return both_settled(mode, problem, views).lambda.value;
 }
 
 /* Optics and views that are three times as bright want the same weight. */
@@ -61,7 +71,7 @@ static void the_weight_is_found_by_views_left_out(void **state)
     struct v2v_psf_file psf = small_psf();
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
-    struct v2v_number lambda = {V2V_NUMBER_AUTO, 0.03};
+    struct v2v_deconv_settings of_two_views = config.deconv;
     double least = INFINITY, best = 0.0;
     for (int64_t i = 0; i < SLICES * PIXELS; i++) { /* boxes */
         const int64_t z = i / PIXELS, y = i / SIDE % SIDE, x = i % SIDE;
@@ -86,7 +96,9 @@ static void the_weight_is_found_by_views_left_out(void **state)
     const double moved = settled(V2V_NUMBER_NONE, &problem, views);
     assert_true(moved != usual && moved == settled(V2V_NUMBER_AUTO, &problem, views));
     psf.views = 2;
-    assert_int_equal(v2v_tv_settle_lambda(&lambda, &problem, views, NULL, NULL), V2V_E_CONFIG);
+    of_two_views.lambda.mode = V2V_NUMBER_AUTO;
+    assert_int_equal(v2v_tv_settle_weights(&of_two_views, &problem, views, NULL, NULL),
+                     V2V_E_CONFIG);
     const double of_two = settled(V2V_NUMBER_NONE, &problem, views); /* too few to leave some out */
     assert_true(of_two > 2.0 * best);                                /* by the noise */
     check_light(of_two, &problem, views);
@@ -135,6 +147,33 @@ static struct v2v_psf_file broad_psf(void)
     v2v_mem_free(sharp.data);
     v2v_psf_normalize_views(&psf);
     return psf;
+}
+
+/* Of points the volume itself gets a weight, too, unless it is given. */
+static void few_points_give_the_volume_a_weight(void **state)
+{
+    (void)state;
+    enum { POINTS = 100 };
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = broad_psf();
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    double error[2];
+    for (uint64_t k = 0; k < POINTS; k++) {
+        truth[(int64_t)(v2v_random_uniform(6, 0, k) * SLICES * PIXELS)] = 1.0f;
+    }
+    show(views, truth, &psf, 0.002, 49);
+    for (int open = 0; open < 2; open++) {
+        config.deconv.sparsity.mode = open ? V2V_NUMBER_AUTO : V2V_NUMBER_GIVEN;
+        config.deconv.sparsity.value = 0.0;
+        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_NONE, 0.03};
+        config.deconv = both_settled(V2V_NUMBER_NONE, &problem, views);
+        assert_true((config.deconv.sparsity.value > 0.0) == open);
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        error[open] = test_relative_l2(volume, truth, SLICES * PIXELS);
+    }
+    assert_true(error[1] < 0.5 * error[0]);
+    v2v_psf_file_fini(&psf);
 }
 
 /* Thin lines want less than noise says, of PSFs of any sharpness, and get it. */
@@ -194,6 +233,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(the_weight_is_found_by_views_left_out, setup),
         cmocka_unit_test_setup(few_sharp_points_are_weighed_by_views_left_out, setup),
+        cmocka_unit_test_setup(few_points_give_the_volume_a_weight, setup),
         cmocka_unit_test_setup(lines_are_weighed_by_views_left_out, setup),
         cmocka_unit_test_setup(a_single_slice_has_twice_the_weight_by_the_noise, setup),
     };
