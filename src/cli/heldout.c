@@ -10,6 +10,7 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/pad.h"
 #include <math.h>
 #include <string.h>
@@ -63,7 +64,11 @@ static enum v2v_status read(struct trial *trial, const char *input)
     v2v_scaling_apply(&scaling, trial->recorded, views * pixels);
     V2V_TRY(v2v_fusion_create(&trial->fusion, session->config.recon.neighbours, views, info->height,
                               info->width));
+    if (trial->ops->leaves_blind) {
+        V2V_TRY(v2v_fusion_leave_blind(trial->fusion));
+    }
     V2V_TRY(v2v_fusion_read(trial->fusion, trial->seen, recording, &scaling, 0));
+    v2v_blind_take_over(trial->recorded, trial->seen, views * pixels);
     if (trial->ops->has_gain && session->config.model.homogeneous) {
         const float level =
             (float)v2v_scaling_level(trial->seen, trial->scratch, views, info->height, info->width);

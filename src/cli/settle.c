@@ -31,6 +31,9 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
         rc = v2v_fusion_create(&fusion, config->recon.neighbours, count, problem->height,
                                problem->width);
     }
+    if (rc == V2V_OK && ops->leaves_blind) {
+        rc = v2v_fusion_leave_blind(fusion);
+    }
     if (rc == V2V_OK) {
         rc = v2v_fusion_read(fusion, views, recording, scaling, frame);
     }

@@ -7,12 +7,16 @@
 #include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/volume.h"
+#include "v2v3d/tensor/blind.h"
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 /* What a frame of the volumes and its views have in common. */
 struct found {
     float *recorded;                  /* [v,y,x], less the offset */
+    uint8_t *blind;                   /* likewise: 1 where nothing is seen; NULL: not looked for */
+    float *seen;                      /* as recorded, but for those; NULL: there are none */
     struct v2v_match match, *of_view; /* [v] */
     double *displaced;                /* [v], pixels */
     double saturated;                 /* part of the views' pixels */
@@ -20,6 +24,54 @@ struct found {
     int64_t shown, frame; /* of the volumes, and before the cut */
     int is_seen;          /* it shows something above its noise */
 };
+
+/* What the method left out of the views as recorded. Local. */
+static enum v2v_status leave_blind(struct found *found, const struct v2v_volumes_made *made)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
+    if (!made->ops->leaves_blind) {
+        return V2V_OK;
+    }
+    V2V_TRY(V2V_ALLOC(found->blind, "cli.quality", samples));
+    if (v2v_blind_find(found->blind, found->recorded, found->views, info->height, info->width) >
+        0) {
+        V2V_TRY(V2V_ALLOC(found->seen, "cli.quality", samples));
+        memcpy(found->seen, found->recorded, (size_t)samples * sizeof *found->seen);
+        v2v_blind_leave(found->seen, found->blind, samples);
+    }
+done:
+    return rc;
+}
+
+/* Of the views that lack some. */
+static void tell_of_blind(const struct found *found, const struct v2v_recording_info *info)
+{
+    const int64_t pixels = info->height * info->width;
+    char list[256] = "";
+    int64_t blind = 0, lacking = 0, dead = 0;
+    for (int64_t v = 0; found->seen != NULL && v < found->views; v++) {
+        int64_t here = 0;
+        for (int64_t i = v * pixels; i < (v + 1) * pixels; i++) {
+            here += found->blind[i];
+        }
+        const size_t length = strlen(list);
+        if (here > 0) {
+            snprintf(list + length, sizeof list - length, "%s%lld", lacking > 0 ? ", " : " ",
+                     (long long)v);
+        }
+        blind += here;
+        lacking += here > 0;
+        dead += here == pixels;
+    }
+    if (blind > 0) {
+        v2v_log(dead > 0 ? V2V_LOG_WARNING : V2V_LOG_INFO,
+                "frame %lld: %s%s: %lld samples of one value see nothing and are left out",
+                (long long)found->frame, lacking > 1 ? "views" : "view",
+                lacking == found->views ? " 0 and all others" : list, (long long)blind);
+    }
+}
 
 /* How the first frame that shows something meets its views. Collective. */
 static enum v2v_status match_frame(struct found *found, const struct v2v_volumes_made *made,
@@ -52,9 +104,10 @@ static enum v2v_status match_frame(struct found *found, const struct v2v_volumes
     found->saturated = (double)v2v_saturated_pixels(views, samples) / (double)samples;
     offset.gain = 1.0;
     v2v_scaling_apply(&offset, views, samples);
-    V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, psf, slices, views,
-                            height, width, by_mean ? 1.0f / (float)psf->slices : 1.0f,
-                            session->world));
+    V2V_TRY(v2v_par_agree(session->world, leave_blind(found, made)));
+    V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, psf, slices,
+                            found->seen != NULL ? found->seen : views, height, width,
+                            by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
 done:
     v2v_mem_free(slices);
     v2v_volume_close(&volume);
@@ -224,6 +277,7 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
     V2V_TRY(v2v_par_agree(session->world, take_memory(found, v2v_recording_info(made->recording))));
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
+        tell_of_blind(found, v2v_recording_info(made->recording));
         log_match(&found->match, found->frame);
         warn_of_light(found, made, session);
         warn_of_odd_view(found, made);
@@ -247,6 +301,8 @@ void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
     if (report(&found, made, session) != V2V_OK && v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
     }
+    v2v_mem_free(found.seen);
+    v2v_mem_free(found.blind);
     v2v_mem_free(found.recorded);
     v2v_mem_free(found.displaced);
     v2v_mem_free(found.of_view);

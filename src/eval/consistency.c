@@ -12,6 +12,7 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <string.h>
@@ -96,6 +97,7 @@ static enum v2v_status load(struct judge *self, int64_t i)
     if (self->recorded != NULL) {
         V2V_TRY(v2v_recording_read(self->job->recording, self->recorded, t));
         v2v_scaling_apply(self->job->scaling, self->recorded, samples);
+        v2v_blind_take_over(self->recorded, self->views, samples);
     }
 done:
     return rc;
@@ -106,6 +108,17 @@ static enum v2v_status run(struct judge *self, int k)
 {
     return v2v_left_out_run(self->part[k], self->volume[k], self->views,
                             v2v_fusion_averaging(self->fusion));
+}
+
+/** Local: how far a view lies from its prediction, which stands for its blind samples. */
+static void find_shift(struct judge *self, double shift[2], const float *recorded,
+                       const float *predicted)
+{
+    const int64_t pixels = self->problem.height * self->problem.width;
+    for (int64_t i = 0; i < pixels; i++) {
+        self->scratch[i] = recorded[i] != V2V_BLIND ? recorded[i] : predicted[i];
+    }
+    v2v_fourier_shift(self->fourier, shift, self->scratch, predicted);
 }
 
 /** Local: how the views left out of frame i were predicted. */
@@ -123,7 +136,7 @@ static void judge_views(struct judge *self, int64_t i)
             v2v_match_of(self->scratch, recorded, predicted, height, width);
         out->heldout_views[at] = v2v_match_residual(&match, 1.0);
         out->heldout_views_sigmas[at] = v2v_match_sigmas(&match, 1.0);
-        v2v_fourier_shift(self->fourier, out->shift + 2 * at, recorded, predicted);
+        find_shift(self, out->shift + 2 * at, recorded, predicted);
         v2v_match_add(&self->match[i], &match);
     }
 }
@@ -352,6 +365,9 @@ static enum v2v_status list_frames(struct judge *self)
         V2V_TRY(V2V_ALLOC(self->recorded, "eval.views", samples));
     }
     V2V_TRY(v2v_fusion_create(&self->fusion, neighbours, views, info->height, info->width));
+    if (self->ops->leaves_blind) {
+        V2V_TRY(v2v_fusion_leave_blind(self->fusion));
+    }
 done:
     return rc;
 }

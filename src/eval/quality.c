@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/grouped.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -14,15 +15,19 @@ struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float
 {
     struct v2v_match match = {0};
     const double sigma = v2v_noise_of_images(scratch, recorded, 1, height, width);
+    int64_t seen = 0;
     for (int64_t i = 0; i < height * width; i++) {
-        const double y = (double)recorded[i], p = (double)projected[i];
+        const int is_seen = recorded[i] != V2V_BLIND;
+        const double y = is_seen ? (double)recorded[i] : 0.0;
+        const double p = is_seen ? (double)projected[i] : 0.0;
+        seen += is_seen;
         match.yy += y * y;
         match.yp += y * p;
         match.pp += p * p;
         match.y += y;
         match.p += p;
     }
-    match.noise = sigma * sigma * (double)(height * width);
+    match.noise = sigma * sigma * (double)seen;
     return match;
 }
 
@@ -37,9 +42,18 @@ void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match)
     v2v_structure_add(&sum->structure, &match->structure);
 }
 
-struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, const float *recorded,
-                                 const float *projected, int64_t count, int64_t height,
-                                 int64_t width)
+/* Where nothing was recorded both are 0, so that nothing is missed. */
+static void darken_blind(float *recorded, float *projected, int64_t samples)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < samples; i++) {
+        projected[i] = recorded[i] != V2V_BLIND ? projected[i] : 0.0f;
+        recorded[i] = recorded[i] != V2V_BLIND ? recorded[i] : 0.0f;
+    }
+}
+
+struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, float *recorded,
+                                 float *projected, int64_t count, int64_t height, int64_t width)
 {
     struct v2v_match all = {0};
     const int64_t pixels = height * width;
@@ -47,6 +61,7 @@ struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, cons
         of_view[v] =
             v2v_match_of(scratch, recorded + v * pixels, projected + v * pixels, height, width);
     }
+    darken_blind(recorded, projected, count * pixels);
 #pragma omp parallel for schedule(static)
     for (int64_t v = 0; v < count; v++) {
         of_view[v].structure =
@@ -174,8 +189,8 @@ done:
 
 enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
                                 double *displaced, const struct v2v_psf_file *psf,
-                                const float *slices, const float *views, int64_t height,
-                                int64_t width, float scale, const struct v2v_comm *comm)
+                                const float *slices, float *views, int64_t height, int64_t width,
+                                float scale, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const int64_t count = psf->views, pixels = height * width;

@@ -8,6 +8,7 @@
 #include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/bulk.h"
 #include "v2v3d/tensor/statistics.h"
 #include <math.h>
@@ -64,6 +65,7 @@ struct v2v_fusion {
     float *mean;      /* [y,x] of that over the views */
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
     float *image;     /* [y,x] */
+    uint8_t *blind;   /* [v,y,x] of frame t: marks; NULL: they aren't asked for */
 };
 
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
@@ -129,11 +131,18 @@ done:
     return rc;
 }
 
+enum v2v_status v2v_fusion_leave_blind(struct v2v_fusion *fusion)
+{
+    return V2V_ALLOC(fusion->blind, "method.fusion",
+                     v2v_mem_product(fusion->views, fusion->height, fusion->width));
+}
+
 void v2v_fusion_destroy(struct v2v_fusion **fusion)
 {
     struct v2v_fusion *old = *fusion;
     *fusion = NULL;
     if (old != NULL) {
+        v2v_mem_free(old->blind);
         v2v_mem_free(old->image);
         v2v_mem_free(old->padded);
         v2v_mem_free(old->mean);
@@ -287,10 +296,11 @@ static void take_photons(struct v2v_fusion *fusion, int64_t v, const float *view
     }
 }
 
-/* Of frame t. */
-static void take_noise(struct v2v_fusion *fusion, const float *views, double sigma)
+/* Of frame t. @param seen its views, but for blind samples */
+static void take_noise(struct v2v_fusion *fusion, const float *views, const float *seen,
+                       double sigma)
 {
-    const struct v2v_photons photons = v2v_photons_find(fusion->neighbour, views, fusion->views,
+    const struct v2v_photons photons = v2v_photons_find(fusion->neighbour, seen, fusion->views,
                                                         fusion->height, fusion->width, NULL);
     fusion->averaging = (struct v2v_averaging){.sigma = sigma,
                                                .gain = photons.gain,
@@ -310,18 +320,33 @@ static void take_noise(struct v2v_fusion *fusion, const float *views, double sig
     }
 }
 
+/* The views of a frame, finite, but for blind samples; those behind it until others are aligned. */
+static const float *leave_blind(struct v2v_fusion *fusion, const float *views)
+{
+    const int64_t samples = fusion->views * fusion->height * fusion->width;
+    if (fusion->blind == NULL ||
+        v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width) == 0) {
+        return views;
+    }
+    v2v_bulk_copy(fusion->moved, views, samples);
+    v2v_blind_leave(fusion->moved, fusion->blind, samples);
+    return fusion->moved;
+}
+
 void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
+    const float *seen = views;
     double sigma = 0.0; /* where a sample is not finite, which the method names */
     if (v2v_first_not_finite(views, samples) < 0) {
-        sigma = v2v_noise_of_images(fusion->neighbour, views, fusion->views, fusion->height,
+        seen = leave_blind(fusion, views);
+        sigma = v2v_noise_of_images(fusion->neighbour, seen, fusion->views, fusion->height,
                                     fusion->width);
     }
     fusion->noise = (struct noise){0};
     fusion->averaging = (struct v2v_averaging){0};
     if (sigma > 0.0) {
-        take_noise(fusion, views, sigma);
+        take_noise(fusion, views, seen, sigma);
         v2v_local_brightness_begin(fusion->brightness, views, fusion->photons, fusion->noise.unit,
                                    fusion->noise.even);
         v2v_motion_begin(fusion->motion, views, sigma);
@@ -435,7 +460,7 @@ static void find_shared_noise(struct v2v_fusion *fusion, const float *views)
     struct v2v_averaging *averaging = &fusion->averaging;
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < samples; i++) {
-        fusion->sum[i] = views[i] * sqrtf(fusion->weight[i]);
+        fusion->sum[i] = views[i] != V2V_BLIND ? views[i] * sqrtf(fusion->weight[i]) : V2V_BLIND;
     }
     const double left = v2v_noise_of_images(fusion->neighbour, fusion->sum, fusion->views,
                                             fusion->height, fusion->width);
@@ -454,6 +479,9 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
     if (fusion->noise.sigma > 0.0) {
+        if (fusion->blind != NULL) {
+            v2v_blind_leave(views, fusion->blind, samples);
+        }
         fusion->averaging.frames = fusion->weight;
         if (!fusion->averaging.is_of_photons) {
             find_shared_noise(fusion, views);
@@ -489,6 +517,11 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     V2V_TRY(v2v_recording_read(recording, views, t));
     v2v_scaling_apply(scaling, views, samples);
     if (before + after == 0) {
+        if (fusion->blind != NULL && v2v_first_not_finite(views, samples) < 0 &&
+            v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width) >
+                0) {
+            v2v_blind_leave(views, fusion->blind, samples);
+        }
         goto done;
     }
     v2v_fusion_begin(fusion, views);

@@ -2,10 +2,10 @@
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Samples that are brighter than `bright`. */
 static const double brighter_part = 1e-3;
@@ -54,9 +54,9 @@ enum v2v_status v2v_camera_check(const struct v2v_problem *problem)
 
 double v2v_photons_bright(float *scratch, const float *views, int64_t samples)
 {
-    const double brighter = (double)samples * brighter_part;
-    memcpy(scratch, views, (size_t)samples * sizeof *views);
-    return (double)v2v_select(scratch, samples, samples - 1 - (int64_t)brighter);
+    const int64_t seen = v2v_blind_gather_seen(scratch, views, samples);
+    const double brighter = (double)seen * brighter_part;
+    return seen > 0 ? (double)v2v_select(scratch, seen, seen - 1 - (int64_t)brighter) : 0.0;
 }
 
 struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t count,

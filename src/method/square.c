@@ -4,8 +4,10 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/field.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { STEP = 16 };
@@ -13,9 +15,9 @@ enum { STEP = 16 };
 /* Of the light that as large a part of the square holds in the mean: little. */
 static const double little = 0.5;
 
-/* Of pixels: their sum, and that of their squares. */
+/* Of pixels that aren't blind: their number, their sum, and that of their squares. */
 struct sums {
-    double sum, squares;
+    double count, sum, squares;
 };
 
 /* Add `sign` times the sums of rows of a square's columns. */
@@ -24,11 +26,15 @@ static void add_rows(struct sums *sums, double sign, const float *image, int64_t
 {
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         const float *row = image + y * width + columns->first;
-        double sum = 0.0, squares = 0.0;
+        double count = 0.0, sum = 0.0, squares = 0.0;
         for (int64_t x = 0; x < columns->count; x++) {
-            sum += (double)row[x];
-            squares += (double)row[x] * (double)row[x];
+            const int is_seen = row[x] != V2V_BLIND;
+            const double pixel = is_seen ? (double)row[x] : 0.0;
+            count += is_seen;
+            sum += pixel;
+            squares += pixel * pixel;
         }
+        sums->count += sign * count;
         sums->sum += sign * sum;
         sums->squares += sign * squares;
     }
@@ -44,14 +50,13 @@ struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_
     const int64_t last_top = rows.first + rows.count - here.rows.count;
     const int64_t last_left = columns.first + columns.count - here.columns.count;
     V2V_ASSERT(side >= STEP);
-    const double pixels = (double)(here.rows.count * here.columns.count);
     double most = -1.0;
     for (; here.columns.first <= last_left; here.columns.first += STEP) {
         struct sums sums = {0};
         here.rows.first = rows.first;
         add_rows(&sums, 1.0, image, width, &here.columns, here.rows);
         while (1) {
-            const double variation = sums.squares - sums.sum * sums.sum / pixels;
+            const double variation = sums.squares - sums.sum * sums.sum / fmax(sums.count, 1.0);
             const int64_t above = here.rows.first, below = above + here.rows.count;
             if (variation > most) {
                 most = variation;
@@ -95,7 +100,7 @@ static double light_in(const struct v2v_square_views *square, int64_t views,
         add_rows(&sums, 1.0, square->views + v * square->height * square->width, square->width,
                  &part->columns, part->rows);
     }
-    return sums.squares - (double)(views * part->rows.count * part->columns.count) * sigma * sigma;
+    return sums.squares - sums.count * sigma * sigma;
 }
 
 /* .. where the views, which are [v,height,width], are judged. */
@@ -120,6 +125,15 @@ done:
     return rc;
 }
 
+static int64_t first_that_sees(const float *views, int64_t count, int64_t pixels)
+{
+    int64_t v = 0;
+    while (v < count - 1 && v2v_blind_count(views + v * pixels, pixels) == pixels) {
+        v++;
+    }
+    return v;
+}
+
 enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
                                       const struct v2v_problem *problem, const float *views,
                                       const struct v2v_averaging *averaging, int64_t side)
@@ -127,7 +141,8 @@ enum v2v_status v2v_square_views_init(struct v2v_square_views *square,
     enum v2v_status rc = V2V_OK;
     const int64_t count = problem->psf->views, height = problem->height, width = problem->width;
     const struct v2v_part rows = {0, height}, columns = {0, width};
-    const struct v2v_square place = v2v_square_find(views, width, rows, columns, side);
+    const float *varying = views + first_that_sees(views, count, height * width) * height * width;
+    const struct v2v_square place = v2v_square_find(varying, width, rows, columns, side);
     *square = (struct v2v_square_views){.height = place.rows.count, .width = place.columns.count};
     const int64_t samples = v2v_mem_product(count, square->height, square->width);
     V2V_TRY(V2V_ALLOC(square->views, "square.views", samples));

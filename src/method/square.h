@@ -9,7 +9,8 @@ struct v2v_square {
 };
 
 /** The square of `side` pixels (fewer where there are fewer) within rows and columns of an image
- *  that varies most, of places 16 pixels apart; the first of equals. @kind Local.
+ *  that varies most, of places 16 pixels apart; the first of equals. Blind samples don't count.
+ *  @kind Local.
  *  @param image [y,width] */
 struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_part rows,
                                   struct v2v_part columns, int64_t side);
@@ -19,7 +20,8 @@ struct v2v_square v2v_square_find(const float *image, int64_t width, struct v2v_
 void v2v_square_cut(const struct v2v_square *square, float *to, const float *images, int64_t count,
                     int64_t height, int64_t width);
 
-/** The views of a frame in the square of it where the first of them varies most. */
+/** The views of a frame in the square of it where the first of them varies most that isn't all
+ *  blind. */
 struct v2v_square_views {
     int64_t height, width;          /**< of the square */
     struct v2v_square judged;       /**< of it: where views that are left out are judged */

@@ -408,10 +408,7 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const struct v2v_iterate now = {estimator, to_slices, NULL, level->sigma};
     const int64_t own = self->iterations > 0 ? self->iterations : MOST_ITERATIONS;
     const int64_t most = estimator->most_iterations > 0 ? estimator->most_iterations : own;
-    const struct v2v_surroundings *around = estimator->around;
-    const int64_t pixels =
-        around != NULL ? around->rows.count * around->columns.count : self->height * self->width;
-    const double variance = (double)(self->views * pixels) * level->mean_variance;
+    const double variance = (double)v2v_data_step_known(self->step) * level->mean_variance;
     double change = INFINITY, tolerance = self->tolerance;
     int64_t done = 0;
     v2v_watchdog_beat("inverses of the data step");
@@ -538,6 +535,7 @@ static const char *const keys[] = {"deconv.stop", V2V_TV_KEYS, NULL};
 const struct v2v_estimator_ops v2v_estimator_tv = {
     .name = "tv",
     .keys = keys,
+    .leaves_blind = 1,
     .is_open = is_open,
     .settle = settle,
     .describe_work = describe_work,

@@ -7,6 +7,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -105,7 +106,8 @@ static void miss(float *samples, struct chooser *self, struct v2v_left_out *fold
         const float *recorded = self->square.views + fold->view[i] * pixels;
         for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
             for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
-                *samples++ = recorded[y * width + x] - predicted[y * width + x];
+                const int64_t at = y * width + x;
+                *samples++ = recorded[at] != V2V_BLIND ? recorded[at] - predicted[at] : 0.0f;
             }
         }
     }

@@ -1,5 +1,6 @@
 #include "method/tv_level.h"
 
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 #include <math.h>
 
@@ -67,7 +68,8 @@ static double frames_of(const struct v2v_tv_views *taken, float *scratch, double
             const double light = taken->views[i] > 0.0f ? (double)taken->views[i] : 0.0;
             const double of_photons = is_of_photons ? gain * light / bright : 0.0;
             const double variance = (of_photons + even) / (gain + even);
-            scratch[i] = (float)(is_left ? variance / (double)averaging->frames[i] : variance);
+            const double left = is_left ? variance / (double)averaging->frames[i] : variance;
+            scratch[i] = taken->views[i] == V2V_BLIND ? 0.0f : (float)left;
         }
         sum[is_left] = v2v_sum(scratch, samples);
     }
@@ -108,7 +110,7 @@ struct v2v_tv_level v2v_tv_level_of(const struct v2v_tv_views *taken, float *scr
 #pragma omp parallel for simd schedule(static) reduction(max : most) reduction(min : least)
     for (int64_t i = 0; i < samples; i++) {
         most = views[i] > most ? views[i] : most;
-        least = views[i] < least ? views[i] : least;
+        least = views[i] < least && views[i] != V2V_BLIND ? views[i] : least;
     }
     const double brightest = (double)most, deepest = -(double)least;
     if (brightest == 0.0) {
@@ -127,7 +129,8 @@ struct v2v_tv_level v2v_tv_level_of(const struct v2v_tv_views *taken, float *scr
                                  .frames = noise.frames};
     level.dark = level.sigma;
     if (takes_photons(taken, photons->is_clear)) {
-        of_photons(&level, photons, v2v_sum(views, samples) / (double)samples, least_noise * noisy);
+        const int64_t seen = v2v_blind_gather_seen(scratch, views, samples);
+        of_photons(&level, photons, v2v_sum(scratch, seen) / (double)seen, least_noise * noisy);
     }
     return level;
 }

@@ -416,15 +416,24 @@ double v2v_data_step_extend(struct v2v_data_step *step)
     return squares;
 }
 
+int64_t v2v_data_step_known(const struct v2v_data_step *step)
+{
+    return v2v_torus_views_known(&step->seen);
+}
+
 /* Sums over what a rank has of each square; then over ranks, since squares lie across them. */
 double v2v_data_step_coarse(struct v2v_data_step *step)
 {
     const int64_t count = v2v_torus_views_squares(&step->seen);
     double squares = 0.0;
+    int64_t seen = 0;
     v2v_torus_views_coarse(&step->seen, step->squares);
     v2v_par_sum_f64(step->comm, step->squares, count);
     for (int64_t i = 0; i < count; i++) {
-        squares += step->squares[i] * step->squares[i];
+        if (!isnan(step->squares[i])) {
+            squares += step->squares[i] * step->squares[i];
+            seen++;
+        }
     }
-    return count > 0 ? sqrt(squares / (double)count) / V2V_DATA_STEP_SQUARE : 0.0;
+    return seen > 0 ? sqrt(squares / (double)seen) / V2V_DATA_STEP_SQUARE : 0.0;
 }

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <string.h>
@@ -48,16 +49,36 @@ static void bridge(float *line, int64_t size, int64_t whole)
     }
 }
 
-/* Row y of a view on the torus. */
-static void torus_row(const struct v2v_torus_views *views, float *row, const float *view,
-                      double scale, int64_t y)
+/* A sample of a frame; of a blind one, which follows the volume soon, the mean of the other views
+ * there. */
+static float first_guess(const struct v2v_torus_views *views, const float *frame, int64_t v,
+                         int64_t pixel)
+{
+    const int64_t pixels = views->height * views->width;
+    const float here = frame[v * pixels + pixel];
+    double sum = 0.0, seen = 0.0;
+    if (here != V2V_BLIND) {
+        return here;
+    }
+    for (int64_t o = 0; o < views->views; o++) {
+        const float other = frame[o * pixels + pixel];
+        sum += other != V2V_BLIND ? (double)other : 0.0;
+        seen += other != V2V_BLIND;
+    }
+    return seen > 0.0 ? (float)(sum / seen) : 0.0f;
+}
+
+/* Row y of view v on the torus. */
+static void torus_row(const struct v2v_torus_views *views, float *row, const float *frame,
+                      double scale, int64_t v, int64_t y)
 {
     const int64_t height = views->height, width = views->width;
     const int64_t above = v2v_smaller(y, height - 1);
-    const float *last = view + above * width, *first = view;
     const double part = (double)(y - above) / (double)(views->torus.height - height + 1);
     for (int64_t x = 0; x < width; x++) {
-        row[x] = (float)(scale * (last[x] + part * (first[x] - last[x])));
+        const float last = first_guess(views, frame, v, above * width + x);
+        const float first = part > 0.0 ? first_guess(views, frame, v, x) : last;
+        row[x] = (float)(scale * (last + part * (first - last)));
     }
     bridge(row, width, views->torus.width);
 }
@@ -65,6 +86,8 @@ static void torus_row(const struct v2v_torus_views *views, float *row, const flo
 void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, double scale)
 {
     const struct v2v_torus *torus = &views->torus;
+    const int64_t samples = views->views * views->height * views->width;
+    views->frame = v2v_blind_count(frame, samples) > 0 ? frame : NULL;
     views->weights.is_on = 0;
     views->known_rows = (struct v2v_part){0, views->height};
     views->known_columns = (struct v2v_part){0, views->width};
@@ -74,14 +97,15 @@ void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, dou
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < views->views; v++) {
         for (int64_t y = 0; y < torus->rows.count; y++) {
-            torus_row(views, views->recorded + (v * torus->rows.count + y) * torus->width,
-                      frame + v * views->height * views->width, scale, torus->rows.first + y);
+            torus_row(views, views->recorded + (v * torus->rows.count + y) * torus->width, frame,
+                      scale, v, torus->rows.first + y);
         }
     }
 }
 
 void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samples)
 {
+    views->frame = NULL;
     views->weights.is_on = 0;
     memcpy(views->recorded, samples, (size_t)v2v_torus_views_samples(views) * sizeof *samples);
 }
@@ -193,6 +217,41 @@ static double weigh_row(const struct v2v_torus_views *views, int64_t at, const f
     return squares;
 }
 
+/* Row `whole` of a view as taken, where samples are blind; NULL: it has none. */
+static const float *frame_row(const struct v2v_torus_views *views, int64_t v, int64_t whole)
+{
+    return views->frame == NULL ? NULL : views->frame + (v * views->height + whole) * views->width;
+}
+
+/* Samples from `x` on to `end` at most that are all blind, or none. @return the end of them */
+static int64_t end_of_alike(const float *row, int64_t x, int64_t end)
+{
+    const int is_blind = row != NULL && row[x] == V2V_BLIND;
+    while (row != NULL && x < end && (row[x] == V2V_BLIND) == is_blind) {
+        x++;
+    }
+    return row != NULL ? x : end;
+}
+
+/* Likewise of what is known of a row but for blind samples, which follow the volume. */
+static double answer_row(const struct v2v_torus_views *views, int64_t v, int64_t at, int64_t whole,
+                         const struct v2v_part *columns)
+{
+    const int64_t end = columns->first + columns->count;
+    const float *row = frame_row(views, v, whole), *frames = frames_of(views, v, whole);
+    double squares = 0.0;
+    for (int64_t x = columns->first, next = x; x < end; x = next) {
+        next = end_of_alike(row, x, end);
+        if (row != NULL && row[x] == V2V_BLIND) {
+            follow(views->recorded + at, views->missed + at, x, next);
+        } else {
+            squares += views->weights.is_on ? weigh_row(views, at, frames, x, next)
+                                            : squares_of(views->missed + at, x, next);
+        }
+    }
+    return squares;
+}
+
 /* A row of the residual of one view, `y` of this rank's. @return squares of what is known */
 static double extend_row(const struct v2v_torus_views *views, int64_t v, int64_t y)
 {
@@ -204,9 +263,7 @@ static double extend_row(const struct v2v_torus_views *views, int64_t v, int64_t
     const int64_t end = is_known ? first + columns->count : width;
     follow(views->recorded + at, views->missed + at, 0, first);
     follow(views->recorded + at, views->missed + at, end, width);
-    return views->weights.is_on && is_known
-               ? weigh_row(views, at, frames_of(views, v, whole), first, end)
-               : squares_of(views->missed + at, first, end);
+    return is_known ? answer_row(views, v, at, whole, columns) : 0.0;
 }
 
 void v2v_torus_views_extend(struct v2v_torus_views *views, double *squares)
@@ -231,6 +288,17 @@ static double left_at(const struct v2v_torus_views *views, int64_t at)
                           : (double)views->missed[at];
 }
 
+int64_t v2v_torus_views_known(const struct v2v_torus_views *views)
+{
+    const struct v2v_part *rows = &views->known_rows, *columns = &views->known_columns;
+    int64_t blind = 0;
+    for (int64_t i = 0; views->frame != NULL && i < views->views * rows->count; i++) {
+        const float *row = frame_row(views, i / rows->count, rows->first + i % rows->count);
+        blind += v2v_blind_count(row + columns->first, columns->count);
+    }
+    return views->views * rows->count * columns->count - blind;
+}
+
 int64_t v2v_torus_views_squares(const struct v2v_torus_views *views)
 {
     return views->views * (views->known_rows.count / V2V_DATA_STEP_SQUARE) *
@@ -252,8 +320,10 @@ void v2v_torus_views_coarse(const struct v2v_torus_views *views, double *sums)
         for (int64_t y = first; y < end; y++) {
             double *row = sums + (v * down + (y - known->first) / SIDE) * across;
             const int64_t at = (v * torus->rows.count + y - torus->rows.first) * torus->width;
+            const float *frame = frame_row(views, v, y);
             for (int64_t x = 0; x < across * SIDE; x++) {
-                row[x / SIDE] += left_at(views, at + columns->first + x);
+                const int is_blind = frame != NULL && frame[columns->first + x] == V2V_BLIND;
+                row[x / SIDE] += is_blind ? (double)NAN : left_at(views, at + columns->first + x);
             }
         }
     }

@@ -21,9 +21,11 @@ struct v2v_torus_views {
     int64_t views, height, width; /* of a frame */
     struct v2v_torus torus;
     struct v2v_part known_rows, known_columns; /* of the torus */
-    float *recorded;                           /* [v,rows,torus width]: y */
-    float *missed;                             /* likewise: y - A x */
-    float *around; /* likewise: views of light that isn't in x; NULL: weights have no room */
+    const float
+        *frame;      /* [v,height,width]: as taken, borrowed where samples are blind; else NULL */
+    float *recorded; /* [v,rows,torus width]: y */
+    float *missed;   /* likewise: y - A x */
+    float *around;   /* likewise: views of light that isn't in x; NULL: weights have no room */
     struct v2v_view_weights weights;
 };
 
@@ -53,10 +55,14 @@ void v2v_torus_views_average(struct v2v_torus_views *views, const float *frames,
  *  known */
 void v2v_torus_views_extend(struct v2v_torus_views *views, double *squares);
 
+/** As v2v_data_step_known says. */
+int64_t v2v_torus_views_known(const struct v2v_torus_views *views);
+
 /** Squares of v2v_data_step_coarse. */
 int64_t v2v_torus_views_squares(const struct v2v_torus_views *views);
 
-/** Sums over what this rank has of each of them, [v2v_torus_views_squares]. */
+/** Sums over what this rank has of each of them, [v2v_torus_views_squares]; NaN where it has blind
+ *  samples. */
 void v2v_torus_views_coarse(const struct v2v_torus_views *views, double *sums);
 
 #endif

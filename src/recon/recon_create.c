@@ -83,12 +83,17 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
-/** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
-static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
+/** Local: floats that averages with neighbouring frames take, and marks of blind samples, of whole
+ *  frames on every rank. */
+static int64_t fusion_floats(const struct v2v_problem *problem, int is_still, int leaves_blind)
 {
     const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
     const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY ? NEIGHBOURS_OF_KEY : 0;
-    return v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+    const int64_t marks = v2v_mem_product(of_key > 0 ? 2 : 1, views, 1);
+    const int64_t of_marks =
+        v2v_parts(v2v_mem_product(marks, problem->height, problem->width), (int64_t)sizeof(float));
+    return (leaves_blind ? of_marks : 0) +
+           v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
            v2v_fusion_floats(of_key, views, problem->height, problem->width);
 }
 
@@ -104,6 +109,9 @@ static enum v2v_status take_memory(struct v2v_recon *recon, int64_t neighbours)
     recon->own_rows = own_rows(recon, rank).count;
     V2V_TRY(
         v2v_fusion_create(&recon->fusion, neighbours, recon->views, recon->height, recon->width));
+    if (estimator->ops->leaves_blind) {
+        V2V_TRY(v2v_fusion_leave_blind(recon->fusion));
+    }
     V2V_TRY(V2V_ALLOC(recon->recorded, "recon.views",
                       v2v_mem_product(recon->views, recon->height, recon->width)));
     V2V_TRY(V2V_ALLOC(recon->padded, "recon.views",
@@ -140,6 +148,9 @@ static enum v2v_status equip(struct v2v_recon *recon, const struct v2v_estimator
     if (rc == V2V_OK && is_still && neighbours < NEIGHBOURS_OF_KEY) {
         rc = v2v_fusion_create(&recon->of_key, NEIGHBOURS_OF_KEY, recon->views, recon->height,
                                recon->width);
+        if (rc == V2V_OK && ops->leaves_blind) {
+            rc = v2v_fusion_leave_blind(recon->of_key);
+        }
     }
     V2V_TRY(v2v_par_agree(recon->grid.shard, rc));
     if (recon->outputs > 1) {
@@ -181,7 +192,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .slices = problem->psf->slices,
                            .height = problem->height,
                            .width = problem->width,
-                           .fused = fusion_floats(problem, is_still),
+                           .fused = fusion_floats(problem, is_still, ops->leaves_blind),
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
                            .refresh = is_still ? problem->config->recon.refresh : 1,
                            .level = 1.0};

@@ -7,6 +7,7 @@
 #include "v2v3d/optics/carve.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -213,7 +214,11 @@ void v2v_still_keep(struct v2v_still *still, const float *views, const float *vo
     memcpy(still->key_views, views, (size_t)still->samples * sizeof *views);
     memcpy(still->key, volume, (size_t)voxels_of(still) * sizeof *volume);
     still->whole->ops->whole_light(still->whole, still->light, still->seen);
-    (void)v2v_carve_light(still->carve, still->change, views);
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < still->samples; i++) {
+        still->views[i] = views[i] == V2V_BLIND ? 0.0f : views[i];
+    }
+    (void)v2v_carve_light(still->carve, still->change, still->views);
     still->iterations = still->whole->iterations;
     still->brightest = fmax(0.0, (double)v2v_select(still->change, still->tiles, bright));
 }
@@ -224,7 +229,8 @@ static void subtract(struct v2v_still *still, const float *from, const float *wh
 {
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < still->samples; i++) {
-        still->views[i] = from[i] - what[i];
+        const int is_blind = from[i] == V2V_BLIND || what[i] == V2V_BLIND;
+        still->views[i] = is_blind ? 0.0f : from[i] - what[i];
     }
 }
 

@@ -2,6 +2,7 @@
 #include "v2v3d/tensor/statistics.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 
@@ -53,7 +54,8 @@ static void add_level(struct noise_level *to, const struct noise_level *from)
 }
 
 /* One image into its levels: each block into that of another, whose samples aren't its own. By its
- * own level, noise alone would spread the dark over many levels of one variance. */
+ * own level, noise alone would spread the dark over many levels of one variance. Blind samples put
+ * a block's level beyond all. */
 static void sort_noise(struct noise_level levels[NOISE_LEVELS], const float *image, int64_t height,
                        int64_t width, double most)
 {
@@ -144,14 +146,19 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
             const float *here = images + (i * height + y) * width, *below = here + width;
             float *to = scratch + i * inside + y * (width - 1);
             for (int64_t x = 0; x < width - 1; x++) {
-                to[x] = fabsf((here[x] - here[x + 1]) - (below[x] - below[x + 1]));
+                const float least =
+                    fminf(fminf(here[x], here[x + 1]), fminf(below[x], below[x + 1]));
+                const float difference = fabsf((here[x] - here[x + 1]) - (below[x] - below[x + 1]));
+                to[x] = least > V2V_BLIND ? difference : V2V_BLIND;
             }
         }
     }
-    const double noise = v2v_noise_of_differences(scratch, count * inside);
-    return noise > 0.0 ? noise
-                       : sqrt(v2v_sum_of_squares(scratch, count * inside) /
-                              (double)(PIXELS * count * inside));
+    const int64_t seen = v2v_blind_gather_seen(scratch, scratch, count * inside);
+    if (seen == 0) {
+        return 0.0;
+    }
+    const double noise = v2v_noise_of_differences(scratch, seen);
+    return noise > 0.0 ? noise : sqrt(v2v_sum_of_squares(scratch, seen) / (double)(PIXELS * seen));
 }
 
 double v2v_mean_of_square(const float *at, int64_t width, int64_t side)

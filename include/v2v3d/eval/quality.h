@@ -19,17 +19,17 @@ struct v2v_match {
     struct v2v_structure structure; /**< by v2v_match_views */
 };
 
-/** One view, its structure left out. Add the members for several.
- *  @kind Local. @param recorded, projected, scratch [y,x] */
+/** One view, but for blind samples (tensor/blind.h), its structure left out. Add the members for
+ *  several. @kind Local. @param recorded, projected, scratch [y,x] */
 struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float *projected,
                               int64_t height, int64_t width);
 void v2v_match_add(struct v2v_match *sum, const struct v2v_match *match);
 
 /** All views of a frame, of_view [count] out. @kind Local. @return their sum
- *  @param  recorded, projected [count,y,x] @param scratch [y,x] */
-struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, const float *recorded,
-                                 const float *projected, int64_t count, int64_t height,
-                                 int64_t width);
+ *  @param  recorded, projected [count,y,x]; both 0 on return where samples were blind
+ *  @param  scratch [y,x] */
+struct v2v_match v2v_match_views(struct v2v_match *of_view, float *scratch, float *recorded,
+                                 float *projected, int64_t count, int64_t height, int64_t width);
 
 /** The factor s with the least |y - s p|; 1 for a dark projection. @kind Local. */
 double v2v_match_scale(const struct v2v_match *match);
@@ -65,16 +65,16 @@ double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
  *  @param  of_view [v] out: of each view; match: of all
  *  @param  displaced [v] out: pixels that each view lies from its projection, where 0.03 of the
  *          structure or more is missed; NaN where not, or where there is no telling
- *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole
+ *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole;
+ *          0 on return where samples were blind
  *  @param  scale of the projection: 1, or 1/Z for the mean over z
  *  @return V2V_OK | V2V_E_MEMORY; agreed
  *  @cost   V * Z transforms of PSFs, Z of slices for as many views as go together, and V inverse,
  *          over all ranks */
 enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
                                 double *displaced, const struct v2v_psf_file *psf,
-                                const float *slices, const float *views, int64_t height,
-                                int64_t width, float scale,
-                                const struct v2v_comm *comm) V2V_MUST_CHECK;
+                                const float *slices, float *views, int64_t height, int64_t width,
+                                float scale, const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

@@ -120,6 +120,7 @@ struct v2v_estimator_ops {
     int is_learned;      /**< bool: it needs weights */
     int has_gain;        /**< bool: views are to have the gain, and volumes are projected, as in the
                               training; else views scaled by s give the volume scaled by s */
+    int leaves_blind;    /**< bool: blind samples (tensor/blind.h) of views are unknown to it */
     int skips_light;     /**< bool: by itself it leaves out the tiles that are dark */
     const void *variant; /**< what rows with the same functions differ in */
     const char *const *keys; /**< the settings that not every method goes by but it does, then NULL:

@@ -80,7 +80,9 @@ struct v2v_penalty {
 void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty);
 
 /** Take the views of a frame, times `scale`; beyond it they go from edge to opposite edge in a
- *  straight line. @kind Collective(comm), no allocation. @param views [v,height,width], whole */
+ *  straight line. Blind samples (tensor/blind.h) are unknown as those beyond the frame are.
+ *  @kind Collective(comm), no allocation. @param views [v,height,width], whole; where any is blind
+ *  borrowed until the next begin */
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale);
 
 /** Take views that are known on all of the torus, [v, torus rows of this rank, torus width].
@@ -155,10 +157,13 @@ void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float 
  *  y as recorded: without weights */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
+/** Samples that are known, all views, of all ranks. @kind Local. */
+int64_t v2v_data_step_known(const struct v2v_data_step *step);
+
 /** Pixels of the side of a square of v2v_data_step_coarse. */
 enum { V2V_DATA_STEP_SQUARE = 8 };
 
-/** What the last extend left of y as recorded where it is known, of squares as a whole: the root
+/** What the last extend left of y as recorded, of squares that are known as a whole: the root
  *  mean square of sums over them, over their side. Of white noise its deviation; what A x of no x
  *  explains, as of views out of register, is several times as much.
  *  @kind Collective(comm), no allocation. @return in units of y; 0: there is no whole square */

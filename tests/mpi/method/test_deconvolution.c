@@ -4,6 +4,7 @@
 #include "v2v3d/base/stop.h"
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/optics/projector.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <signal.h>
@@ -121,6 +122,30 @@ static int setup_tv_photons(void **state)
         const double photons = 8.0 * (double)(i % WIDTH) / WIDTH;
         views[i] = 0.5f * (float)v2v_random_poisson(11, 2, (uint64_t)i, photons);
     }
+    return failed;
+}
+
+/* A dead view, and dead rows and columns, which ranks share. */
+static void leave_blind(void)
+{
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const int64_t v = i / PIXELS, y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const int is_blind = v == 2 || (y >= 9 && y < 14) || (v == 0 && (x < 5 || y == HEIGHT - 1));
+        views[i] = is_blind ? V2V_BLIND : views[i];
+    }
+}
+
+static int setup_tv_blind(void **state)
+{
+    const int failed = setup_tv(state);
+    leave_blind();
+    return failed;
+}
+
+static int setup_tv_photons_blind(void **state)
+{
+    const int failed = setup_tv_photons(state);
+    leave_blind();
     return failed;
 }
 
@@ -583,6 +608,10 @@ int main(int argc, char **argv)
                                         setup_tv_fftw3_mpi, teardown),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume, setup_tv_photons,
                                         teardown),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume, setup_tv_blind,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
+                                        setup_tv_photons_blind, teardown),
         cmocka_unit_test_setup_teardown(scaled_views_give_the_scaled_volume, setup_tv_photons,
                                         teardown),
         cmocka_unit_test_setup_teardown(weights_change_the_volume, setup_tv_photons, teardown),
