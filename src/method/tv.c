@@ -23,14 +23,15 @@
  *     min over x >= 0 of
  *         1/2 |A x - y|^2 + lambda sigma sum (|(dx, dy, depth dz) x| + curvature |L x|)
  *                         + sparsity s sum x
- * with sigma the noise of the views, s what a voxel sees of it, L a Laplacian in the plane, and |.|
- * squared below a small part of sigma, by a primal-dual method (Chambolle and Pock, J. Math. Imaging Vis. 40, 120 (2011),
- * over-relaxed as Condat, J. Optim. Theory Appl. 158, 460 (2013)). With K all that has a dual, of
- * step h, a step of the volume x costs 1/2 |x - v|_P^2, P >= h K^T K (Pock and Chambolle, Proc.
- * ICCV, 1762 (2011)): what K does in the plane is a number a frequency, so that P is h K^T K itself
- * but for differences along z, and the step towards the views is taken in closed form all the same
- * (optics/data_step.h). Views and volume are in units of sigma here, so that lambda is one number
- * for all scenes. Noise of photons weighs the squares by the inverse of its variance. */
+ * with sigma the noise of the views, s what a voxel sees of it, L a Laplacian in the plane, and
+ * |.| squared below a small part of sigma, by a primal-dual method (Chambolle and Pock, J.
+ * Math. Imaging Vis. 40, 120 (2011), over-relaxed as Condat, J. Optim. Theory Appl. 158, 460
+ * (2013)). With K all that has a dual, of step h, a step of the volume x costs 1/2 |x - v|_P^2,
+ * P >= h K^T K (Pock and Chambolle, Proc. ICCV, 1762 (2011)): what K does in the plane is a
+ * number a frequency, so that P is h K^T K itself but for differences along z, and the step
+ * towards the views is taken in closed form all the same (optics/data_step.h). Views and volume
+ * are in units of sigma here, so that lambda is one number for all scenes. Noise of photons
+ * weighs the squares by the inverse of its variance. */
 
 /* Over-relaxation, below 2. */
 static const float relax = 1.8f;
