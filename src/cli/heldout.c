@@ -63,10 +63,7 @@ static enum v2v_status read(struct trial *trial, const char *input)
     V2V_TRY(v2v_recording_read(recording, trial->recorded, 0));
     v2v_scaling_apply(&scaling, trial->recorded, views * pixels);
     V2V_TRY(v2v_fusion_create(&trial->fusion, session->config.recon.neighbours, views, info->height,
-                              info->width));
-    if (trial->ops->leaves_blind) {
-        V2V_TRY(v2v_fusion_leave_blind(trial->fusion));
-    }
+                              info->width, trial->ops->leaves_blind));
     V2V_TRY(v2v_fusion_read(trial->fusion, trial->seen, recording, &scaling, 0));
     v2v_blind_take_over(trial->recorded, trial->seen, views * pixels);
     if (trial->ops->has_gain && session->config.model.homogeneous) {

@@ -29,10 +29,7 @@ enum v2v_status v2v_settle_by_frame(struct v2v_session *session,
     rc = V2V_ALLOC(views, "cli.settle", samples);
     if (rc == V2V_OK) {
         rc = v2v_fusion_create(&fusion, config->recon.neighbours, count, problem->height,
-                               problem->width);
-    }
-    if (rc == V2V_OK && ops->leaves_blind) {
-        rc = v2v_fusion_leave_blind(fusion);
+                               problem->width, ops->leaves_blind);
     }
     if (rc == V2V_OK) {
         rc = v2v_fusion_read(fusion, views, recording, scaling, frame);

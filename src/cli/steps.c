@@ -4,13 +4,12 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/io/tiff.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/optics/psf_figures.h"
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -173,7 +172,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %" PRId64 " views a frame, but the PSFs have %" PRId64,
                          path, views, psf->views));
     }
-    if (v2v_tiff_is_other_size(info->pixel_size_um, psf->pixel_size_um)) {
+    if (v2v_file_is_other_size(info->pixel_size_um, psf->pixel_size_um)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT,
                          "%s: says pixels of %g um, but the PSFs are for %g um; if they are the "
                          "same, --pixel-size %g says so",
@@ -209,7 +208,7 @@ enum v2v_status v2v_step_volume(const struct v2v_session *session, struct v2v_vo
     } sizes[] = {{"pixels of", info->pixel_size_um, psf->pixel_size_um},
                  {"slices every", info->slice_spacing_um, psf->slice_spacing_um}};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
-        if (v2v_tiff_is_other_size(sizes[i].of_volume, sizes[i].of_psf) &&
+        if (v2v_file_is_other_size(sizes[i].of_volume, sizes[i].of_psf) &&
             v2v_step_on_root(session)) {
             v2v_log(V2V_LOG_WARNING,
                     "%s: says %s %g um, but the PSFs are for %g um, which it is taken for", path,

@@ -364,10 +364,8 @@ static enum v2v_status list_frames(struct judge *self)
     if (neighbours > 0) {
         V2V_TRY(V2V_ALLOC(self->recorded, "eval.views", samples));
     }
-    V2V_TRY(v2v_fusion_create(&self->fusion, neighbours, views, info->height, info->width));
-    if (self->ops->leaves_blind) {
-        V2V_TRY(v2v_fusion_leave_blind(self->fusion));
-    }
+    V2V_TRY(v2v_fusion_create(&self->fusion, neighbours, views, info->height, info->width,
+                              self->ops->leaves_blind));
 done:
     return rc;
 }

@@ -6,6 +6,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -394,4 +395,10 @@ enum v2v_status v2v_file_close_and_commit(enum v2v_status rc, FILE *stream, cons
     }
     (void)unlink(temporary);
     return rc;
+}
+
+int v2v_file_is_other_size(double um, double of_other_um)
+{
+    const double nominal = 0.01;
+    return um > 0.0 && of_other_um > 0.0 && fabs(um - of_other_um) > nominal * of_other_um;
 }

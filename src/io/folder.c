@@ -110,15 +110,6 @@ struct number {
     int64_t step; /* to that of the second; 0: they differ otherwise */
 };
 
-static int64_t value_of(const char *digit, size_t count)
-{
-    int64_t value = 0;
-    for (size_t i = 0; i < count; i++) {
-        value = 10 * value + (digit[i] - '0');
-    }
-    return value;
-}
-
 static struct number number_between(const char *a, const char *b)
 {
     enum { MOST_DIGITS = 18 };
@@ -133,8 +124,9 @@ static struct number number_between(const char *a, const char *b)
     const size_t na = strspn(a + first, digits), nb = strspn(b + first, digits);
     if (na > 0 && na <= MOST_DIGITS && nb > 0 && nb <= MOST_DIGITS &&
         strcmp(a + first + na, b + first + nb) == 0) {
-        number = (struct number){.first = first, .digits = na, .value = value_of(a + first, na)};
-        number.step = value_of(b + first, nb) - number.value;
+        number =
+            (struct number){.first = first, .digits = na, .value = strtoll(a + first, NULL, 10)};
+        number.step = strtoll(b + first, NULL, 10) - number.value;
     }
     return number;
 }

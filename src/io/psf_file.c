@@ -8,6 +8,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/file.h"
 #include <dirent.h>
 #include <limits.h>
 #include <stdio.h>
@@ -132,7 +133,7 @@ static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, in
                          (long long)info->width, (long long)file->slices, (long long)file->height,
                          (long long)file->width));
     }
-    if (v2v_tiff_is_other_size(info->pixel_size_um, file->pixel_size_um)) {
+    if (v2v_file_is_other_size(info->pixel_size_um, file->pixel_size_um)) {
         v2v_log(V2V_LOG_WARNING, "%s: says pixels of %.6g um, but psf_1.tif of %.6g, which counts",
                 path, info->pixel_size_um, file->pixel_size_um);
     }

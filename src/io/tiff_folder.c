@@ -1,6 +1,7 @@
 #include "io/tiff_folder.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
 
 /* Far below what a process may have open (1024, usually), and above the views of a frame. */
@@ -60,7 +61,7 @@ static enum v2v_status check_alike(const struct v2v_tiff_folder *folder, const c
 static void look_at_pixels(struct v2v_tiff_folder *folder, int64_t file, double pixel_size_um)
 {
     if (folder->other_pixels == 0 &&
-        v2v_tiff_is_other_size(pixel_size_um, folder->info.pixel_size_um)) {
+        v2v_file_is_other_size(pixel_size_um, folder->info.pixel_size_um)) {
         folder->other_pixels = file;
         folder->other_pixel_size_um = pixel_size_um;
     }

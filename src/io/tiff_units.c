@@ -1,6 +1,5 @@
 #include "io/tiff_internal.h"
 
-#include <math.h>
 #include <strings.h>
 
 struct unit {
@@ -71,10 +70,4 @@ double v2v_tiff_length_um(const char *unit)
 double v2v_tiff_seconds(const char *unit)
 {
     return unit_factor(times, sizeof times / sizeof *times, unit);
-}
-
-int v2v_tiff_is_other_size(double um, double of_other_um)
-{
-    const double nominal = 0.01;
-    return um > 0.0 && of_other_um > 0.0 && fabs(um - of_other_um) > nominal * of_other_um;
 }

@@ -94,7 +94,7 @@ static double gaussian(float *taps, int reach, double sigma)
 }
 
 enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours, int64_t views,
-                                  int64_t height, int64_t width)
+                                  int64_t height, int64_t width, int leaves_blind)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_fusion *made = NULL;
@@ -124,17 +124,14 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
         V2V_TRY(V2V_ALLOC(made->padded, "method.fusion", v2v_mem_product(height, made->pitch, 1)));
         V2V_TRY(V2V_ALLOC(made->image, "method.fusion", v2v_mem_product(height, width, 1)));
     }
+    if (leaves_blind) {
+        V2V_TRY(V2V_ALLOC(made->blind, "method.fusion", samples));
+    }
     *fusion = made;
     made = NULL;
 done:
     v2v_fusion_destroy(&made);
     return rc;
-}
-
-enum v2v_status v2v_fusion_leave_blind(struct v2v_fusion *fusion)
-{
-    return V2V_ALLOC(fusion->blind, "method.fusion",
-                     v2v_mem_product(fusion->views, fusion->height, fusion->width));
 }
 
 void v2v_fusion_destroy(struct v2v_fusion **fusion)
@@ -320,12 +317,19 @@ static void take_noise(struct v2v_fusion *fusion, const float *views, const floa
     }
 }
 
+/* Of the views of a frame, finite. @return how many are blind and not to be seen */
+static int64_t find_blind(struct v2v_fusion *fusion, const float *views)
+{
+    return fusion->blind == NULL
+               ? 0
+               : v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width);
+}
+
 /* The views of a frame, finite, but for blind samples; those behind it until others are aligned. */
 static const float *leave_blind(struct v2v_fusion *fusion, const float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
-    if (fusion->blind == NULL ||
-        v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width) == 0) {
+    if (find_blind(fusion, views) == 0) {
         return views;
     }
     v2v_bulk_copy(fusion->moved, views, samples);
@@ -517,9 +521,7 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     V2V_TRY(v2v_recording_read(recording, views, t));
     v2v_scaling_apply(scaling, views, samples);
     if (before + after == 0) {
-        if (fusion->blind != NULL && v2v_first_not_finite(views, samples) < 0 &&
-            v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width) >
-                0) {
+        if (v2v_first_not_finite(views, samples) < 0 && find_blind(fusion, views) > 0) {
             v2v_blind_leave(views, fusion->blind, samples);
         }
         goto done;

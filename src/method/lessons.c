@@ -75,7 +75,7 @@ static enum v2v_status plan(struct v2v_lessons *self, int64_t height, int64_t wi
     free_plan(self);
     V2V_TRY(v2v_features_create(&self->features, &problem));
     V2V_TRY(v2v_fusion_create(&self->fusion, self->config->recon.neighbours, psf->views, height,
-                              width));
+                              width, 0));
     const struct v2v_torus torus = v2v_features_torus(self->features);
     const int64_t voxels = v2v_mem_product(psf->slices, torus.height, torus.width);
     V2V_TRY(V2V_ALLOC(self->views, "lessons.views", v2v_mem_product(psf->views, height, width)));

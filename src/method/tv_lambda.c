@@ -84,7 +84,7 @@ struct chooser {
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
     int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    double usual;                /* of the variation, what parts of it are tried with sparsity */
+    double best_alone;           /* weight, without sparsity; of it parts are tried with it */
     double missed[FOLDS][TRIED]; /* sums of the squares; < 0: not tried */
     int64_t judged;              /* samples of the views that a fold leaves out */
     float *samples; /* [fold,weight,judged]: by how much they are missed; 0 where not tried */
@@ -134,7 +134,7 @@ static void set_weights(struct v2v_estimator *estimator, const struct chooser *s
         v2v_tv_set_weights(estimator, weight_of(index), self->config.deconv.sparsity.value);
         estimator->most_iterations = ITERATIONS;
     } else {
-        v2v_tv_set_weights(estimator, self->usual * sparse_part[index - WEIGHTS], sparsity);
+        v2v_tv_set_weights(estimator, self->best_alone * sparse_part[index - WEIGHTS], sparsity);
         estimator->most_iterations = SPARSE_ITERATIONS;
     }
 }
@@ -336,13 +336,13 @@ static enum v2v_status choose_sparse(struct weights *chosen, struct chooser *sel
     if (self->config.deconv.sparsity.mode == V2V_NUMBER_GIVEN) {
         return V2V_OK;
     }
-    self->usual = weight_of(best);
+    self->best_alone = weight_of(best);
     V2V_TRY(run_trials(self, trials, SPARSE));
     const int sparse = WEIGHTS + (self->missed[0][WEIGHTS + 1] < self->missed[0][WEIGHTS]);
     if (better_by(self, sparse, best, 1) > sure_of_sparse) {
         V2V_TRY(try_weight(self, sparse));
         if (better_by(self, sparse, best, FOLDS) > sure_of_sparse) {
-            *chosen = (struct weights){self->usual * sparse_part[sparse - WEIGHTS], sparsity};
+            *chosen = (struct weights){self->best_alone * sparse_part[sparse - WEIGHTS], sparsity};
         }
     }
 done:

@@ -21,11 +21,10 @@ struct v2v_torus_views {
     int64_t views, height, width; /* of a frame */
     struct v2v_torus torus;
     struct v2v_part known_rows, known_columns; /* of the torus */
-    const float
-        *frame;      /* [v,height,width]: as taken, borrowed where samples are blind; else NULL */
-    float *recorded; /* [v,rows,torus width]: y */
-    float *missed;   /* likewise: y - A x */
-    float *around;   /* likewise: views of light that isn't in x; NULL: weights have no room */
+    const float *frame; /* [v,height,width]: as taken, lent; NULL: none of it is blind */
+    float *recorded;    /* [v,rows,torus width]: y */
+    float *missed;      /* likewise: y - A x */
+    float *around;      /* likewise: views of light that isn't in x; NULL: weights have no room */
     struct v2v_view_weights weights;
 };
 

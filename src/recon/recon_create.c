@@ -107,11 +107,8 @@ static enum v2v_status take_memory(struct v2v_recon *recon, int64_t neighbours)
     recon->first_row = rows_of(recon, rank).first;
     recon->rows = rows_of(recon, rank).count;
     recon->own_rows = own_rows(recon, rank).count;
-    V2V_TRY(
-        v2v_fusion_create(&recon->fusion, neighbours, recon->views, recon->height, recon->width));
-    if (estimator->ops->leaves_blind) {
-        V2V_TRY(v2v_fusion_leave_blind(recon->fusion));
-    }
+    V2V_TRY(v2v_fusion_create(&recon->fusion, neighbours, recon->views, recon->height, recon->width,
+                              estimator->ops->leaves_blind));
     V2V_TRY(V2V_ALLOC(recon->recorded, "recon.views",
                       v2v_mem_product(recon->views, recon->height, recon->width)));
     V2V_TRY(V2V_ALLOC(recon->padded, "recon.views",
@@ -147,10 +144,7 @@ static enum v2v_status equip(struct v2v_recon *recon, const struct v2v_estimator
     }
     if (rc == V2V_OK && is_still && neighbours < NEIGHBOURS_OF_KEY) {
         rc = v2v_fusion_create(&recon->of_key, NEIGHBOURS_OF_KEY, recon->views, recon->height,
-                               recon->width);
-        if (rc == V2V_OK && ops->leaves_blind) {
-            rc = v2v_fusion_leave_blind(recon->of_key);
-        }
+                               recon->width, ops->leaves_blind);
     }
     V2V_TRY(v2v_par_agree(recon->grid.shard, rc));
     if (recon->outputs > 1) {

@@ -51,6 +51,10 @@ enum v2v_file_kind v2v_file_kind_of_name(const char *path);
 /** Has it to be opened as HDF5? By its first bytes, else by its name. @kind Local. */
 int v2v_file_is_hdf5(const char *path);
 
+/** Is a size stated that is another than that of another file, by more than 1 %: they are stated
+ *  with two digits, often? Not where one is none (0). @kind Local. */
+int v2v_file_is_other_size(double um, double of_other_um);
+
 /** What an HDF5 file has, as a message says it: "has /a, /b/c and 5 more", of its datasets a few.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (it cannot be opened: why) */
 enum v2v_status v2v_file_hdf5_names(char *text, size_t bytes, const char *path) V2V_MUST_CHECK;

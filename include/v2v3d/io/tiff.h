@@ -60,10 +60,6 @@ enum v2v_status v2v_tiff_read(struct v2v_tiff *tiff, float *out, int64_t first,
                               int64_t count) V2V_MUST_CHECK;
 void v2v_tiff_close(struct v2v_tiff **tiff);
 
-/** Is a size stated that is another than that of another file, by more than 1 %: they are stated
- *  with two digits, often? Not where one is none (0). @kind Local. */
-int v2v_tiff_is_other_size(double um, double of_other_um);
-
 /** Does the name end in .ome.tif or .ome.tiff? @kind Local. */
 int v2v_tiff_is_ome_name(const char *path);
 

@@ -20,12 +20,11 @@ int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int
 
 /** @kind  Local
  *  @param neighbours frames on either side; 0: frames stay as they are
+ *  @param leaves_blind bool: the frame's blind samples are V2V_BLIND in what _end and _read give,
+ *         and tell nothing of its noise (tensor/blind.h)
  *  @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours, int64_t views,
-                                  int64_t height, int64_t width) V2V_MUST_CHECK;
-/** From here on the frame's blind samples are V2V_BLIND in what _end and _read give, and tell
- *  nothing of its noise (tensor/blind.h). @kind Local. @return V2V_OK | V2V_E_MEMORY */
-enum v2v_status v2v_fusion_leave_blind(struct v2v_fusion *fusion) V2V_MUST_CHECK;
+                                  int64_t height, int64_t width, int leaves_blind) V2V_MUST_CHECK;
 /** Accepts NULL; nulls the pointer. @kind Local. */
 void v2v_fusion_destroy(struct v2v_fusion **fusion);
 

@@ -105,7 +105,7 @@ static void fuse(float *views, float (*from)[SAMPLES], int64_t t)
     struct v2v_fusion *fusion = NULL;
     memcpy(views, from[t], sizeof from[t]);
     if (neighbours > 0) {
-        assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH));
+        assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, 0));
         v2v_fusion_begin(fusion, from[t]);
         const int64_t all = 2 * neighbours + 1 < FRAMES ? 2 * neighbours + 1 : FRAMES;
         const int64_t middle = t - neighbours > 0 ? t - neighbours : 0;

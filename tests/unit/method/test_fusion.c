@@ -42,7 +42,7 @@ static void make_frames(double brightness)
 static void fuse_frames(float *to, float (*of)[SAMPLES], int count, int is_aligned)
 {
     struct v2v_fusion *fusion = NULL;
-    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH));
+    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH, 0));
     v2v_fusion_begin(fusion, of[0]);
     for (int u = 1; u <= count; u++) {
         v2v_fusion_add(fusion, of[0], is_aligned ? v2v_fusion_align(fusion, of[0], of[u]) : of[u]);
@@ -456,7 +456,7 @@ static void samples_say_how_many_frames_they_are_of(void **state)
     struct v2v_fusion *fusion = NULL;
     double squares = 0.0, expected = 0.0, count = 0.0;
     make_frames(20.0 * noise);
-    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH));
+    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH, 0));
     assert_null(v2v_fusion_averaging(fusion));
     v2v_fusion_begin(fusion, frames[0]);
     for (int u = 1; u < FRAMES; u++) {
@@ -615,7 +615,7 @@ static void frames_too_small_for_noise_stay_as_they_are(void **state)
     const float t[3] = {1.0f, 2.0f, 4.0f}, u[3] = {5.0f, 6.0f, 7.0f};
     float to[3];
     struct v2v_fusion *fusion = NULL;
-    assert_ok(v2v_fusion_create(&fusion, 2, 1, 1, 3));
+    assert_ok(v2v_fusion_create(&fusion, 2, 1, 1, 3, 0));
     v2v_fusion_begin(fusion, t);
     v2v_fusion_add(fusion, t, v2v_fusion_align(fusion, t, u));
     v2v_fusion_end(fusion, to);
@@ -631,7 +631,7 @@ static void read_frame(float *to, struct v2v_recording *recording, int64_t neigh
 {
     struct v2v_fusion *fusion = NULL;
     const size_t held = v2v_mem_held();
-    assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH));
+    assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, 0));
     const int64_t taken = (int64_t)(v2v_mem_held() - held);
     const int64_t planned = 4 * v2v_fusion_floats(neighbours, VIEWS, HEIGHT, WIDTH);
     assert_true(taken >= planned && taken < planned + 4096); /* and the object itself */

@@ -146,10 +146,7 @@ static void averaged_frames_keep_the_mark(void **state)
             is_dead ? 0.0f : views[i] + 0.01f * (float)v2v_random_normal(5, 3, (uint64_t)i);
     }
     for (int is_left = 0; is_left < 2; is_left++) {
-        assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, SIDE, SIDE));
-        if (is_left) {
-            assert_ok(v2v_fusion_leave_blind(fusion));
-        }
+        assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, SIDE, SIDE, is_left));
         memcpy(volume, masked, sizeof masked);
         v2v_fusion_begin(fusion, masked);
         v2v_fusion_add(fusion, masked, v2v_fusion_align(fusion, masked, neighbour));
