@@ -292,11 +292,12 @@ static void report_skipped(const struct work *work)
     }
 }
 
-/* Once everything else is done and its memory given back. Collective. */
+/* Once everything else is done. Collective. */
 static void report_quality(struct work *work, const struct v2v_session *session)
 {
     const struct v2v_volumes_made made = {.output = work->given->output,
                                           .ops = work->ops,
+                                          .recon = &work->recon,
                                           .psf = work->psf,
                                           .recording = work->recording,
                                           .scaling = &work->scaling,
@@ -304,7 +305,6 @@ static void report_quality(struct work *work, const struct v2v_session *session)
                                           .first = work->frames.first};
     if (!work->given->common.quiet) {
         v2v_recon_misfits(work->recon, work->misfit);
-        v2v_recon_destroy(&work->recon);
         v2v_volumes_report_quality(&made, session);
     }
 }

@@ -14,7 +14,8 @@
 
 /* What a frame of the volumes and its views have in common. */
 struct found {
-    float *recorded;                  /* [v,y,x], less the offset */
+    float *projected;                 /* [v,y,x]: what the volume gives */
+    float *recorded;                  /* likewise, less the offset */
     uint8_t *blind;                   /* likewise: 1 where nothing is seen; NULL: not looked for */
     float *seen;                      /* as recorded, but for those; NULL: there are none */
     struct v2v_match match, *of_view; /* [v] */
@@ -73,44 +74,104 @@ static void tell_of_blind(const struct found *found, const struct v2v_recording_
     }
 }
 
+/* May the method make views of a volume, with room beside it on all ranks for two sets of them?
+ * Else its memory is given back. Collective. */
+static void keep_method(const struct v2v_volumes_made *made, int64_t samples,
+                        const struct v2v_session *session)
+{
+    const size_t wanted = 2 * (size_t)v2v_mem_bytes(samples, 0);
+    int64_t is_short = made->ops->project == NULL || v2v_mem_room() < wanted;
+    v2v_par_max_i64(session->world, &is_short, 1);
+    if (is_short) {
+        v2v_recon_destroy(made->recon);
+    }
+}
+
+/* The shown frame's views, by ranks that share its slices. Collective. */
+static enum v2v_status project_slices(struct found *found, struct v2v_volume *volume,
+                                      const struct v2v_volumes_made *made,
+                                      const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const struct v2v_psf_file *psf = made->psf;
+    const int by_mean = made->ops->has_gain && session->config.psf.reduce == V2V_REDUCE_MEAN;
+    const struct v2v_part mine =
+        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    float *slices = NULL;
+    rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, info->height, info->width));
+    if (rc == V2V_OK) {
+        rc = v2v_volume_read(volume, slices, found->shown, mine.first, mine.count);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_match_project(found->projected, psf, slices, info->height, info->width,
+                              by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
+done:
+    v2v_mem_free(slices);
+    return rc;
+}
+
+/* The shown frame's views, by the method where it is kept. Collective. */
+static enum v2v_status project(struct found *found, const struct v2v_volumes_made *made,
+                               const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const struct v2v_input_settings input = {.slices = made->psf->slices};
+    const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
+    struct v2v_volume *volume = NULL;
+    V2V_TRY(v2v_par_agree(session->world, V2V_ALLOC(found->projected, "cli.quality", samples)));
+    V2V_TRY(v2v_volume_open(&volume, made->output, &input, session->world));
+    if (*made->recon != NULL) {
+        V2V_TRY(v2v_recon_project(*made->recon, found->projected, volume, found->shown));
+        v2v_recon_destroy(made->recon);
+    } else {
+        V2V_TRY(project_slices(found, volume, made, session));
+    }
+done:
+    v2v_volume_close(&volume);
+    return rc;
+}
+
+/* The shown frame's views, as recorded. Local. */
+static enum v2v_status read_views(struct found *found, const struct v2v_volumes_made *made)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
+    struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
+    V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
+    V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
+    V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality", samples));
+    V2V_TRY(v2v_recording_read(made->recording, found->recorded, found->shown));
+    found->saturated = (double)v2v_saturated_pixels(found->recorded, samples) / (double)samples;
+    offset.gain = 1.0;
+    v2v_scaling_apply(&offset, found->recorded, samples);
+    V2V_TRY(leave_blind(found, made));
+done:
+    return rc;
+}
+
 /* How the first frame that shows something meets its views. Collective. */
 static enum v2v_status match_frame(struct found *found, const struct v2v_volumes_made *made,
                                    const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_psf_file *psf = made->psf;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
-    const int64_t height = info->height, width = info->width;
-    const int64_t samples = v2v_mem_product(psf->views, height, width);
-    const int by_mean = made->ops->has_gain && session->config.psf.reduce == V2V_REDUCE_MEAN;
-    const struct v2v_part mine =
-        v2v_par_part(psf->slices, v2v_comm_size(session->world), v2v_comm_rank(session->world));
-    struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
-    struct v2v_volume *volume = NULL;
-    float *const views = found->recorded, *slices = NULL;
-    V2V_TRY(v2v_volume_open(&volume, made->output,
-                            &(struct v2v_input_settings){.slices = psf->slices}, session->world));
-    rc = V2V_ALLOC(slices, "cli.quality", v2v_mem_product(mine.count, height, width));
-    V2V_TRY(v2v_par_agree(session->world, rc));
+    keep_method(made, v2v_mem_product(found->views, info->height, info->width), session);
     V2V_TRY(v2v_first_seen(&found->shown, &found->is_seen, made->recording, made->scaling,
                            session->world));
     found->shown = found->is_seen ? found->shown : 0;
     found->frame = made->first + found->shown;
-    rc = v2v_recording_read(made->recording, views, found->shown);
+    V2V_TRY(project(found, made, session));
+    rc = read_views(found, made);
     if (rc == V2V_OK) {
-        rc = v2v_volume_read(volume, slices, found->shown, mine.first, mine.count);
+        float *views = found->seen != NULL ? found->seen : found->recorded;
+        rc = v2v_match_frame(&found->match, found->of_view, found->displaced, views,
+                             found->projected, found->views, info->height, info->width);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
-    found->saturated = (double)v2v_saturated_pixels(views, samples) / (double)samples;
-    offset.gain = 1.0;
-    v2v_scaling_apply(&offset, views, samples);
-    V2V_TRY(v2v_par_agree(session->world, leave_blind(found, made)));
-    V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, psf, slices,
-                            found->seen != NULL ? found->seen : views, height, width,
-                            by_mean ? 1.0f / (float)psf->slices : 1.0f, session->world));
 done:
-    v2v_mem_free(slices);
-    v2v_volume_close(&volume);
     return rc;
 }
 
@@ -258,23 +319,11 @@ static void warn_of_darkness(const struct found *found, const struct v2v_recordi
     }
 }
 
-static enum v2v_status take_memory(struct found *found, const struct v2v_recording_info *info)
-{
-    enum v2v_status rc = V2V_OK;
-    V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
-    V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
-    V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality",
-                      v2v_mem_product(found->views, info->height, info->width)));
-done:
-    return rc;
-}
-
 /* Collective. */
 static enum v2v_status report(struct found *found, const struct v2v_volumes_made *made,
                               const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_par_agree(session->world, take_memory(found, v2v_recording_info(made->recording))));
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
         tell_of_blind(found, v2v_recording_info(made->recording));
@@ -304,6 +353,7 @@ void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
     v2v_mem_free(found.seen);
     v2v_mem_free(found.blind);
     v2v_mem_free(found.recorded);
+    v2v_mem_free(found.projected);
     v2v_mem_free(found.displaced);
     v2v_mem_free(found.of_view);
 }

@@ -6,12 +6,13 @@
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/io/recording.h"
 #include "v2v3d/io/scaling.h"
-#include "v2v3d/method/estimator.h"
+#include "v2v3d/recon/recon.h"
 
 /** Finished volumes and what they were made of; everything is borrowed. */
 struct v2v_volumes_made {
     const char *output;
     const struct v2v_estimator_ops *ops;
+    struct v2v_recon **recon;        /**< that made them; its memory is given back */
     const struct v2v_psf_file *psf;  /**< calibrated */
     struct v2v_recording *recording; /**< cut to the volumes' frames */
     const struct v2v_scaling *scaling;

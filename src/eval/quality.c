@@ -188,25 +188,29 @@ done:
 }
 
 enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
-                                double *displaced, const struct v2v_psf_file *psf,
-                                const float *slices, float *views, int64_t height, int64_t width,
-                                float scale, const struct v2v_comm *comm)
+                                double *displaced, float *views, float *projected, int64_t count,
+                                int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t count = psf->views, pixels = height * width;
-    struct v2v_grouped *grouped = NULL;
-    float *images = NULL, *scratch = NULL;
+    float *scratch = NULL;
     *match = (struct v2v_match){0};
-    rc = V2V_ALLOC(images, "eval.views", v2v_mem_product(count + 1, pixels, 1));
-    V2V_TRY(v2v_par_agree(comm, rc));
-    scratch = images + count * pixels;
+    V2V_TRY(V2V_ALLOC(scratch, "eval.views", v2v_mem_product(height, width, 1)));
+    *match = v2v_match_views(of_view, scratch, views, projected, count, height, width);
+    V2V_TRY(find_displaced(displaced, match, views, projected, count, height, width));
+done:
+    v2v_mem_free(scratch);
+    return rc;
+}
+
+enum v2v_status v2v_match_project(float *projected, const struct v2v_psf_file *psf,
+                                  const float *slices, int64_t height, int64_t width, float scale,
+                                  const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_grouped *grouped = NULL;
     V2V_TRY(v2v_grouped_create(&grouped, psf, height, width, V2V_SPLIT_SLICES, most_bytes, comm));
-    V2V_TRY(v2v_grouped_forward(grouped, images, slices, scale));
-    *match = v2v_match_views(of_view, scratch, views, images, count, height, width);
-    rc = find_displaced(displaced, match, views, images, count, height, width);
-    V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(v2v_grouped_forward(grouped, projected, slices, scale));
 done:
     v2v_grouped_destroy(&grouped);
-    v2v_mem_free(images);
     return rc;
 }

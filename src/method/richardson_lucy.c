@@ -388,3 +388,19 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
 done:
     return rc;
 }
+
+/* Rows of all views come side by side, and go to their places from the last view on. */
+void v2v_richardson_lucy_project(struct v2v_estimator *estimator, float *views, const float *volume)
+{
+    struct v2v_richardson_lucy *self = estimator->self;
+    const struct v2v_part rows = self->share.view_rows;
+    const int64_t pixels = self->height * self->width, own = rows.count * self->width;
+    v2v_projector_from_slices(self->projector, self->numerator, volume);
+    v2v_projector_forward(self->projector, views, self->numerator, NULL, self->views, 1.0f);
+    for (int64_t v = self->views - 1; v >= 0 && own < pixels; v--) {
+        float *view = views + v * pixels, *to = view + rows.first * self->width;
+        memmove(to, views + v * own, (size_t)own * sizeof *views);
+        memset(view, 0, (size_t)(to - view) * sizeof *views);
+        memset(to + own, 0, (size_t)(view + pixels - (to + own)) * sizeof *views);
+    }
+}

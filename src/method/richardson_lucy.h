@@ -69,9 +69,13 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator);
 enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *const *volume,
                                         const float *views, const struct v2v_monitor *monitor);
 
+void v2v_richardson_lucy_project(struct v2v_estimator *estimator, float *views,
+                                 const float *volume);
+
 #define V2V_RICHARDSON_LUCY_OPS                                                                    \
     .describe_work = v2v_richardson_lucy_describe_work, .create = v2v_richardson_lucy_create,      \
-    .destroy = v2v_richardson_lucy_destroy, .run = v2v_richardson_lucy_run
+    .destroy = v2v_richardson_lucy_destroy, .run = v2v_richardson_lucy_run,                        \
+    .project = v2v_richardson_lucy_project
 
 /** Pixels of a view that this rank holds. @kind Local. */
 static inline int64_t v2v_richardson_lucy_pixels(const struct v2v_richardson_lucy *self)

@@ -523,6 +523,33 @@ static void whole_light(struct v2v_estimator *whole, float *volume, float *views
     v2v_data_step_gather(self->step, views, self->scratch, self->views);
 }
 
+/** This rank's rows of the frame. Collective(comm). */
+static void project(struct v2v_estimator *estimator, float *views, const float *volume)
+{
+    struct tv *self = estimator->self;
+    const struct v2v_torus *torus = &self->torus;
+    const int64_t rows = self->rows.count, width = self->width;
+    v2v_slicing_to_rows(self->slicing, self->cut, volume);
+#pragma omp parallel for schedule(static)
+    for (int64_t z = 0; z < self->slices; z++) {
+        float *plane = self->planes.volume + z * torus->rows.count * torus->width;
+        memset(plane, 0, (size_t)(torus->rows.count * torus->width) * sizeof *plane);
+        for (int64_t y = 0; y < rows; y++) {
+            memcpy(plane + y * torus->width, self->cut + (z * rows + y) * width,
+                   (size_t)width * sizeof *plane);
+        }
+    }
+    v2v_data_step_project(self->step, self->scratch, self->planes.volume);
+    memset(views, 0, (size_t)(self->views * self->height * width) * sizeof *views);
+    for (int64_t v = 0; v < self->views; v++) {
+        for (int64_t y = 0; y < rows; y++) {
+            memcpy(views + (v * self->height + self->rows.first + y) * width,
+                   self->scratch + (v * torus->rows.count + y) * torus->width,
+                   (size_t)width * sizeof *views);
+        }
+    }
+}
+
 static void inherit(struct v2v_estimator *window, const struct v2v_estimator *whole)
 {
     const struct tv *of_frame = whole->self;
@@ -546,4 +573,5 @@ const struct v2v_estimator_ops v2v_estimator_tv = {
     .measure = measure_frame,
     .inherit = inherit,
     .whole_light = whole_light,
+    .project = project,
 };

@@ -168,6 +168,12 @@ static void whole_light(struct v2v_estimator *whole, float *volume, float *views
     tv->ops->whole_light(tv, volume, views);
 }
 
+static void project(struct v2v_estimator *estimator, float *views, const float *volume)
+{
+    struct v2v_estimator *tv = v2v_features_tv(((struct unrolled *)estimator->self)->features);
+    tv->ops->project(tv, views, volume);
+}
+
 static const char *const keys[] = {"recon.strength", "recon.precision", V2V_TV_KEYS, NULL};
 
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
@@ -183,4 +189,5 @@ const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .measure = measure,
     .inherit = inherit,
     .whole_light = whole_light,
+    .project = project,
 };

@@ -360,6 +360,30 @@ void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit)
                     frames * (int64_t)(sizeof *misfit / sizeof misfit->missed));
 }
 
+/* By the ranks of one frame: others hold the same. */
+enum v2v_status v2v_recon_project(struct v2v_recon *recon, float *views, struct v2v_volume *volumes,
+                                  int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_estimator *estimator = recon->estimator;
+    const struct v2v_grid *grid = &recon->grid;
+    const int is_mine = !grid->idle && grid->data_rank == 0;
+    const int64_t samples = v2v_mem_product(recon->views, recon->height, recon->width);
+    if (is_mine) {
+        rc = v2v_volume_read(volumes, recon->output[0], t, estimator->slices.first,
+                             estimator->slices.count);
+    }
+    V2V_TRY(v2v_par_agree(grid->world, rc));
+    if (is_mine) {
+        estimator->ops->project(estimator, views, recon->output[0]);
+    } else {
+        memset(views, 0, (size_t)samples * sizeof *views);
+    }
+    v2v_par_sum_f32(grid->world, views, samples);
+done:
+    return rc;
+}
+
 double v2v_recon_computed_part(const struct v2v_recon *recon)
 {
     double parts[2] = {recon->parts[0], recon->parts[1]};

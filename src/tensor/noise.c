@@ -5,6 +5,7 @@
 #include "v2v3d/tensor/blind.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Of a line of noise: its points are means of levels; the weighted fit is repeated; variances below
  * this part of their mean weigh as that. */
@@ -116,9 +117,19 @@ static struct v2v_noise_line fit_noise(const struct noise_level levels[NOISE_LEV
 struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t count, int64_t height,
                                                int64_t width, double most)
 {
+    enum { TOGETHER = 16 };
     struct noise_level levels[NOISE_LEVELS] = {0}, all = {0};
-    for (int64_t i = 0; i < count; i++) {
-        sort_noise(levels, images + i * height * width, height, width, most);
+    struct noise_level of_image[TOGETHER][NOISE_LEVELS];
+    for (int64_t first = 0; first < count; first += TOGETHER) {
+        const int64_t some = v2v_smaller(TOGETHER, count - first);
+        memset(of_image, 0, sizeof of_image);
+#pragma omp parallel for schedule(dynamic)
+        for (int64_t i = 0; i < some; i++) {
+            sort_noise(of_image[i], images + (first + i) * height * width, height, width, most);
+        }
+        for (int64_t i = 0; i < some * NOISE_LEVELS; i++) { /* one order for any threads */
+            add_level(&levels[i % NOISE_LEVELS], &of_image[i / NOISE_LEVELS][i % NOISE_LEVELS]);
+        }
     }
     for (int i = 0; i < NOISE_LEVELS; i++) {
         add_level(&all, &levels[i]);
@@ -146,10 +157,10 @@ double v2v_noise_of_images(float *scratch, const float *images, int64_t count, i
             const float *here = images + (i * height + y) * width, *below = here + width;
             float *to = scratch + i * inside + y * (width - 1);
             for (int64_t x = 0; x < width - 1; x++) {
-                const float least =
-                    fminf(fminf(here[x], here[x + 1]), fminf(below[x], below[x + 1]));
                 const float difference = fabsf((here[x] - here[x + 1]) - (below[x] - below[x + 1]));
-                to[x] = least > V2V_BLIND ? difference : V2V_BLIND;
+                const int is_seen = (here[x] != V2V_BLIND) & (here[x + 1] != V2V_BLIND) &
+                                    (below[x] != V2V_BLIND) & (below[x + 1] != V2V_BLIND);
+                to[x] = is_seen ? difference : V2V_BLIND;
             }
         }
     }

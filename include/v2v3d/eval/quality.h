@@ -59,22 +59,28 @@ int64_t v2v_saturated_pixels(const float *views, int64_t count);
 /** Mean of x[0], x[stride] .. that are not NaN; NaN when none is. @kind Local. */
 double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
 
-/** The match of one frame, all views, as many at a time as have half a gigabyte of OTFs over all
- *  ranks, or half of what a memory limit leaves a rank, or one: nothing is kept.
- *  @kind   Collective(comm)
- *  @param  of_view [v] out: of each view; match: of all
- *  @param  displaced [v] out: pixels that each view lies from its projection, where 0.03 of the
+/** The match of one frame.
+ *  @kind   Local
+ *  @param  of_view [count] out: of each view; match: of all
+ *  @param  displaced [count] out: pixels that each view lies from its projection, where 0.03 of the
  *          structure or more is missed; NaN where not, or where there is no telling
- *  @param  slices [v2v_par_part(Z, ranks, rank),y,x] of the volume @param views [v,y,x], whole;
- *          0 on return where samples were blind
- *  @param  scale of the projection: 1, or 1/Z for the mean over z
+ *  @param  views, projected [count,y,x]; both 0 on return where samples were blind
+ *  @return V2V_OK | V2V_E_MEMORY */
+enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
+                                double *displaced, float *views, float *projected, int64_t count,
+                                int64_t height, int64_t width) V2V_MUST_CHECK;
+
+/** Views of a volume, for once: as many at a time as have half a gigabyte of OTFs over all ranks,
+ *  or half of what a memory limit leaves a rank, or one; nothing is kept.
+ *  @kind   Collective(comm)
+ *  @param  projected [v,y,x] out, whole @param slices [v2v_par_part(Z, ranks, rank),y,x]
+ *  @param  scale 1, or 1/Z for the mean over z
  *  @return V2V_OK | V2V_E_MEMORY; agreed
  *  @cost   V * Z transforms of PSFs, Z of slices for as many views as go together, and V inverse,
  *          over all ranks */
-enum v2v_status v2v_match_frame(struct v2v_match *match, struct v2v_match *of_view,
-                                double *displaced, const struct v2v_psf_file *psf,
-                                const float *slices, float *views, int64_t height, int64_t width,
-                                float scale, const struct v2v_comm *comm) V2V_MUST_CHECK;
+enum v2v_status v2v_match_project(float *projected, const struct v2v_psf_file *psf,
+                                  const float *slices, int64_t height, int64_t width, float scale,
+                                  const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 #ifdef __cplusplus
 }

@@ -165,6 +165,10 @@ struct v2v_estimator_ops {
      *  @kind Collective(shard), no allocation. @param volume [slices,torus] out
      *  @param views [v,torus] out; of both, all on every rank */
     void (*whole_light)(struct v2v_estimator *whole, float *volume, float *views);
+    /** views [v,y,x] that a volume gives, with nothing beyond the frame, by what runs hold of the
+     *  PSFs: the sum over the shard, each rank some rows of it and zeros. NULL: they hold nothing.
+     *  @kind Collective(shard), no allocation. @param volume [slices,y,x] of this rank */
+    void (*project)(struct v2v_estimator *estimator, float *views, const float *volume);
 };
 
 /** How many there are, and one of them, 0 .. count-1. @kind Local. */

@@ -63,6 +63,12 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
  *  @kind Collective(world). @param misfit [the recording's frames] out */
 void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit);
 
+/** The views [v,y,x] that a finished volume gives by itself, from frame t of the file, by what the
+ *  method holds of the PSFs; whole on every rank. Only where its ops `project`.
+ *  @kind Collective(world). @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_recon_project(struct v2v_recon *recon, float *views, struct v2v_volume *volumes,
+                                  int64_t t) V2V_MUST_CHECK;
+
 /** Mean over the frames of the part of the work that was done. @kind Collective(world) */
 double v2v_recon_computed_part(const struct v2v_recon *recon);
 

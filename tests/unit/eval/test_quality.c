@@ -36,6 +36,18 @@ static void project(float *views, const float *volume, const struct v2v_psf_file
     v2v_projector_destroy(&projector);
 }
 
+/* Of the views that a volume gives, times `scale`. */
+static enum v2v_status match_volume(struct v2v_match *match, const struct v2v_psf_file *psf,
+                                    const float *volume, float *views, float scale)
+{
+    static float projected[SAMPLES];
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(v2v_match_project(projected, psf, volume, HEIGHT, WIDTH, scale, NULL));
+    V2V_TRY(v2v_match_frame(match, of_view, displaced, views, projected, VIEWS, HEIGHT, WIDTH));
+done:
+    return rc;
+}
+
 static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
 {
     (void)state;
@@ -45,8 +57,7 @@ static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
     double light = 0.0, recorded = 0.0;
     fill_inside(volume);
     project(views, volume, &psf);
-    assert_ok(v2v_match_frame(&match, of_view, displaced, &psf, volume, views, HEIGHT, WIDTH, 1.0f,
-                              NULL));
+    assert_ok(match_volume(&match, &psf, volume, views, 1.0f));
     /* one view's transforms or all: at most float32's rounding of a few additions; the square of
      * what is missed is a difference of sums in double precision */
     assert_true(v2v_match_residual(&match, 1.0) < 10 * EPS);
@@ -64,8 +75,7 @@ static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
         }
     }
     assert_true(fabs(recorded / light - 1.0) < test_rounding(KERNEL_HEIGHT * KERNEL_WIDTH));
-    assert_ok(v2v_match_frame(&match, of_view, displaced, &psf, volume, views, HEIGHT, WIDTH, 0.5f,
-                              NULL));
+    assert_ok(match_volume(&match, &psf, volume, views, 0.5f));
     assert_true(fabs(v2v_match_flux(&match) - 0.5) < 10 * EPS);
     assert_true(fabs(v2v_match_scale(&match) - 2.0) < 20 * EPS);
     v2v_psf_file_fini(&psf);
@@ -94,8 +104,7 @@ static void noise_alone_is_one_sigma(void **state)
         views[i] = clean[i] + (float)(sigma * v2v_random_normal(5, 0, (uint64_t)i));
         sum += (double)clean[i];
     }
-    assert_ok(v2v_match_frame(&match, of_view, displaced, &psf, volume, views, HEIGHT, WIDTH, 1.0f,
-                              NULL));
+    assert_ok(match_volume(&match, &psf, volume, views, 1.0f));
     /* sigma of each view by 1833 differences of four pixels, which overlap: 3 % of a view, 1.5 % of
      * all, and a bit more light than noise; the residual itself 1 / sqrt(2 * 7680) = 0.8 % */
     assert_true(fabs(v2v_match_sigmas(&match, 1.0) - 1.0) < 0.06);
@@ -118,15 +127,13 @@ static void views_that_memory_has_no_room_for_together_match_alike(void **state)
     for (int i = 0; i < SAMPLES; i++) {
         views[i] = (float)v2v_random_uniform(4, 0, (uint64_t)i);
     }
-    assert_ok(
-        v2v_match_frame(&all, of_view, displaced, &psf, volume, views, HEIGHT, WIDTH, 1.0f, NULL));
+    assert_ok(match_volume(&all, &psf, volume, views, 1.0f));
     for (int together = VIEWS; together >= 1; together--) {
         struct v2v_psf_file some = psf;
         some.views = together;
         v2v_mem_set_limit(v2v_mem_held() + 2 * (size_t)v2v_projector_bytes(&some, HEIGHT, WIDTH,
                                                                            V2V_SPLIT_SLICES, 1));
-        const enum v2v_status rc = v2v_match_frame(&match, of_view, displaced, &psf, volume, views,
-                                                   HEIGHT, WIDTH, 1.0f, NULL);
+        const enum v2v_status rc = match_volume(&match, &psf, volume, views, 1.0f);
         v2v_mem_set_limit(0);
         assert_ok(rc);
         assert_true(fabs(match.pp / all.pp - 1.0) < 10 * EPS);

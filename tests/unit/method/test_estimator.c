@@ -1,8 +1,12 @@
 /* The example of estimator.h, of every method that needs no weights. */
 #include "small_optics.h"
 
+#include "v2v3d/base/random.h"
 #include "v2v3d/method/estimator.h"
+#include "v2v3d/optics/projector.h"
+#include "v2v3d/tensor/statistics.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { SIDE = 32, VOXELS = SLICES * SIDE * SIDE };
@@ -68,6 +72,50 @@ static void every_method_finds_a_spot_at_any_brightness(void **state)
     assert_int_equal(v2v_mem_held(), 0);
 }
 
+/* Of a volume of noise, by a method and by projection: the rounding of float32 transforms, a few
+ * additions' for each of the slices. */
+static void check_projection(const struct v2v_estimator_ops *ops)
+{
+    static float volume[VOXELS], views[VIEWS * SIDE * SIDE], projected[VIEWS * SIDE * SIDE];
+    struct v2v_psf_file psf = small_psf();
+    struct v2v_config config;
+    struct v2v_estimator *estimator = NULL;
+    struct v2v_projector *projector = NULL;
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    v2v_config_defaults(&config);
+    assert_ok(v2v_config_set(&config, "model.method=unrolled"));
+    for (int i = 0; i < VOXELS; i++) {
+        volume[i] = (float)v2v_random_uniform(3, 0, (uint64_t)i);
+    }
+    assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, projected, volume, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+    assert_ok(v2v_estimator_create(&estimator, ops, &problem, NULL));
+    ops->project(estimator, views, volume);
+    const float brightest = v2v_select(memcpy(volume, projected, sizeof projected),
+                                       VIEWS * SIDE * SIDE, VIEWS * SIDE * SIDE - 1);
+    for (int i = 0; i < VIEWS * SIDE * SIDE; i++) {
+        assert_true(fabsf(views[i] - projected[i]) <= 1e-6f * SLICES * brightest);
+    }
+    v2v_estimator_destroy(&estimator);
+    v2v_psf_file_fini(&psf);
+}
+
+static void methods_that_project_give_the_views_of_a_volume(void **state)
+{
+    (void)state;
+    int checked = 0;
+    for (int64_t i = 0; i < v2v_estimator_count(); i++) {
+        if (v2v_estimator_at(i)->project != NULL) {
+            check_projection(v2v_estimator_at(i));
+            checked++;
+        }
+    }
+    assert_int_equal(checked, 5); /* tv, unrolled, rl, rld, frl */
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 static void what_is_not_offered_is_refused(void **state)
 {
     (void)state;
@@ -94,6 +142,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_method_finds_a_spot_at_any_brightness),
+        cmocka_unit_test(methods_that_project_give_the_views_of_a_volume),
         cmocka_unit_test(what_is_not_offered_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
