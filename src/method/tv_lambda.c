@@ -100,12 +100,11 @@ static float *samples_of(const struct chooser *self, int fold, int index)
     return self->samples + (fold * TRIED + index) * self->judged;
 }
 
-/* What the volume misses samples of the views left out by. */
-static void miss(float *samples, struct chooser *self, struct v2v_left_out *fold)
+/* What predictions miss samples of the views left out by. */
+static void miss(float *samples, const struct chooser *self, const struct v2v_left_out *fold)
 {
     const int64_t width = self->square.width, pixels = self->square.height * width;
     const struct v2v_part rows = self->square.judged.rows, columns = self->square.judged.columns;
-    v2v_left_out_predict(fold, self->predicted, self->volume);
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
         const float *recorded = self->square.views + fold->view[i] * pixels;
@@ -157,6 +156,7 @@ static enum v2v_status run_trial(struct chooser *self, const struct trial *trial
     set_weights((*fold)->estimator, self, trial->index);
     V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
                              v2v_square_averaging(&self->square)));
+    v2v_left_out_predict(*fold, self->predicted, self->volume);
     if (v2v_comm_rank(self->sharing) == 0) {
         miss(samples_of(self, trial->fold, trial->index), self, *fold);
     }
