@@ -248,15 +248,18 @@ static int sees_nothing(const struct images *in, float value)
     return beside.below >= some_of(in) || beside.below + beside.same < FEW;
 }
 
-/* Is there enough else but this view, which is of one value? */
-static int do_others_vary(const struct images *in, int64_t v)
+/* Is there enough but this value in views that vary? */
+static int do_others_vary(const struct images *in, float value)
 {
     const int64_t pixels = in->height * in->width;
-    const float value = in->views[v * pixels];
     int64_t others = 0;
-#pragma omp parallel for schedule(static) reduction(+ : others)
-    for (int64_t i = 0; i < in->count * pixels; i++) {
-        others += in->views[i] != value && in->marks[i] != DEAD;
+#pragma omp parallel for schedule(dynamic) reduction(+ : others)
+    for (int64_t v = 0; v < in->count; v++) {
+        const float *view = in->views + v * pixels;
+        const int64_t looked_at = is_of_one_value(view, pixels) ? 0 : pixels;
+        for (int64_t i = 0; i < looked_at; i++) {
+            others += view[i] != value;
+        }
     }
     return others >= some_of(in);
 }
@@ -319,7 +322,7 @@ static int64_t settle(const struct images *in, const float *values, int count)
     for (int64_t v = 0; v < in->count; v++) {
         const float *view = in->views + v * pixels;
         uint8_t *marks = in->marks + v * pixels;
-        if (is_of_one_value(view, pixels) && do_others_vary(in, v)) {
+        if (is_of_one_value(view, pixels) && do_others_vary(in, view[0])) {
             memset(marks, DEAD, (size_t)pixels);
         }
     }

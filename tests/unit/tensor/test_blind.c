@@ -191,6 +191,10 @@ static void images_of_one_value_are_seen(void **state)
         images[i] = 7.0f;
     }
     check_seen("one value", 7.0);
+    for (int64_t i = 0; i < SAMPLES; i++) { /* no other varies */
+        images[i] = (float)(i / PIXELS);
+    }
+    check_seen("one value each", 4.0);
 }
 
 /* Of the 36,000 differences half at least are left, whose median, as they share samples, is known
