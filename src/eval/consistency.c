@@ -304,7 +304,8 @@ static int64_t averaging_bytes(const struct judge *self)
     const struct v2v_problem *problem = &self->problem;
     const int64_t views = problem->psf->views, neighbours = self->config.recon.neighbours;
     const int64_t floats =
-        v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+        v2v_fusion_floats(neighbours, views, problem->height, problem->width,
+                          self->ops->leaves_blind) +
         (neighbours > 0 ? v2v_mem_product(MAPS * views, problem->height, problem->width) : 0);
     return v2v_mem_bytes(floats, 0);
 }

@@ -68,14 +68,16 @@ struct v2v_fusion {
     uint8_t *blind;   /* [v,y,x] of frame t: marks; NULL: they aren't asked for */
 };
 
-int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
+int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width,
+                          int leaves_blind)
 {
-    return neighbours == 0 ? 0
-                           : 7 * v2v_mem_product(views, height, width) +
-                                 v2v_motion_floats(views, height, width) +
-                                 v2v_local_brightness_floats(views, height, width) +
-                                 height * (3 * width + 2 * COARSE_TAPS) +
-                                 2 * v2v_brightness_pieces(views, height, width);
+    const int64_t samples = v2v_mem_product(views, height, width);
+    const int64_t marks = leaves_blind ? v2v_parts(samples, (int64_t)sizeof(float)) : 0;
+    return marks + (neighbours == 0 ? 0
+                                    : 7 * samples + v2v_motion_floats(views, height, width) +
+                                          v2v_local_brightness_floats(views, height, width) +
+                                          height * (3 * width + 2 * COARSE_TAPS) +
+                                          2 * v2v_brightness_pieces(views, height, width));
 }
 
 /* Taps that sum to 1. @return the sum of their squares */

@@ -83,18 +83,16 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
-/** Local: floats that averages with neighbouring frames take, and marks of blind samples, of whole
- *  frames on every rank. */
+/** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
 static int64_t fusion_floats(const struct v2v_problem *problem, int is_still, int leaves_blind)
 {
     const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
-    const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY ? NEIGHBOURS_OF_KEY : 0;
-    const int64_t marks = v2v_mem_product(of_key > 0 ? 2 : 1, views, 1);
-    const int64_t of_marks =
-        v2v_parts(v2v_mem_product(marks, problem->height, problem->width), (int64_t)sizeof(float));
-    return (leaves_blind ? of_marks : 0) +
-           v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
-           v2v_fusion_floats(of_key, views, problem->height, problem->width);
+    const int64_t height = problem->height, width = problem->width;
+    const int64_t of_key =
+        is_still && neighbours < NEIGHBOURS_OF_KEY
+            ? v2v_fusion_floats(NEIGHBOURS_OF_KEY, views, height, width, leaves_blind)
+            : 0;
+    return v2v_fusion_floats(neighbours, views, height, width, leaves_blind) + of_key;
 }
 
 /** Local: what frames need beside the method. */

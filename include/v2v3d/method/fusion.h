@@ -16,7 +16,8 @@ extern "C" {
 struct v2v_fusion;
 
 /** Floats that v2v_fusion_create takes. @kind Local. */
-int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width);
+int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width,
+                          int leaves_blind);
 
 /** @kind  Local
  *  @param neighbours frames on either side; 0: frames stay as they are

@@ -623,6 +623,23 @@ static void frames_too_small_for_noise_stay_as_they_are(void **state)
     v2v_fusion_destroy(&fusion);
 }
 
+static void memory_is_what_it_is_told_to_be(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        struct v2v_fusion *fusion = NULL;
+        const int64_t neighbours = i % 2;
+        const int leaves_blind = i / 2;
+        const size_t held = v2v_mem_held();
+        assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, leaves_blind));
+        const int64_t taken = (int64_t)(v2v_mem_held() - held);
+        const int64_t planned =
+            4 * v2v_fusion_floats(neighbours, VIEWS, HEIGHT, WIDTH, leaves_blind);
+        assert_true(taken >= planned && taken < planned + 4096); /* and the object itself */
+        v2v_fusion_destroy(&fusion);
+    }
+}
+
 /* ---- recordings ---- */
 
 static const struct v2v_scaling scaling = {.offset = 100, .gain = 0.25};
@@ -633,8 +650,6 @@ static void read_frame(float *to, struct v2v_recording *recording, int64_t neigh
     const size_t held = v2v_mem_held();
     assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, 0));
     const int64_t taken = (int64_t)(v2v_mem_held() - held);
-    const int64_t planned = 4 * v2v_fusion_floats(neighbours, VIEWS, HEIGHT, WIDTH);
-    assert_true(taken >= planned && taken < planned + 4096); /* and the object itself */
     assert_ok(v2v_fusion_read(fusion, to, recording, &scaling, t));
     assert_int_equal(v2v_mem_held() - held, taken);
     v2v_fusion_destroy(&fusion);
@@ -728,6 +743,7 @@ int main(void)
         cmocka_unit_test(without_noise_or_finite_samples_a_frame_stays_as_it_is),
         cmocka_unit_test(what_is_not_finite_in_a_neighbour_is_left_out),
         cmocka_unit_test(frames_too_small_for_noise_stay_as_they_are),
+        cmocka_unit_test(memory_is_what_it_is_told_to_be),
         cmocka_unit_test(a_window_of_frames_is_read_and_ends_with_the_recording),
         cmocka_unit_test(a_range_has_the_bits_of_the_whole_recording),
         cmocka_unit_test(alone_or_without_neighbours_a_frame_stays_as_it_is),
