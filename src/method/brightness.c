@@ -1,6 +1,7 @@
 #include "method/brightness.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -17,15 +18,6 @@ static const double most = 4.0;
 int64_t v2v_brightness_pieces(int64_t views, int64_t height, int64_t width)
 {
     return v2v_mem_product(views, height / SIDE, width / SIDE);
-}
-
-static double sum_of_piece(const float *from, int64_t width)
-{
-    double sum = 0.0;
-    for (int64_t i = 0; i < SIDE * SIDE; i++) {
-        sum += (double)from[i / SIDE * width + i % SIDE];
-    }
-    return sum;
 }
 
 /* Of the pieces of this ratio at most. */
@@ -66,14 +58,14 @@ double v2v_brightness_factor(struct v2v_ratio *scratch, const float *frame, cons
                              int64_t views, int64_t height, int64_t width, double sigma)
 {
     const int64_t rows = height / SIDE, columns = width / SIDE, pieces = views * rows * columns;
-    const double least = least_light * sqrt(2.0) * SIDE * sigma;
+    const double least = least_light * sqrt(2.0) * sigma / SIDE; /* of two means */
     int64_t bright = 0;
 #pragma omp parallel for schedule(static) reduction(+ : bright)
     for (int64_t k = 0; k < pieces; k++) {
         const int64_t v = k / (rows * columns), row = k / columns % rows, column = k % columns;
         const int64_t at = (v * height + row * SIDE) * width + column * SIDE;
-        const double here = sum_of_piece(frame + at, width);
-        const double there = sum_of_piece(neighbour + at, width);
+        const double here = v2v_mean_of_square(frame + at, width, SIDE);
+        const double there = v2v_mean_of_square(neighbour + at, width, SIDE);
         const int is_bright = here + there > least && here + there < INFINITY;
         scratch[k] = (struct v2v_ratio){(float)(there > 0.0 ? here / there : (double)INFINITY),
                                         is_bright ? (float)(here + there) : 0.0f};
