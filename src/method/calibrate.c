@@ -6,6 +6,7 @@
 #include "method/photons.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/calibration.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -373,22 +374,13 @@ static void end(struct calibration_run *self)
     v2v_calibrator_fini(&self->at);
 }
 
-static int is_flat(const float *view, int64_t pixels)
-{
-    int64_t same = 1;
-    while (same < pixels && view[same] == view[0]) {
-        same++;
-    }
-    return same == pixels;
-}
-
 /* A view that shows nothing has no shift, and any gain; a frame of them alone is told later. */
 static enum v2v_status check_views(const struct v2v_problem *problem, const float *views)
 {
     const int64_t pixels = problem->height * problem->width, count = problem->psf->views;
     int64_t flat = 0, first = -1;
     for (int64_t v = 0; v < count; v++) {
-        if (is_flat(views + v * pixels, pixels)) {
+        if (v2v_is_of_one_value(views + v * pixels, pixels)) {
             flat++;
             first = first < 0 ? v : first;
         }

@@ -1,6 +1,7 @@
 #include "v2v3d/tensor/blind.h"
 
 #include "v2v3d/base/bounds.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -104,15 +105,6 @@ static int64_t mark_blocks(uint8_t *marks, const float *view, int64_t height, in
     return found;
 }
 
-static int is_of_one_value(const float *view, int64_t pixels)
-{
-    int64_t i = 1;
-    while (i < pixels && view[i] == view[0]) {
-        i++;
-    }
-    return i == pixels;
-}
-
 /* @return how many parts there are */
 static int64_t mark_parts(const struct images *in)
 {
@@ -123,7 +115,7 @@ static int64_t mark_parts(const struct images *in)
         const float *view = in->views + v * pixels;
         uint8_t *marks = in->marks + v * pixels;
         memset(marks, 0, (size_t)pixels);
-        if (is_of_one_value(view, pixels)) {
+        if (v2v_is_of_one_value(view, pixels)) {
             memset(marks, PART, (size_t)pixels);
             found++;
         } else {
@@ -256,7 +248,7 @@ static int do_others_vary(const struct images *in, float value)
 #pragma omp parallel for schedule(dynamic) reduction(+ : others)
     for (int64_t v = 0; v < in->count; v++) {
         const float *view = in->views + v * pixels;
-        const int64_t looked_at = is_of_one_value(view, pixels) ? 0 : pixels;
+        const int64_t looked_at = v2v_is_of_one_value(view, pixels) ? 0 : pixels;
         for (int64_t i = 0; i < looked_at; i++) {
             others += view[i] != value;
         }
@@ -322,7 +314,7 @@ static int64_t settle(const struct images *in, const float *values, int count)
     for (int64_t v = 0; v < in->count; v++) {
         const float *view = in->views + v * pixels;
         uint8_t *marks = in->marks + v * pixels;
-        if (is_of_one_value(view, pixels) && do_others_vary(in, view[0])) {
+        if (v2v_is_of_one_value(view, pixels) && do_others_vary(in, view[0])) {
             memset(marks, DEAD, (size_t)pixels);
         }
     }

@@ -271,3 +271,12 @@ int64_t v2v_first_not_finite(const float *x, int64_t count)
     }
     return found < count ? found : -1;
 }
+
+int v2v_is_of_one_value(const float *x, int64_t count)
+{
+    int64_t i = 1;
+    while (i < count && x[i] == x[0]) {
+        i++;
+    }
+    return i >= count;
+}

@@ -85,6 +85,9 @@ double v2v_figures_deviation(const struct v2v_figures *figures);
 /** Index of the first NaN or Inf, -1 when all are finite. @kind Local. */
 int64_t v2v_first_not_finite(const float *x, int64_t count);
 
+/** Have all the same value? @kind Local. */
+int v2v_is_of_one_value(const float *x, int64_t count);
+
 #ifdef __cplusplus
 }
 #endif

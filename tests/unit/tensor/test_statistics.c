@@ -197,6 +197,18 @@ static void first_special_number_is_found_wherever_it_is(void **state)
     v2v_mem_free(x);
 }
 
+static void one_value_is_told_from_two(void **state)
+{
+    (void)state;
+    float x[] = {-0.0f, 0.0f, 0.0f};
+    assert_true(v2v_is_of_one_value(x, 3));
+    x[2] = FLT_TRUE_MIN;
+    assert_true(v2v_is_of_one_value(x, 2));
+    assert_false(v2v_is_of_one_value(x, 3));
+    x[0] = NAN;
+    assert_false(v2v_is_of_one_value(x, 2));
+}
+
 /* With and without a sample, which is taken of more than 600 values. */
 static void selection_parts_an_array_at_its_kth_value(void **state)
 {
@@ -370,6 +382,7 @@ int main(void)
         cmocka_unit_test(percentile_is_exact_at_numbers_and_leaves_them_alone),
         cmocka_unit_test(sum_of_squares_matches_a_plain_loop_for_every_length),
         cmocka_unit_test(first_special_number_is_found_wherever_it_is),
+        cmocka_unit_test(one_value_is_told_from_two),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
