@@ -108,6 +108,15 @@ static int setup_tv_fftw3_mpi(void **state)
     return failed;
 }
 
+/* A weight of the volume itself, and next to none of the variation. */
+static int setup_tv_sparse(void **state)
+{
+    const int failed = setup_tv(state);
+    config.deconv.lambda.value = 0.002;
+    config.deconv.sparsity = (struct v2v_number){V2V_NUMBER_GIVEN, 1.0};
+    return failed;
+}
+
 /* Learning rates fall to the last step: fewer of them are not the first of more. */
 static int setup_diner(void **state)
 {
@@ -374,6 +383,19 @@ static void weights_change_the_volume(void **state)
     }
 }
 
+static void sparsity_changes_the_volume(void **state)
+{
+    (void)state;
+    static float sparse[VOXELS], plain[VOXELS];
+    assert_ok(run(sparse, views, 8, test_world()));
+    config.deconv.sparsity.value = 0.0;
+    assert_ok(run(plain, views, 8, test_world()));
+    const double moved = test_relative_l2(sparse, plain, VOXELS);
+    if (!(moved > 0.01)) {
+        fail_msg("moved by %g", moved);
+    }
+}
+
 static void scaled_views_give_the_scaled_volume(void **state)
 {
     (void)state;
@@ -619,6 +641,8 @@ int main(int argc, char **argv)
                                         setup_tv_fftw3_mpi, teardown),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume, setup_tv_photons,
                                         teardown),
+        cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume, setup_tv_sparse,
+                                        teardown),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume, setup_tv_blind,
                                         teardown),
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
@@ -626,6 +650,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_setup_teardown(scaled_views_give_the_scaled_volume, setup_tv_photons,
                                         teardown),
         cmocka_unit_test_setup_teardown(weights_change_the_volume, setup_tv_photons, teardown),
+        cmocka_unit_test_setup_teardown(sparsity_changes_the_volume, setup_tv_sparse, teardown),
         WITH_ALL(scaled_views_give_the_scaled_volume),
         WITH(negative_samples_count_as_zero),
         WITH(noise_about_zero_leaves_a_pedestal_only_where_it_is_clipped),
