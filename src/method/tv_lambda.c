@@ -8,6 +8,7 @@
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -69,8 +70,10 @@ enum { FEWEST_ASKED = 4 };
 
 /* Points of light want next to no variation and a weight of the volume itself instead. Tried with
  * parts of the variation's weight that views left out want, in as many iterations as that takes,
- * and taken where they predict better by so many deviations (tests/bench/quality.md). */
-static const double sparse_part[] = {1.0 / 4.0, 1.0 / 16.0}, sparsity = 1.0, sure_of_sparse = 2.0;
+ * and taken where they predict better by so many deviations; both parts, unless the volume's light
+ * would fit into less than this part of its voxels (tests/bench/quality.md). */
+static const double sparse_part[] = {1.0 / 4.0, 1.0 / 16.0}, sparsity = 1.0, sure_of_sparse = 2.0,
+                    filled_by_points = 0.025;
 enum {
     SPARSE = sizeof sparse_part / sizeof sparse_part[0],
     TRIED = WEIGHTS + SPARSE, /* without a weight of the volume, then with it */
@@ -91,6 +94,7 @@ struct chooser {
     int64_t iterations;          /* of volumes without sparsity */
     double best_alone;           /* weight, without sparsity; of it parts are tried with it */
     double missed[FOLDS][TRIED]; /* sums of the squares; < 0: not tried */
+    double filled[FOLDS][TRIED]; /* part of the voxels that hold the light, if each has the same */
     int64_t judged;              /* samples of the views that a fold leaves out */
     float *samples; /* [fold,weight,judged]: by how much they are missed; 0 where not tried */
 };
@@ -143,8 +147,16 @@ static void set_weights(struct v2v_estimator *estimator, const struct chooser *s
     }
 }
 
+/* Light of this rank's slices, and its squares. */
+static void sum_light(double light[2], const struct chooser *self, struct v2v_part slices)
+{
+    const int64_t voxels = slices.count * self->square.height * self->square.width;
+    light[0] = v2v_sum(self->volume, voxels);
+    light[1] = v2v_sum_of_squares(self->volume, voxels);
+}
+
 /* What a volume misses by, on one rank of the group. Collective(self->sharing). */
-static enum v2v_status run_trial(struct chooser *self, const struct trial *trial)
+static enum v2v_status run_trial(struct chooser *self, const struct trial *trial, double light[2])
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_left_out **fold = &self->fold[trial->fold];
@@ -157,6 +169,7 @@ static enum v2v_status run_trial(struct chooser *self, const struct trial *trial
     V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
                              v2v_square_averaging(&self->square)));
     v2v_left_out_predict(*fold, self->predicted, self->volume);
+    sum_light(light, self, (*fold)->estimator->slices);
     if (v2v_comm_rank(self->sharing) == 0) {
         miss(samples_of(self, trial->fold, trial->index), self, *fold);
     }
@@ -168,14 +181,18 @@ done:
 static enum v2v_status run_trials(struct chooser *self, const struct trial *trials, int count)
 {
     enum v2v_status rc = V2V_OK;
+    const double voxels =
+        (double)v2v_mem_product(self->problem.psf->slices, self->square.height, self->square.width);
+    double light[TRIALS][2] = {{0.0}};
     for (int k = 0; k < count && rc == V2V_OK; k++) {
         memset(samples_of(self, trials[k].fold, trials[k].index), 0,
                (size_t)self->judged * sizeof *self->samples);
         if (trials[k].group % self->groups == self->group) {
-            rc = run_trial(self, &trials[k]);
+            rc = run_trial(self, &trials[k], light[k]);
         }
     }
     V2V_TRY(v2v_par_agree(self->comm, rc));
+    v2v_par_sum_f64(self->comm, light[0], 2 * count);
     for (int k = 0; k < count; k++) {
         const int fold = trials[k].fold, index = trials[k].index;
         float *samples = samples_of(self, fold, index);
@@ -185,6 +202,8 @@ static enum v2v_status run_trials(struct chooser *self, const struct trial *tria
             squares += (double)samples[i] * (double)samples[i];
         }
         self->missed[fold][index] = squares;
+        self->filled[fold][index] =
+            light[k][1] > 0.0 ? light[k][0] * light[k][0] / (light[k][1] * voxels) : 1.0;
     }
 done:
     return rc;
@@ -346,8 +365,15 @@ static enum v2v_status choose_sparse(struct weights *chosen, struct chooser *sel
     }
     self->best_alone = weight_of(best);
     V2V_TRY(run_trials(self, trials, SPARSE));
-    const int sparse = WEIGHTS + (self->missed[0][WEIGHTS + 1] < self->missed[0][WEIGHTS]);
-    if (better_by(self, sparse, best, 1) > sure_of_sparse) {
+    const double better[SPARSE] = {better_by(self, WEIGHTS, best, 1),
+                                   better_by(self, WEIGHTS + 1, best, 1)};
+    const int part = self->missed[0][WEIGHTS + 1] < self->missed[0][WEIGHTS];
+    const int sparse = WEIGHTS + part;
+    const int is_of_points = self->filled[0][best] < filled_by_points;
+    v2v_log(V2V_LOG_DEBUG,
+            "sparsity: views left out are predicted better by %.1f, %.1f deviations, %.2g filled",
+            better[0], better[1], self->filled[0][best]);
+    if (better[part] > sure_of_sparse && (is_of_points || better[!part] > sure_of_sparse)) {
         V2V_TRY(try_weight(self, sparse));
         if (better_by(self, sparse, best, FOLDS) > sure_of_sparse) {
             *chosen = (struct weights){self->best_alone * sparse_part[sparse - WEIGHTS], sparsity};
