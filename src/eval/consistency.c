@@ -317,7 +317,9 @@ static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
     struct v2v_grid_work work;
     V2V_TRY(v2v_par_agree(world, self->ops->describe_work(&work, &self->problem)));
     work.items = self->out->frames;
-    work.bytes *= self->job->writer != NULL ? 2 : 1; /* the halves' and that of all views */
+    if (self->job->writer != NULL) { /* the halves' and that of all views */
+        work.bytes = 2 * v2v_smaller(work.bytes, INT64_MAX / 4);
+    }
     V2V_TRY(
         v2v_estimator_lay_out(&self->grid, &work, 1, averaging_bytes(self), &self->config, world));
     V2V_TRY(v2v_par_agree(world, v2v_agreement_create(&self->agreement, world)));

@@ -49,8 +49,9 @@ static enum v2v_status describe_work(struct v2v_grid_work *work, const struct v2
     const int64_t floats =
         v2v_mem_product(psf->slices + psf->views, torus_pixels, 1) +
         v2v_mem_product(V2V_FEATURES * psf->slices, problem->height, problem->width);
+    const int64_t of_network = v2v_correction_bytes(psf->slices) / (int64_t)sizeof(float);
     V2V_TRY(v2v_estimator_tv.describe_work(work, problem));
-    work->bytes = v2v_mem_bytes(floats, work->bytes) + v2v_correction_bytes(psf->slices);
+    work->bytes = v2v_mem_bytes(floats, v2v_mem_bytes(of_network, work->bytes));
     work->most_shards = 1;
 done:
     return rc;
