@@ -91,7 +91,6 @@ struct chooser {
     struct v2v_comm *sharing;   /* .. and those of them that share a volume of views left out */
     int groups, group;          /* of ranks that share volumes, and this rank's */
     struct v2v_left_out *fold[FOLDS];
-    int64_t iterations;          /* of volumes without sparsity */
     double best_alone;           /* weight, without sparsity; of it parts are tried with it */
     double missed[FOLDS][TRIED]; /* sums of the squares; < 0: not tried */
     double filled[FOLDS][TRIED]; /* part of the voxels that hold the light, if each has the same */
@@ -132,7 +131,7 @@ struct weights {
 
 /* A volume without the views of a fold, by a weight; by which group, as far as there are groups. */
 struct trial {
-    int fold, index, group;
+    int fold, index, group, iterations;
 };
 enum { TRIALS = FOLDS }; /* at once */
 
@@ -140,10 +139,8 @@ static void set_weights(struct v2v_estimator *estimator, const struct chooser *s
 {
     if (index < WEIGHTS) {
         v2v_tv_set_weights(estimator, weight_of(index), self->config.deconv.sparsity.value);
-        estimator->most_iterations = self->iterations;
     } else {
         v2v_tv_set_weights(estimator, self->best_alone * sparse_part[index - WEIGHTS], sparsity);
-        estimator->most_iterations = SPARSE_ITERATIONS;
     }
 }
 
@@ -155,7 +152,8 @@ static void sum_light(double light[2], const struct chooser *self, struct v2v_pa
     light[1] = v2v_sum_of_squares(self->volume, voxels);
 }
 
-/* What a volume misses by, on one rank of the group. Collective(self->sharing). */
+/* What a volume misses by, on one rank of the group, and its light, on all of them.
+ * Collective(self->sharing). */
 static enum v2v_status run_trial(struct chooser *self, const struct trial *trial, double light[2])
 {
     enum v2v_status rc = V2V_OK;
@@ -166,6 +164,7 @@ static enum v2v_status run_trial(struct chooser *self, const struct trial *trial
                                     self->sharing));
     }
     set_weights((*fold)->estimator, self, trial->index);
+    (*fold)->estimator->most_iterations = trial->iterations;
     V2V_TRY(v2v_left_out_run(*fold, self->volume, self->square.views,
                              v2v_square_averaging(&self->square)));
     v2v_left_out_predict(*fold, self->predicted, self->volume);
@@ -213,11 +212,12 @@ done:
 static enum v2v_status try_weight(struct chooser *self, int index)
 {
     enum v2v_status rc = V2V_OK;
+    const int iterations = index < WEIGHTS ? ITERATIONS : SPARSE_ITERATIONS;
     struct trial trials[FOLDS];
     int count = 0;
     for (int f = 0; f < FOLDS; f++) {
         if (self->missed[f][index] < 0.0) {
-            trials[count++] = (struct trial){f, index, f};
+            trials[count++] = (struct trial){f, index, f, iterations};
         }
     }
     if (count > 0) {
@@ -294,7 +294,6 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
     const int64_t height = self->square.height, width = self->square.width;
-    self->iterations = ITERATIONS;
     self->seen = v2v_tv_noise_seen(problem->psf);
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
@@ -359,7 +358,8 @@ done:
 static enum v2v_status choose_sparse(struct weights *chosen, struct chooser *self, int best)
 {
     enum v2v_status rc = V2V_OK;
-    const struct trial trials[SPARSE] = {{0, WEIGHTS, 0}, {0, WEIGHTS + 1, 1}};
+    const struct trial trials[SPARSE] = {{0, WEIGHTS, 0, SPARSE_ITERATIONS},
+                                         {0, WEIGHTS + 1, 1, SPARSE_ITERATIONS}};
     if (self->config.deconv.sparsity.mode == V2V_NUMBER_GIVEN) {
         return V2V_OK;
     }
@@ -368,12 +368,11 @@ static enum v2v_status choose_sparse(struct weights *chosen, struct chooser *sel
     const double better[SPARSE] = {better_by(self, WEIGHTS, best, 1),
                                    better_by(self, WEIGHTS + 1, best, 1)};
     const int part = self->missed[0][WEIGHTS + 1] < self->missed[0][WEIGHTS];
-    const int sparse = WEIGHTS + part;
-    const int is_of_points = self->filled[0][best] < filled_by_points;
+    const int sparse = WEIGHTS + part, is_of_points = self->filled[0][best] < filled_by_points;
     v2v_log(V2V_LOG_DEBUG,
             "sparsity: views left out are predicted better by %.1f, %.1f deviations, %.2g filled",
             better[0], better[1], self->filled[0][best]);
-    if (better[part] > sure_of_sparse && (is_of_points || better[!part] > sure_of_sparse)) {
+    if ((is_of_points ? better[part] : fmin(better[0], better[1])) > sure_of_sparse) {
         V2V_TRY(try_weight(self, sparse));
         if (better_by(self, sparse, best, FOLDS) > sure_of_sparse) {
             *chosen = (struct weights){self->best_alone * sparse_part[sparse - WEIGHTS], sparsity};
@@ -383,6 +382,13 @@ done:
     return rc;
 }
 
+/* The first fold by two weights. Collective(self->comm). */
+static enum v2v_status try_two(struct chooser *self, int index, int other, int iterations)
+{
+    const struct trial trials[TRIALS] = {{0, index, 0, iterations}, {0, other, 1, iterations}};
+    return run_trials(self, trials, TRIALS);
+}
+
 /* Where half of a weight surely predicts one fold better, the weight may be far less.
  * Collective(self->comm). */
 static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
@@ -390,17 +396,14 @@ static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
     enum v2v_status rc = V2V_OK;
     const int index = (int)lround(log(chosen->lambda / LEAST_WEIGHT) / log(WEIGHT_RATIO));
     const int half = (int)v2v_larger(index - HALF, 0);
-    const struct trial trials[TRIALS] = {{0, index, 0}, {0, half, 1}};
     if (half >= index || index >= WEIGHTS) {
         return V2V_OK;
     }
-    self->iterations = EARLY_ITERATIONS;
-    V2V_TRY(run_trials(self, trials, TRIALS));
-    self->iterations = ITERATIONS;
+    V2V_TRY(try_two(self, index, half, EARLY_ITERATIONS));
     if (better_by(self, half, index, 1) < may_be_better) {
         return V2V_OK;
     }
-    V2V_TRY(run_trials(self, trials, TRIALS));
+    V2V_TRY(try_two(self, index, half, ITERATIONS));
     if (better_by(self, half, index, 1) > sure_of_one) {
         int best = half;
         V2V_TRY(descend(self, half, &best));

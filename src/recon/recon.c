@@ -370,6 +370,7 @@ enum v2v_status v2v_recon_project(struct v2v_recon *recon, float *views, struct 
     const int is_mine = !grid->idle && grid->data_rank == 0;
     const int64_t samples = v2v_mem_product(recon->views, recon->height, recon->width);
     if (is_mine) {
+        V2V_ASSERT(estimator->height == recon->height && estimator->width == recon->width);
         rc = v2v_volume_read(volumes, recon->output[0], t, estimator->slices.first,
                              estimator->slices.count);
     }

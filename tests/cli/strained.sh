@@ -25,6 +25,28 @@ for method in tv rl rld frl; do
     sane deconvolve --method $method --psf psf_large.h5 --input recording_small.h5
     sane deconvolve --method $method --psf psf_one_view.h5 --input recording_one_view.h5
 done
+# In the least memory that a method runs in, to 250 KB, there is no room for two sets of views (2600
+# KB) beside it: the line of quality is the same.
+works simulate --psf psf.h5 --scene cells --size 256 --noise gaussian:0.1 -o wide.h5
+for method in tv rl; do
+    deconvolve=(deconvolve --method "$method" --lambda 0.05 --noise gaussian --iterations 3
+        --psf psf.h5 --input wide.h5 --force)
+    works "${deconvolve[@]}" -o ample.h5
+    line=$(grep '^frame 0: residual' stderr)
+    short=0 enough=128000 # KB
+    while [ $((enough - short)) -gt 250 ]; do
+        middle=$(((short + enough) / 2))
+        timed "$limit" "${deconvolve[@]}" -o tight.h5 --max-mem "$(printf '0.%06d' $middle)"
+        case $? in
+        0) enough=$middle ;;
+        70) short=$middle ;;
+        *) fail "--max-mem: $(cat stderr)" && break ;;
+        esac
+    done
+    works "${deconvolve[@]}" -o tight.h5 --max-mem "$(printf '0.%06d' $enough)"
+    grep -qxF "${line:-none}" stderr || fail "$method in $enough KB: no \"$line\" in: $(cat stderr)"
+    same ample.h5 tight.h5 /volume
+done
 sane deconvolve --lambda auto --psf psf.h5 --input recording_dark.h5
 grep -q 'the frame has no light to choose lambda by' stderr || fail "no word on it: $(cat stderr)"
 sane deconvolve --lambda auto --psf psf.h5 --input recording_late.h5

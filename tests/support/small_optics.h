@@ -6,6 +6,7 @@
 #include "support.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/optics/projector.h"
 #include "v2v3d/optics/psf.h"
 
 #include <math.h>
@@ -49,6 +50,35 @@ static inline struct v2v_psf_file point_psf(void)
         }
     }
     return psf;
+}
+
+/* views [VIEWS,y,x] of a volume [SLICES,y,x], by one rank. */
+static inline void small_views(float *views, const float *volume, const struct v2v_psf_file *psf,
+                               int64_t height, int64_t width)
+{
+    struct v2v_projector *projector = NULL;
+    assert_ok(v2v_projector_create(&projector, psf, height, width, V2V_SPLIT_SLICES, NULL));
+    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
+    v2v_projector_destroy(&projector);
+}
+
+/* The views are those of the volume but for the rounding of float32 transforms: of their largest, a
+ * few additions' for each of the slices. */
+static inline void assert_small_views(const float *views, const float *volume,
+                                      const struct v2v_psf_file *psf, int64_t height, int64_t width)
+{
+    const int64_t samples = VIEWS * height * width;
+    float *projected = NULL, largest = 0.0f;
+    assert_ok(V2V_ALLOC(projected, "test", samples));
+    small_views(projected, volume, psf, height, width);
+    for (int64_t i = 0; i < samples; i++) {
+        largest = projected[i] > largest ? projected[i] : largest;
+    }
+    assert_true(largest > 0.0f);
+    for (int64_t i = 0; i < samples; i++) {
+        assert_true(fabsf(views[i] - projected[i]) <= 1e-6f * SLICES * largest);
+    }
+    v2v_mem_free(projected);
 }
 
 #endif

@@ -8,8 +8,8 @@
 
 #include <stdio.h>
 
-/** Written by all ranks and opened again. @param frames [t,v,y,x] as `info` says */
-static struct v2v_recording *small_recording(const char *folder, const float *frames,
+/** Written by all ranks and opened again. @param data [t,v,y,x] as `info` says */
+static struct v2v_recording *small_recording(const char *folder, const float *data,
                                              const struct v2v_recording_info *info)
 {
     char path[1024];
@@ -21,7 +21,7 @@ static struct v2v_recording *small_recording(const char *folder, const float *fr
     assert_ok(v2v_recording_create(&writer, path, info, test_world()));
     for (int64_t t = 0; t < info->frames; t++) {
         int64_t count = v2v_comm_rank(test_world()) == 0 ? info->views : 0;
-        assert_ok(v2v_recording_write(writer, frames + t * samples, t, 0, count));
+        assert_ok(v2v_recording_write(writer, data + t * samples, t, 0, count));
     }
     assert_ok(v2v_recording_finish(&writer));
     assert_ok(v2v_recording_open(&recording, path, &settings, test_world()));

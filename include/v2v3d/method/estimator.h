@@ -166,7 +166,8 @@ struct v2v_estimator_ops {
      *  @param views [v,torus] out; of both, all on every rank */
     void (*whole_light)(struct v2v_estimator *whole, float *volume, float *views);
     /** views [v,y,x] that a volume gives, with nothing beyond the frame, by what runs hold of the
-     *  PSFs: the sum over the shard, each rank some rows of it and zeros. NULL: they hold nothing.
+     *  PSFs: the sum over the shard, each rank some rows of it and zeros. NULL: they hold nothing,
+     *  as is where frames are padded.
      *  @kind Collective(shard), no allocation. @param volume [slices,y,x] of this rank */
     void (*project)(struct v2v_estimator *estimator, float *views, const float *volume);
 };

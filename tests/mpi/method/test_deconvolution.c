@@ -7,23 +7,12 @@
 #include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
-#include <dlfcn.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 enum { HEIGHT = 24, WIDTH = 28, PIXELS = HEIGHT * WIDTH };
 enum { VOXELS = SLICES * PIXELS, SAMPLES = VIEWS * PIXELS };
-
-/* A host of few processors has no two ranks share a volume of views left out: this one has more. */
-long sysconf(int name)
-{
-    enum { PROCESSORS = 8 };
-    long (*real)(int);
-    *(void **)&real = dlsym(RTLD_NEXT, "sysconf");
-    return name == _SC_NPROCESSORS_ONLN ? PROCESSORS : real(name);
-}
 
 static struct v2v_psf_file psf;
 static struct v2v_projector *projector; /* of this rank alone: all slices */
@@ -548,65 +537,6 @@ static void a_monitor_sees_every_iteration_and_ends_them(void **state)
     }
 }
 
-/* As the method leaves them open: kind of noise, and the weight by views left out or by noise. */
-static enum v2v_status settle(struct v2v_config *settled, enum v2v_number_mode lambda,
-                              const float *recorded, const struct v2v_comm *world)
-{
-    const struct v2v_estimator_ops *tv = NULL;
-    const struct v2v_problem problem = {
-        .config = settled, .psf = &psf, .height = HEIGHT, .width = WIDTH};
-    *settled = config;
-    settled->deconv.noise = V2V_NOISE_MODEL_AUTO;
-    settled->deconv.lambda.mode = lambda;
-    assert_ok(v2v_estimator_find(&tv, "tv"));
-    assert_true(v2v_estimator_is_open(tv, settled));
-    return v2v_estimator_settle(settled, tv, &problem, recorded, NULL, world);
-}
-
-static void make_noisy(float *recorded, double light, double noise)
-{
-    for (int64_t i = 0; i < SAMPLES; i++) {
-        recorded[i] = (float)(light + noise * v2v_random_normal(12, 0, (uint64_t)i));
-    }
-}
-
-static void any_number_of_ranks_settles_alike(void **state)
-{
-    (void)state;
-    static float recorded[SAMPLES];
-    static const enum v2v_number_mode modes[] = {V2V_NUMBER_AUTO, V2V_NUMBER_NONE};
-    struct v2v_config alone, together;
-    for (int m = 0; m < 2; m++) {
-        make_noisy(recorded, 0.0, 0.02);
-        for (int64_t i = 0; i < SAMPLES; i++) {
-            recorded[i] += views[i];
-        }
-        assert_ok(settle(&alone, modes[m], recorded, NULL));
-        assert_ok(settle(&together, modes[m], recorded, test_world()));
-        assert_true((together.deconv.lambda.value < 0.01) ==
-                    (modes[m] == V2V_NUMBER_AUTO)); /* points */
-        assert_int_equal(together.deconv.lambda.mode, V2V_NUMBER_GIVEN);
-        assert_true(together.deconv.lambda.value == alone.deconv.lambda.value);
-        assert_true(together.deconv.sparsity.value == alone.deconv.sparsity.value);
-        assert_int_equal(together.deconv.noise, alone.deconv.noise);
-        recorded[PIXELS + 2 * WIDTH + 7] = NAN;
-        assert_int_equal(settle(&together, modes[m], recorded, test_world()), V2V_E_NUMERIC);
-    }
-}
-
-static void the_usual_weight_goes_by_a_power_of_the_noise(void **state)
-{
-    (void)state;
-    static float recorded[SAMPLES];
-    struct v2v_config little, more;
-    make_noisy(recorded, 10.0, 0.05);
-    assert_ok(settle(&little, V2V_NUMBER_NONE, recorded, NULL));
-    make_noisy(recorded, 10.0, 0.2); /* its brightest samples are a twentieth brighter */
-    assert_ok(settle(&more, V2V_NUMBER_NONE, recorded, NULL));
-    const double times = more.deconv.lambda.value / little.deconv.lambda.value;
-    assert_true(times > pow(3.5, 0.15) && times < pow(4.0, 0.15));
-}
-
 static void a_request_to_one_rank_stops_all(void **state)
 {
     (void)state;
@@ -661,9 +591,6 @@ int main(int argc, char **argv)
         cmocka_unit_test_setup_teardown(any_number_of_ranks_gives_the_same_volume,
                                         setup_diner_fftw3_mpi, teardown),
         WITH_ALL(a_nan_in_the_views_is_named),
-        cmocka_unit_test_setup_teardown(any_number_of_ranks_settles_alike, setup_tv, teardown),
-        cmocka_unit_test_setup_teardown(the_usual_weight_goes_by_a_power_of_the_noise, setup_tv,
-                                        teardown),
         WITH_ALL(a_monitor_sees_every_iteration_and_ends_them),
         WITH_ALL(a_request_to_one_rank_stops_all),
     };

@@ -28,14 +28,6 @@ static void fill_inside(float *volume)
     }
 }
 
-static void project(float *views, const float *volume, const struct v2v_psf_file *psf)
-{
-    struct v2v_projector *projector = NULL;
-    assert_ok(v2v_projector_create(&projector, psf, HEIGHT, WIDTH, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
-    v2v_projector_destroy(&projector);
-}
-
 /* Of the views that a volume gives, times `scale`. */
 static enum v2v_status match_volume(struct v2v_match *match, const struct v2v_psf_file *psf,
                                     const float *volume, float *views, float scale)
@@ -56,7 +48,7 @@ static void an_exact_volume_has_no_residual_and_all_the_light(void **state)
     struct v2v_match match;
     double light = 0.0, recorded = 0.0;
     fill_inside(volume);
-    project(views, volume, &psf);
+    small_views(views, volume, &psf, HEIGHT, WIDTH);
     assert_ok(match_volume(&match, &psf, volume, views, 1.0f));
     /* one view's transforms or all: at most float32's rounding of a few additions; the square of
      * what is missed is a difference of sums in double precision */
@@ -99,7 +91,7 @@ static void noise_alone_is_one_sigma(void **state)
     const double sigma = 0.1;
     double sum = 0.0;
     fill_inside(volume);
-    project(clean, volume, &psf);
+    small_views(clean, volume, &psf, HEIGHT, WIDTH);
     for (int i = 0; i < SAMPLES; i++) {
         views[i] = clean[i] + (float)(sigma * v2v_random_normal(5, 0, (uint64_t)i));
         sum += (double)clean[i];

@@ -1,60 +1,14 @@
 /* Views fused with those of neighbouring frames, against plain loops in double precision and
  * against what statistics say. */
-#include "small_recording.h"
+#include "small_frames.h"
 
 #include "method/brightness.h"
 #include "method/local_brightness.h"
 #include "method/photons.h"
-#include "v2v3d/base/memory.h"
-#include "v2v3d/base/random.h"
-#include "v2v3d/method/fusion.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
-
-enum { VIEWS = 2, HEIGHT = 60, WIDTH = 71, PIXELS = HEIGHT * WIDTH, SAMPLES = VIEWS * PIXELS };
-enum { FRAMES = 5 };
-static const double noise = 3.0;
-
-static float frames[FRAMES][SAMPLES], fused[SAMPLES], other[SAMPLES];
-
-/* A spot of this brightness and of two pixels' standard deviation, nearly outside of which nothing
- * is. */
-static double spot(double brightness, int64_t i, double at_y, double at_x)
-{
-    const double y = (double)(i / WIDTH % HEIGHT) - at_y, x = (double)(i % WIDTH) - at_x;
-    return brightness * exp(-(y * y + x * x) / 8.0);
-}
-
-/* Noise about a level; a spot that stands in one place in the first frame, then in another. */
-static void make_frames(double brightness)
-{
-    for (int t = 0; t < FRAMES; t++) {
-        for (int64_t i = 0; i < SAMPLES; i++) {
-            frames[t][i] = (float)(100.0 + noise * v2v_random_normal(7, (uint64_t)t, (uint64_t)i) +
-                                   spot(brightness, i, 30, t == 0 ? 20 : 50));
-        }
-    }
-}
-
-/* Frame 0 fused with `count` others, aligned or as they are, in place of `to`. */
-static void fuse_frames(float *to, float (*of)[SAMPLES], int count, int is_aligned)
-{
-    struct v2v_fusion *fusion = NULL;
-    assert_ok(v2v_fusion_create(&fusion, 1, VIEWS, HEIGHT, WIDTH, 0));
-    v2v_fusion_begin(fusion, of[0]);
-    for (int u = 1; u <= count; u++) {
-        v2v_fusion_add(fusion, of[0], is_aligned ? v2v_fusion_align(fusion, of[0], of[u]) : of[u]);
-    }
-    v2v_fusion_end(fusion, to);
-    v2v_fusion_destroy(&fusion);
-}
-
-static void fuse(float *to, float (*of)[SAMPLES], int count)
-{
-    fuse_frames(to, of, count, 0);
-}
 
 static double sigma_of(const float *views)
 {
@@ -577,155 +531,6 @@ static void what_flashes_moves_nothing(void **state)
     }
 }
 
-/* ---- hard input ---- */
-
-static void without_noise_or_finite_samples_a_frame_stays_as_it_is(void **state)
-{
-    (void)state;
-    static float flat[FRAMES][SAMPLES];
-    for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
-        flat[i / SAMPLES][i % SAMPLES] = (float)(i / SAMPLES);
-    }
-    fuse_frames(fused, flat, FRAMES - 1, 1);
-    assert_memory_equal(fused, flat[0], sizeof fused);
-    make_frames(0.0);
-    frames[0][SAMPLES / 2] = INFINITY;
-    frames[0][SAMPLES / 3] = NAN;
-    fuse(fused, frames, FRAMES - 1);
-    assert_memory_equal(fused, frames[0], sizeof fused);
-}
-
-static void what_is_not_finite_in_a_neighbour_is_left_out(void **state)
-{
-    (void)state;
-    make_frames(0.0);
-    frames[1][HEIGHT / 2 * WIDTH + WIDTH / 2] = INFINITY;
-    frames[2][HEIGHT / 3 * WIDTH + WIDTH / 3] = NAN;
-    for (int is_aligned = 1; is_aligned >= 0; is_aligned--) {
-        fuse_frames(fused, frames, 2, is_aligned);
-        assert_int_equal(v2v_first_not_finite(fused, SAMPLES), -1);
-    }
-    fuse(other, frames, 1);
-    assert_true(fused[PIXELS + WIDTH] != other[PIXELS + WIDTH]); /* in another view it counts */
-}
-
-static void frames_too_small_for_noise_stay_as_they_are(void **state)
-{
-    (void)state;
-    const float t[3] = {1.0f, 2.0f, 4.0f}, u[3] = {5.0f, 6.0f, 7.0f};
-    float to[3];
-    struct v2v_fusion *fusion = NULL;
-    assert_ok(v2v_fusion_create(&fusion, 2, 1, 1, 3, 0));
-    v2v_fusion_begin(fusion, t);
-    v2v_fusion_add(fusion, t, v2v_fusion_align(fusion, t, u));
-    v2v_fusion_end(fusion, to);
-    assert_memory_equal(to, t, sizeof to);
-    v2v_fusion_destroy(&fusion);
-}
-
-static void memory_is_what_it_is_told_to_be(void **state)
-{
-    (void)state;
-    for (int i = 0; i < 4; i++) {
-        struct v2v_fusion *fusion = NULL;
-        const int64_t neighbours = i % 2;
-        const int leaves_blind = i / 2;
-        const size_t held = v2v_mem_held();
-        assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, leaves_blind));
-        const int64_t taken = (int64_t)(v2v_mem_held() - held);
-        const int64_t planned =
-            4 * v2v_fusion_floats(neighbours, VIEWS, HEIGHT, WIDTH, leaves_blind);
-        assert_true(taken >= planned && taken < planned + 4096); /* and the object itself */
-        v2v_fusion_destroy(&fusion);
-    }
-}
-
-/* ---- recordings ---- */
-
-static const struct v2v_scaling scaling = {.offset = 100, .gain = 0.25};
-
-static void read_frame(float *to, struct v2v_recording *recording, int64_t neighbours, int64_t t)
-{
-    struct v2v_fusion *fusion = NULL;
-    const size_t held = v2v_mem_held();
-    assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, 0));
-    const int64_t taken = (int64_t)(v2v_mem_held() - held);
-    assert_ok(v2v_fusion_read(fusion, to, recording, &scaling, t));
-    assert_int_equal(v2v_mem_held() - held, taken);
-    v2v_fusion_destroy(&fusion);
-}
-
-static struct v2v_recording *record(int64_t count)
-{
-    const struct v2v_recording_info info = {
-        .frames = count, .views = VIEWS, .height = HEIGHT, .width = WIDTH};
-    return small_recording(test_folder(NULL), &frames[0][0], &info);
-}
-
-/* The scaled frames t - neighbours .. t + neighbours, or as many at the recording's ends. */
-static void expect(float *to, int64_t neighbours, int64_t t)
-{
-    static float scaled[FRAMES][SAMPLES];
-    const int64_t all = 2 * neighbours + 1 < FRAMES ? 2 * neighbours + 1 : FRAMES;
-    const int64_t middle = t - neighbours > 0 ? t - neighbours : 0;
-    const int64_t first = middle + all <= FRAMES ? middle : FRAMES - all;
-    int count = 0;
-    for (int64_t u = first; u < first + all; u++) {
-        float *place = u == t ? scaled[0] : scaled[++count];
-        memcpy(place, frames[u], sizeof scaled[0]);
-        v2v_scaling_apply(&scaling, place, SAMPLES);
-    }
-    fuse_frames(to, scaled, count, 1);
-}
-
-static void a_window_of_frames_is_read_and_ends_with_the_recording(void **state)
-{
-    (void)state;
-    make_frames(8.0 * noise);
-    struct v2v_recording *recording = record(FRAMES);
-    for (int64_t neighbours = 1; neighbours <= FRAMES; neighbours++) {
-        for (int64_t t = 0; t < FRAMES; t++) {
-            read_frame(fused, recording, neighbours, t);
-            expect(other, neighbours, t);
-            assert_memory_equal(fused, other, sizeof fused);
-        }
-    }
-    v2v_recording_close(&recording);
-}
-
-static void a_range_has_the_bits_of_the_whole_recording(void **state)
-{
-    (void)state;
-    make_frames(8.0 * noise);
-    struct v2v_recording *recording = record(FRAMES);
-    assert_ok(v2v_recording_cut(recording, 1, 3));
-    for (int64_t first = 1; first < 3; first++) { /* and a range of the range */
-        for (int64_t t = 0; t < v2v_recording_info(recording)->frames; t++) {
-            read_frame(fused, recording, 2, t);
-            expect(other, 2, first + t);
-            assert_memory_equal(fused, other, sizeof fused);
-        }
-        assert_ok(v2v_recording_cut(recording, first == 1, 1));
-        assert_int_equal(v2v_recording_info(recording)->before, 2);
-        assert_int_equal(v2v_recording_info(recording)->after, 2);
-    }
-    v2v_recording_close(&recording);
-}
-
-static void alone_or_without_neighbours_a_frame_stays_as_it_is(void **state)
-{
-    (void)state;
-    make_frames(8.0 * noise);
-    for (int64_t neighbours = 0; neighbours < 2; neighbours++) {
-        struct v2v_recording *recording = record(neighbours == 0 ? FRAMES : 1);
-        read_frame(fused, recording, neighbours, 0);
-        memcpy(other, frames[0], sizeof other);
-        v2v_scaling_apply(&scaling, other, SAMPLES);
-        assert_memory_equal(fused, other, sizeof fused);
-        v2v_recording_close(&recording);
-    }
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -740,13 +545,6 @@ int main(void)
         cmocka_unit_test(what_flashes_moves_nothing),
         cmocka_unit_test(samples_say_how_many_frames_they_are_of),
         cmocka_unit_test(weights_do_not_depend_on_the_unit),
-        cmocka_unit_test(without_noise_or_finite_samples_a_frame_stays_as_it_is),
-        cmocka_unit_test(what_is_not_finite_in_a_neighbour_is_left_out),
-        cmocka_unit_test(frames_too_small_for_noise_stay_as_they_are),
-        cmocka_unit_test(memory_is_what_it_is_told_to_be),
-        cmocka_unit_test(a_window_of_frames_is_read_and_ends_with_the_recording),
-        cmocka_unit_test(a_range_has_the_bits_of_the_whole_recording),
-        cmocka_unit_test(alone_or_without_neighbours_a_frame_stays_as_it_is),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
