@@ -6,6 +6,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
+#include "v2v3d/tensor/blind.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -160,6 +161,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_calibration calibration = {0};
     struct v2v_calibration_report report;
     float *views = NULL;
+    uint8_t *marks = NULL;
+    int64_t blind = 0;
     V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
                             2));
     if (v2v_step_on_root(session)) {
@@ -175,10 +178,16 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         .config = &session->config, .psf = &psf, .height = info->height, .width = info->width};
     rc = V2V_ALLOC(views, "cli.calibrate", samples);
     if (rc == V2V_OK) {
-        rc = v2v_recording_read(recording, views, 0);
+        rc = V2V_ALLOC(marks, "cli.calibrate", samples);
+    }
+    if (rc == V2V_OK) {
+        rc = v2v_recording_read_marked(recording, views, marks, scaling.offset, &blind, 0);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_scaling_apply(&scaling, views, samples);
+    if (blind > 0) {
+        v2v_blind_leave(views, marks, samples);
+    }
     v2v_scaling_warn(&scaling, given->input, session->world);
     v2v_step_announce(session);
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
@@ -193,6 +202,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
 done:
     v2v_calibration_fini(&calibration);
+    v2v_mem_free(marks);
     v2v_mem_free(views);
     v2v_recording_close(&recording);
     v2v_psf_file_fini(&psf);

@@ -16,8 +16,9 @@
 struct found {
     float *projected;                 /* [v,y,x]: what the volume gives */
     float *recorded;                  /* likewise, less the offset */
-    uint8_t *blind;                   /* likewise: 1 where nothing is seen; NULL: not looked for */
-    float *seen;                      /* as recorded, but for those; NULL: there are none */
+    uint8_t *marks;                   /* likewise: 1 where nothing is seen, else 0 */
+    int64_t blind;                    /* how many see nothing */
+    float *seen;                      /* as recorded, but for those; NULL: the method takes all */
     struct v2v_match match, *of_view; /* [v] */
     double *displaced;                /* [v], pixels */
     double saturated;                 /* part of the views' pixels */
@@ -26,21 +27,15 @@ struct found {
     int is_seen;          /* it shows something above its noise */
 };
 
-/* What the method left out of the views as recorded. Local. */
-static enum v2v_status leave_blind(struct found *found, const struct v2v_volumes_made *made)
+/* The views as recorded but for what the method left out. Local. */
+static enum v2v_status leave_blind(struct found *found, const struct v2v_volumes_made *made,
+                                   int64_t samples)
 {
     enum v2v_status rc = V2V_OK;
-    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
-    const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
-    if (!made->ops->leaves_blind) {
-        return V2V_OK;
-    }
-    V2V_TRY(V2V_ALLOC(found->blind, "cli.quality", samples));
-    if (v2v_blind_find(found->blind, found->recorded, found->views, info->height, info->width) >
-        0) {
+    if (found->blind > 0 && made->ops->leaves_blind) {
         V2V_TRY(V2V_ALLOC(found->seen, "cli.quality", samples));
         memcpy(found->seen, found->recorded, (size_t)samples * sizeof *found->seen);
-        v2v_blind_leave(found->seen, found->blind, samples);
+        v2v_blind_leave(found->seen, found->marks, samples);
     }
 done:
     return rc;
@@ -50,27 +45,28 @@ done:
 static void tell_of_blind(const struct found *found, const struct v2v_recording_info *info)
 {
     const int64_t pixels = info->height * info->width;
+    const int is_left = found->seen != NULL;
     char list[256] = "";
-    int64_t blind = 0, lacking = 0, dead = 0;
-    for (int64_t v = 0; found->seen != NULL && v < found->views; v++) {
+    int64_t lacking = 0, dead = 0;
+    for (int64_t v = 0; found->blind > 0 && v < found->views; v++) {
         int64_t here = 0;
         for (int64_t i = v * pixels; i < (v + 1) * pixels; i++) {
-            here += found->blind[i];
+            here += found->marks[i];
         }
         const size_t length = strlen(list);
         if (here > 0) {
             snprintf(list + length, sizeof list - length, "%s%lld", lacking > 0 ? ", " : " ",
                      (long long)v);
         }
-        blind += here;
         lacking += here > 0;
         dead += here == pixels;
     }
-    if (blind > 0) {
-        v2v_log(dead > 0 ? V2V_LOG_WARNING : V2V_LOG_INFO,
-                "frame %lld: %s%s: %lld samples of one value see nothing and are left out",
+    if (found->blind > 0) {
+        v2v_log(dead > 0 || !is_left ? V2V_LOG_WARNING : V2V_LOG_INFO,
+                "frame %lld: %s%s: %lld samples of one value see nothing and are %s",
                 (long long)found->frame, lacking > 1 ? "views" : "view",
-                lacking == found->views ? " 0 and all others" : list, (long long)blind);
+                lacking == found->views ? " 0 and all others" : list, (long long)found->blind,
+                is_left ? "left out" : "taken for dark by this network");
     }
 }
 
@@ -143,11 +139,13 @@ static enum v2v_status read_views(struct found *found, const struct v2v_volumes_
     V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality", samples));
-    V2V_TRY(v2v_recording_read(made->recording, found->recorded, found->shown));
+    V2V_TRY(V2V_ALLOC(found->marks, "cli.quality", samples));
+    V2V_TRY(v2v_recording_read_marked(made->recording, found->recorded, found->marks, offset.offset,
+                                      &found->blind, found->shown));
     found->saturated = (double)v2v_saturated_pixels(found->recorded, samples) / (double)samples;
     offset.gain = 1.0;
     v2v_scaling_apply(&offset, found->recorded, samples);
-    V2V_TRY(leave_blind(found, made));
+    V2V_TRY(leave_blind(found, made, samples));
 done:
     return rc;
 }
@@ -351,7 +349,7 @@ void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
     }
     v2v_mem_free(found.seen);
-    v2v_mem_free(found.blind);
+    v2v_mem_free(found.marks);
     v2v_mem_free(found.recorded);
     v2v_mem_free(found.projected);
     v2v_mem_free(found.displaced);

@@ -4,13 +4,14 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/hot_pixels.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <string.h>
 
-/* A view, where it has distortion, and what taking it out needs. */
-enum { UNDISTORTING = 3 };
+/* A view, where it has distortion, and what taking it out of samples and of marks needs. */
+enum { UNDISTORTING = 4 };
 
 struct v2v_recording {
     struct v2v_recording_info info;
@@ -245,20 +246,48 @@ static void mend(struct v2v_recording *recording, float *views, int64_t t)
     }
 }
 
-static void undo_distortion(const struct v2v_recording *recording, float *views)
+/* Marks of a view as its samples are made of others. `before` and `after` are [height,width]. */
+static void move_marks(uint8_t *marks, float *after, float *before, float *scratch,
+                       const struct v2v_view_calibration *view, int64_t height, int64_t width)
 {
-    const struct v2v_recording_info *info = &recording->info;
-    const int64_t pixels = info->height * info->width;
-    for (int64_t v = 0; v < info->views; v++) {
-        const struct v2v_view_calibration *view = &recording->calibration->view[v];
-        memcpy(recording->as_recorded, views + v * pixels, (size_t)pixels * sizeof *views);
-        v2v_unwarp_image(views + v * pixels, recording->as_recorded,
-                         recording->as_recorded + pixels, info->height, info->width,
-                         view->distortion_y, view->distortion_x);
+    for (int64_t i = 0; i < height * width; i++) {
+        before[i] = marks[i] ? V2V_BLIND : 0.0f;
+    }
+    v2v_unwarp_image(after, before, scratch, height, width, view->distortion_y, view->distortion_x);
+    for (int64_t i = 0; i < height * width; i++) {
+        marks[i] = after[i] == V2V_BLIND;
     }
 }
 
-enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
+static void undo_distortion(const struct v2v_recording *recording, float *views, uint8_t *marks)
+{
+    const struct v2v_recording_info *info = &recording->info;
+    const int64_t pixels = info->height * info->width;
+    float *const before = recording->as_recorded, *const after = before + pixels;
+    float *const scratch = after + pixels;
+    for (int64_t v = 0; v < info->views; v++) {
+        const struct v2v_view_calibration *view = &recording->calibration->view[v];
+        float *image = views + v * pixels;
+        if (marks != NULL) {
+            move_marks(marks + v * pixels, after, before, scratch, view, info->height, info->width);
+        }
+        memcpy(before, image, (size_t)pixels * sizeof *before);
+        v2v_unwarp_image(image, before, scratch, info->height, info->width, view->distortion_y,
+                         view->distortion_x);
+    }
+}
+
+static int64_t count_marks(const uint8_t *marks, int64_t samples)
+{
+    int64_t count = 0;
+    for (int64_t i = 0; i < samples; i++) {
+        count += marks[i];
+    }
+    return count;
+}
+
+enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
+                                          uint8_t *marks, double zero, int64_t *blind, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
@@ -270,16 +299,27 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     const int is_sliding = recording->stride < info->views;
     const int64_t view = is_sliding ? t * recording->stride % info->views : 0;
     const int64_t late = info->views - view;
+    *blind = 0;
     V2V_TRY(read_views(recording, views, page, view, late, t));
     V2V_TRY(read_views(recording, views, page + late, 0, view, t));
     if (recording->samples != NULL) {
         mend(recording, views, t);
     }
+    if (marks != NULL) {
+        *blind = v2v_blind_find(marks, views, zero, info->views, info->height, info->width);
+    }
     if (recording->as_recorded != NULL) {
-        undo_distortion(recording, views);
+        undo_distortion(recording, views, *blind > 0 ? marks : NULL);
+        *blind = *blind > 0 ? count_marks(marks, info->views * info->height * info->width) : 0;
     }
 done:
     return rc;
+}
+
+enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
+{
+    int64_t none = 0;
+    return v2v_recording_read_marked(recording, views, NULL, 0.0, &none, t);
 }
 
 void v2v_recording_close(struct v2v_recording **recording)

@@ -9,6 +9,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/optics/projector.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <stdio.h>
@@ -170,7 +171,8 @@ enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *est
     for (int64_t i = 0; i < samples; i++) {
         sum += views[i] > 0.0f ? (double)views[i] : 0.0;
     }
-    *mean = sum / (double)samples;
+    const int64_t seen = samples - v2v_blind_count(views, samples);
+    *mean = seen > 0 ? sum / (double)seen : 0.0;
 done:
     return rc;
 }

@@ -5,6 +5,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <string.h>
@@ -112,7 +113,7 @@ static void project(const struct v2v_features *self, const float *volume)
     }
 }
 
-/* image = y - image where views are known, 0 elsewhere. */
+/* image = y - image where views are known, 0 elsewhere and where they are blind. */
 static void miss(const struct v2v_features *self, const float *views)
 {
     const struct v2v_torus *torus = &self->torus;
@@ -130,7 +131,7 @@ static void miss(const struct v2v_features *self, const float *views)
             float *row = self->image + (v * torus->height + y) * torus->width;
             memset(row, 0, (size_t)first * sizeof *row);
             for (int64_t x = first; x < end; x++) {
-                row[x] = recorded[x] - row[x];
+                row[x] = recorded[x] != V2V_BLIND ? recorded[x] - row[x] : 0.0f;
             }
             memset(row + end, 0, (size_t)(torus->width - end) * sizeof *row);
         }

@@ -1,5 +1,7 @@
 #include "method/richardson_lucy.h"
 
+#include "v2v3d/tensor/blind.h"
+
 /* Fast Richardson-Lucy: numerator A_v^T recorded_v, denominator A_v^T A_v x. The ratio is taken of
  * back-projections, which are smooth, and not of pixels: noise is not divided by dim projections,
  * so that negative samples may count as they are and leave no pedestal of clipped noise. A negative
@@ -9,23 +11,25 @@
  * 5, 61 (1986), of one view at a time. An iteration takes one back-projection a view more than
  * Richardson-Lucy. */
 
-/* Both images are 0 where the view is blind: numerator and denominator see the same pixels. */
+/* Both images are 0 where the view is unlit, and the same where it is blind: numerator and
+ * denominator see the same pixels. */
 static void correct(struct v2v_richardson_lucy *self, const float *views,
                     const struct v2v_view_list *list, float scale)
 {
     const float least = V2V_PROJECTION_FLOOR;
     const int64_t v = list->view[0], count = v2v_richardson_lucy_pixels(self);
     const float *recorded = views + v * self->height * self->width;
-    const uint8_t *blind = self->blind + v * count;
+    const uint8_t *unlit = self->unlit + v * count;
     float *image = self->ratio;
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        image[i] = blind[i] ? 0 : image[i] > least ? image[i] : least;
+        image[i] = unlit[i] ? 0 : image[i] > least ? image[i] : least;
     }
     v2v_projector_adjoint(self->projector, self->denominator, image, list->view, 1, 1.0f);
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
-        image[i] = blind[i] ? 0 : recorded[i] * scale;
+        const float light = recorded[i] != V2V_BLIND ? recorded[i] * scale : image[i];
+        image[i] = unlit[i] ? 0 : light;
     }
     v2v_projector_adjoint(self->projector, self->numerator, image, list->view, 1, 1.0f);
     const int64_t voxels = self->share.slices.count * self->share.rows.count * self->width;

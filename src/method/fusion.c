@@ -66,6 +66,7 @@ struct v2v_fusion {
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
     float *image;     /* [y,x] */
     uint8_t *blind;   /* [v,y,x] of frame t: marks; NULL: they aren't asked for */
+    int has_blind;    /* bool: frame t has some */
 };
 
 int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width,
@@ -319,19 +320,12 @@ static void take_noise(struct v2v_fusion *fusion, const float *views, const floa
     }
 }
 
-/* Of the views of a frame, finite. @return how many are blind and not to be seen */
-static int64_t find_blind(struct v2v_fusion *fusion, const float *views)
-{
-    return fusion->blind == NULL
-               ? 0
-               : v2v_blind_find(fusion->blind, views, fusion->views, fusion->height, fusion->width);
-}
-
-/* The views of a frame, finite, but for blind samples; those behind it until others are aligned. */
-static const float *leave_blind(struct v2v_fusion *fusion, const float *views)
+/* The views of a frame but for its `blind` samples, which are marked; those behind it until others
+ * are aligned. */
+static const float *leave_blind(struct v2v_fusion *fusion, const float *views, int64_t blind)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
-    if (find_blind(fusion, views) == 0) {
+    if (blind == 0) {
         return views;
     }
     v2v_bulk_copy(fusion->moved, views, samples);
@@ -339,13 +333,16 @@ static const float *leave_blind(struct v2v_fusion *fusion, const float *views)
     return fusion->moved;
 }
 
-void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
+/* With `blind` samples that are marked. */
+static void begin(struct v2v_fusion *fusion, const float *views, int64_t blind)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
     const float *seen = views;
     double sigma = 0.0; /* where a sample is not finite, which the method names */
+    fusion->has_blind = 0;
     if (v2v_first_not_finite(views, samples) < 0) {
-        seen = leave_blind(fusion, views);
+        fusion->has_blind = blind > 0;
+        seen = leave_blind(fusion, views, blind);
         sigma = v2v_noise_of_images(fusion->neighbour, seen, fusion->views, fusion->height,
                                     fusion->width);
     }
@@ -362,6 +359,17 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
     for (int64_t i = 0; i < samples; i++) {
         fusion->weight[i] = 1.0f;
     }
+}
+
+void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
+{
+    const int64_t samples = fusion->views * fusion->height * fusion->width;
+    int64_t blind = 0;
+    if (fusion->blind != NULL && v2v_first_not_finite(views, samples) < 0) {
+        blind =
+            v2v_blind_find(fusion->blind, views, 0.0, fusion->views, fusion->height, fusion->width);
+    }
+    begin(fusion, views, blind);
 }
 
 static double brightness_of(const struct v2v_fusion *fusion, const float *views,
@@ -484,10 +492,10 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
         fusion->moved[i] = views[i];
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
+    if (fusion->has_blind) {
+        v2v_blind_leave(views, fusion->blind, samples);
+    }
     if (fusion->noise.sigma > 0.0) {
-        if (fusion->blind != NULL) {
-            v2v_blind_leave(views, fusion->blind, samples);
-        }
         fusion->averaging.frames = fusion->weight;
         if (!fusion->averaging.is_of_photons) {
             find_shared_noise(fusion, views);
@@ -519,16 +527,17 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     const int64_t wanted = v2v_smaller(fusion->neighbours, earlier);
     const int64_t after = v2v_smaller(others - wanted, later);
     const int64_t before = v2v_smaller(others - after, earlier);
+    int64_t blind = 0;
     fusion->averaging = (struct v2v_averaging){0};
-    V2V_TRY(v2v_recording_read(recording, views, t));
+    V2V_TRY(v2v_recording_read_marked(recording, views, fusion->blind, scaling->offset, &blind, t));
     v2v_scaling_apply(scaling, views, samples);
     if (before + after == 0) {
-        if (v2v_first_not_finite(views, samples) < 0 && find_blind(fusion, views) > 0) {
+        if (blind > 0 && v2v_first_not_finite(views, samples) < 0) {
             v2v_blind_leave(views, fusion->blind, samples);
         }
         goto done;
     }
-    v2v_fusion_begin(fusion, views);
+    begin(fusion, views, blind);
     for (int64_t i = -before; i <= after; i++) {
         if (i != 0) {
             v2v_watchdog_beat("reading a neighbouring frame");

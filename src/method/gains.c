@@ -4,6 +4,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 
@@ -37,11 +38,12 @@ done:
     return rc;
 }
 
-/* to = from + noise, all views */
+/* to = from + noise, all views, but where `to` is blind */
 static void add_noise(const struct v2v_calibrator *self, float *to, const float *from, double noise)
 {
     for (int64_t i = 0; i < self->count * self->pixels; i++) {
-        to[i] = from[i] + (float)(noise * v2v_random_normal(SEED, 0, (uint64_t)i));
+        const float noisy = from[i] + (float)(noise * v2v_random_normal(SEED, 0, (uint64_t)i));
+        to[i] = to[i] != V2V_BLIND ? noisy : V2V_BLIND;
     }
 }
 

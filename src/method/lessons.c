@@ -7,6 +7,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/fusion.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 
@@ -21,7 +22,7 @@ struct v2v_lessons {
     int64_t height, width; /* of the frames that all below is for; 0: none yet */
     struct v2v_features *features;
     struct v2v_fusion *fusion;
-    float *views;            /* [v,y,x] */
+    float *views, *taught;   /* [v,y,x]: as recorded, and of a volume that is known */
     float *frames;           /* likewise, of their averaging; NULL: there is none */
     float *volume, *flipped; /* [z,torus] */
 };
@@ -47,6 +48,7 @@ static void free_plan(struct v2v_lessons *lessons)
     v2v_features_destroy(&lessons->features);
     v2v_fusion_destroy(&lessons->fusion);
     v2v_mem_free(lessons->views);
+    v2v_mem_free(lessons->taught);
     v2v_mem_free(lessons->frames);
     v2v_mem_free(lessons->volume);
     v2v_mem_free(lessons->flipped);
@@ -75,10 +77,11 @@ static enum v2v_status plan(struct v2v_lessons *self, int64_t height, int64_t wi
     free_plan(self);
     V2V_TRY(v2v_features_create(&self->features, &problem));
     V2V_TRY(v2v_fusion_create(&self->fusion, self->config->recon.neighbours, psf->views, height,
-                              width, 0));
+                              width, 1));
     const struct v2v_torus torus = v2v_features_torus(self->features);
     const int64_t voxels = v2v_mem_product(psf->slices, torus.height, torus.width);
     V2V_TRY(V2V_ALLOC(self->views, "lessons.views", v2v_mem_product(psf->views, height, width)));
+    V2V_TRY(V2V_ALLOC(self->taught, "lessons.views", v2v_mem_product(psf->views, height, width)));
     if (self->config->recon.neighbours > 0) {
         V2V_TRY(
             V2V_ALLOC(self->frames, "lessons.views", v2v_mem_product(psf->views, height, width)));
@@ -162,10 +165,11 @@ enum v2v_status v2v_lessons_make(struct v2v_lessons *lessons, float *images,
         averaging.frames = self->frames;
         tv->averaging = noise.averaging = &averaging;
     }
-    v2v_features_simulate(self->features, self->views, self->flipped, &noise,
+    v2v_features_simulate(self->features, self->taught, self->flipped, &noise,
                           (uint64_t)self->config->train.seed,
                           v2v_random_fnv1a64("lessons") + (uint64_t)number);
-    rc = v2v_features_of_views(self->features, images, NULL, &again, self->views);
+    v2v_blind_take_over(self->taught, self->views, self->psf->views * pixels);
+    rc = v2v_features_of_views(self->features, images, NULL, &again, self->taught);
     tv->averaging = NULL;
     V2V_TRY(rc);
     const double error = normalize(images, slices, pixels);

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/smooth.h"
 
 #include <math.h>
@@ -79,6 +80,7 @@ enum v2v_status v2v_registration_images_init(struct v2v_registration_images *ima
     V2V_TRY(V2V_ALLOC(images->prediction, "register.images", pixels));
     V2V_TRY(V2V_ALLOC(images->deep, "register.images", pixels));
     V2V_TRY(V2V_ALLOC(images->scratch, "register.images", pixels));
+    V2V_TRY(V2V_ALLOC(images->unseen, "register.images", pixels));
     V2V_TRY(V2V_ALLOC(images->of_row, "register.rows", v2v_mem_product(height, ROW, 1)));
 done:
     return rc;
@@ -87,6 +89,7 @@ done:
 void v2v_registration_images_fini(struct v2v_registration_images *images)
 {
     v2v_mem_free(images->of_row);
+    v2v_mem_free(images->unseen);
     v2v_mem_free(images->scratch);
     v2v_mem_free(images->deep);
     v2v_mem_free(images->prediction);
@@ -107,13 +110,35 @@ struct v2v_missed v2v_registration_missed(const float *recorded, const float *pr
     struct v2v_missed missed = {0.0, 0.0};
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
-            const double a = (double)recorded[y * width + x];
-            const double d = a - (double)prediction[y * width + x];
+            const int64_t i = y * width + x;
+            const int is_seen = recorded[i] != V2V_BLIND;
+            const double a = is_seen ? (double)recorded[i] : 0.0;
+            const double d = is_seen ? a - (double)prediction[i] : 0.0;
             missed.squares += d * d;
             missed.of += a * a;
         }
     }
     return missed;
+}
+
+/* What a pixel misses, 0 of a blind one; and which pixels have a blind one in their means. */
+static void take_missed(struct v2v_registration_images *images, const float *recorded,
+                        const float *prediction, int smoothing)
+{
+    const int64_t height = images->height, width = images->width;
+    const int64_t reach = smoothing > 1 ? smoothing : 0;
+    memset(images->unseen, 0, (size_t)(height * width));
+    for (int64_t i = 0; i < height * width; i++) {
+        const int is_seen = recorded[i] != V2V_BLIND;
+        const int64_t top = v2v_larger(i / width - reach, 0);
+        const int64_t bottom = v2v_smaller(i / width + reach, height - 1);
+        const int64_t left = v2v_larger(i % width - reach, 0);
+        const int64_t right = v2v_smaller(i % width + reach, width - 1);
+        images->missed[i] = is_seen ? recorded[i] - prediction[i] : 0.0f;
+        for (int64_t y = top; !is_seen && y <= bottom; y++) {
+            memset(images->unseen + y * width + left, 1, (size_t)(right - left + 1));
+        }
+    }
 }
 
 static void look_at(double image[IMAGES], const struct v2v_registration_images *images, int64_t y,
@@ -148,6 +173,9 @@ static void sum_row(double *sums, const struct v2v_registration_images *images, 
     memset(sums, 0, ROW * sizeof *sums);
     for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
         double *sum = sums;
+        if (images->unseen[y * images->width + x]) {
+            continue;
+        }
         look_at(image, images, y, x, reach);
         v2v_legendre(of_x, orders, v2v_field_place((double)x, images->width));
         for (int b = 0; b < IMAGES; b++) {
@@ -183,9 +211,7 @@ void v2v_registration_compare(struct v2v_registration *registration,
     const int orders = 2 * degree_of(terms) + 1;
     memset(registration, 0, sizeof *registration);
     registration->in_frame = v2v_registration_missed(recorded, prediction, width, rows, columns);
-    for (int64_t i = 0; i < pixels; i++) {
-        images->missed[i] = recorded[i] - prediction[i];
-    }
+    take_missed(images, recorded, prediction, smoothing);
     memcpy(images->prediction, prediction, (size_t)pixels * sizeof *prediction);
     memcpy(images->deep, deep, (size_t)pixels * sizeof *deep);
     if (smoothing > 1) {
@@ -209,8 +235,9 @@ double v2v_registration_brightness(const float *recorded, const float *predictio
     double product = 0.0, squares = 0.0;
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
-            const double p = (double)prediction[y * width + x];
-            product += p * (double)recorded[y * width + x];
+            const int64_t i = y * width + x;
+            const double p = recorded[i] != V2V_BLIND ? (double)prediction[i] : 0.0;
+            product += p * (double)recorded[i];
             squares += p * p;
         }
     }

@@ -64,7 +64,8 @@ struct v2v_registration {
 struct v2v_registration_images {
     int64_t height, width;
     float *missed, *prediction, *deep, *scratch; /* [y,x] */
-    double *of_row;                              /* [y,pairs,orders] */
+    uint8_t *unseen; /* [y,x]: 1 where a pixel, or one that it is a mean of, is blind */
+    double *of_row;  /* [y,pairs,orders] */
 };
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY */
@@ -76,7 +77,7 @@ void v2v_registration_images_fini(struct v2v_registration_images *images);
  *  @kind Local. */
 struct v2v_part v2v_registration_judged(int64_t side);
 
-/** @kind Local, the same bits with any number of threads. */
+/** Of pixels that aren't blind. @kind Local, the same bits with any number of threads. */
 struct v2v_missed v2v_registration_missed(const float *recorded, const float *prediction,
                                           int64_t width, struct v2v_part rows,
                                           struct v2v_part columns);

@@ -19,7 +19,7 @@
  * as the mean leaves the outermost voxels 2e-4 of round-off (rld), 1e-2 (frl). */
 static const double voxel_floor = 1e-6;
 
-/* A pixel is blind that would see less than this fraction of a volume of ones: near the border of a
+/* A pixel is unlit that would see less than this fraction of a volume of ones: near the border of a
  * tilted view all of its voxels may lie beyond the frame. Its ratio is recorded light over round-
  * off, up to 1 / V2V_PROJECTION_FLOOR; the adjoint takes it nowhere, but the transforms' round-off
  * of a number so large spreads over the whole volume (1e-3 of it, measured). */
@@ -46,7 +46,7 @@ static void project_ones(struct v2v_richardson_lucy *self, const struct v2v_psf_
                               scratch->table);
         for (int64_t i = 0; i < pixels; i++) {
             of_row[i / self->width] += scratch->light[i];
-            self->blind[v * pixels + i] = !(scratch->light[i] > floor);
+            self->unlit[v * pixels + i] = !(scratch->light[i] > floor);
         }
     }
     v2v_par_sum_f64(self->comm, scratch->of_row, all_rows);
@@ -77,7 +77,7 @@ static enum v2v_status take_memory(struct v2v_richardson_lucy *self, struct scra
         V2V_TRY(V2V_ALLOC(self->denominator, "rld.correction", voxels));
     }
     V2V_TRY(V2V_ALLOC(self->seen, "rld.seen", share->slices.count * self->width));
-    V2V_TRY(V2V_ALLOC(self->blind, "rld.blind", v2v_mem_product(self->views, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(self->unlit, "rld.unlit", v2v_mem_product(self->views, pixels, 1)));
     if (share->rows.count < self->height ||
         share->slices.count != v2v_projector_slices(self->projector).count) {
         V2V_TRY(V2V_ALLOC(self->volume, "rld.volume", voxels));
@@ -189,7 +189,7 @@ void v2v_richardson_lucy_destroy(struct v2v_estimator *estimator)
         v2v_mem_free(self->numerator);
         v2v_mem_free(self->denominator);
         v2v_mem_free(self->seen);
-        v2v_mem_free(self->blind);
+        v2v_mem_free(self->unlit);
         v2v_mem_free(self);
     }
 }

@@ -5,7 +5,8 @@
  *  A voxel that gives a view less than 1e-4 of its PSF's sum is left alone by that view, and is 0
  *  when no view sees it, or all views taken at once no more than that of one; a pixel that would
  *  get less than 1e-4 of the PSF's sum from a volume of ones has no say; a projection counts as at
- *  least 1e-6 of the mean view. All floors are relative: scaled views give the scaled volume. A
+ *  least 1e-6 of the mean view. Blind samples (tensor/blind.h) follow the volume: they change
+ *  nothing. All floors are relative: scaled views give the scaled volume. A
  *  dark frame is a dark volume. */
 #ifndef METHOD_RICHARDSON_LUCY_H
 #define METHOD_RICHARDSON_LUCY_H
@@ -56,7 +57,7 @@ struct v2v_richardson_lucy {
     float *numerator;     /**< [slices,rows,x] */
     float *denominator;   /**< likewise, of a method that has one of its own; else NULL */
     double *seen;         /**< [slices,x]: a row of A_v^T 1 for each slice */
-    uint8_t *blind;       /**< [v,view_rows,x]: no voxel of the frame lights this pixel */
+    uint8_t *unlit;       /**< [v,view_rows,x]: no voxel of the frame lights this pixel */
 };
 
 /** Functions of struct v2v_estimator_ops; `variant` is a struct v2v_richardson_lucy_variant.
@@ -75,7 +76,7 @@ void v2v_richardson_lucy_project(struct v2v_estimator *estimator, float *views,
 #define V2V_RICHARDSON_LUCY_OPS                                                                    \
     .describe_work = v2v_richardson_lucy_describe_work, .create = v2v_richardson_lucy_create,      \
     .destroy = v2v_richardson_lucy_destroy, .run = v2v_richardson_lucy_run,                        \
-    .project = v2v_richardson_lucy_project
+    .project = v2v_richardson_lucy_project, .leaves_blind = 1
 
 /** Pixels of a view that this rank holds. @kind Local. */
 static inline int64_t v2v_richardson_lucy_pixels(const struct v2v_richardson_lucy *self)

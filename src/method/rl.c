@@ -1,5 +1,7 @@
 #include "method/richardson_lucy.h"
 
+#include "v2v3d/tensor/blind.h"
+
 /* Richardson-Lucy: A^T((y + b) / (A x + b)) over A^T 1, sums over all views, whose projections
  * share the transforms of the slices: with V views and Z slices an iteration takes 2 (V + Z) of
  * them, view by view 2 V (Z + 1).
@@ -20,12 +22,13 @@ static void correct(struct v2v_richardson_lucy *self, const float *views,
     for (int64_t i = 0; i < list->count; i++) {
         const int64_t v = list->view[i];
         const float *recorded = views + v * self->height * self->width;
-        const uint8_t *blind = self->blind + v * count;
+        const uint8_t *unlit = self->unlit + v * count;
         float *ratio = self->ratio + i * count;
 #pragma omp parallel for simd schedule(static)
         for (int64_t p = 0; p < count; p++) {
             const float above = recorded[p] * scale + added, below = ratio[p] + added;
-            ratio[p] = above > 0 && !blind[p] ? above / (below > least ? below : least) : 0;
+            const float light = above > 0 ? above / (below > least ? below : least) : 0;
+            ratio[p] = unlit[p] ? 0 : recorded[p] != V2V_BLIND ? light : 1;
         }
     }
     v2v_projector_adjoint(self->projector, self->numerator, self->ratio, list->view, list->count,

@@ -3,6 +3,7 @@
 #include "method/richardson_lucy.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 
@@ -61,7 +62,7 @@ static void miss(double sums[2], const struct v2v_judge *judge, const float *vol
         v2v_projector_forward(self->projector, self->ratio, volume, &v, 1, 1.0f);
         for (int64_t p = 0; p < count; p++) {
             const double d = (double)recorded[p] / judge->mean - (double)self->ratio[p];
-            const int lit = !self->blind[v * count + p];
+            const int lit = !self->unlit[v * count + p] && recorded[p] != V2V_BLIND;
             sums[0] += lit ? d * d : 0.0;
             sums[1] += lit;
         }

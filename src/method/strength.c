@@ -6,6 +6,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/smooth.h"
 
 #include <math.h>
@@ -55,8 +56,9 @@ static void add(const struct chooser *self, struct v2v_strength_sums *sums, cons
 static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
 {
     for (int64_t i = 0; i < self->square.height * self->square.width; i++) {
-        correction[i] -= missed[i];
-        missed[i] = recorded[i] - missed[i];
+        const int is_seen = recorded[i] != V2V_BLIND;
+        correction[i] = is_seen ? correction[i] - missed[i] : 0.0f;
+        missed[i] = is_seen ? recorded[i] - missed[i] : 0.0f;
     }
     add(self, &self->all, missed, correction);
     keep_fine(self, missed);

@@ -180,6 +180,7 @@ static const char *const keys[] = {"recon.strength", "recon.precision", V2V_TV_K
 const struct v2v_estimator_ops v2v_estimator_unrolled = {
     .name = "unrolled",
     .is_learned = 1,
+    .leaves_blind = 1,
     .keys = keys,
     .is_open = is_open,
     .settle = settle,

@@ -26,6 +26,7 @@ enum { PART = 1, DEAD = 2 };
 
 struct images {
     const float *views;
+    float zero;
     uint8_t *marks;
     int64_t count, height, width;
 };
@@ -230,7 +231,7 @@ static int may_see_nothing(const struct images *in, float value)
 {
     const struct beside beside = look_beside(in, value);
     const int64_t some = some_of(in);
-    return beside.above >= some && (beside.below >= some || value < 0.0f);
+    return beside.above >= some && (beside.below >= some || value < in->zero);
 }
 
 /* .. after parts grew. */
@@ -327,10 +328,10 @@ static int64_t settle(const struct images *in, const float *values, int count)
     return found;
 }
 
-int64_t v2v_blind_find(uint8_t *marks, const float *views, int64_t count, int64_t height,
-                       int64_t width)
+int64_t v2v_blind_find(uint8_t *marks, const float *views, double zero, int64_t count,
+                       int64_t height, int64_t width)
 {
-    const struct images in = {views, marks, count, height, width};
+    const struct images in = {views, (float)zero, marks, count, height, width};
     const int64_t samples = count * height * width;
     float values[OF_FRAME];
     if (mark_parts(&in) == 0) {

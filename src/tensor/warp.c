@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/clones.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <string.h>
@@ -37,6 +38,18 @@ static double sample(const float *image, int64_t height, int64_t width, double y
         sum += along_y[i] * of_row;
     }
     return sum;
+}
+
+/* Is any that `sample` takes blind? */
+static int touches_blind(const float *image, int64_t height, int64_t width, double y, double x)
+{
+    const int64_t y0 = (int64_t)floor(y), x0 = (int64_t)floor(x);
+    int found = 0;
+    for (int i = 0; i < TAPS * TAPS; i++) {
+        const int64_t row = v2v_within(y0 - 1 + i / TAPS, 0, height - 1);
+        found |= image[row * width + v2v_within(x0 - 1 + i % TAPS, 0, width - 1)] == V2V_BLIND;
+    }
+    return found;
 }
 
 /* The transpose: the value goes to the pixels that `sample` takes it from, with their weights. */
@@ -236,13 +249,16 @@ void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t heig
         memcpy(to, from, (size_t)(height * width) * sizeof *to);
         return;
     }
+    const int is_blind = v2v_blind_count(from, height * width) > 0;
     displacement_fill(&displacement, field_y, field_x);
 #pragma omp parallel for schedule(static)
     for (int64_t y = 0; y < height; y++) {
         for (int64_t x = 0; x < width; x++) {
             double at[2];
             displaced(at, &displacement, y, x);
-            to[y * width + x] = (float)sample(from, height, width, at[0], at[1]);
+            to[y * width + x] = is_blind && touches_blind(from, height, width, at[0], at[1])
+                                    ? V2V_BLIND
+                                    : (float)sample(from, height, width, at[0], at[1]);
         }
     }
 }
@@ -260,7 +276,8 @@ void v2v_shade_image(float *image, int64_t height, int64_t width,
         for (int64_t x = 0; x < width; x++) {
             v2v_legendre(of_x, V2V_FIELD_ORDERS, v2v_field_place((double)x, width));
             const double factor = exp(sign * v2v_field_value(row, of_x));
-            image[y * width + x] = (float)(factor * (double)image[y * width + x]);
+            float *const at = &image[y * width + x];
+            *at = *at != V2V_BLIND ? (float)(factor * (double)*at) : V2V_BLIND;
         }
     }
 }

@@ -72,6 +72,12 @@ enum v2v_status v2v_recording_mend(struct v2v_recording *recording,
  *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, view, pixel; unreadable data) */
 enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views,
                                    int64_t t) V2V_MUST_CHECK;
+/** The same, and which samples see nothing (v2v_blind_find), found before distortion is undone and
+ *  moved with it. @kind Local. @param marks [v,y,x] out: 1 or 0; NULL: not asked for
+ *  @param zero counts without light @param blind out: how many; 0 where they aren't asked for */
+enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
+                                          uint8_t *marks, double zero, int64_t *blind,
+                                          int64_t t) V2V_MUST_CHECK;
 
 /** @kind Local; accepts NULL. */
 void v2v_recording_close(struct v2v_recording **recording);

@@ -34,7 +34,8 @@ struct v2v_calibration_report {
  *  bends the volume in depth.
  *  @kind   Collective(comm); any number of ranks finds the same to the bit
  *  @param  problem   config, psf, height, width
- *  @param  views     [v,height,width] less their offset, the same on all ranks
+ *  @param  views     [v,height,width] less their offset, the same on all ranks; blind samples
+ *          (tensor/blind.h) count for nothing
  *  @return V2V_OK | V2V_E_INPUT (fewer than three views, a dark frame) | V2V_E_CONFIG |
  *          V2V_E_MEMORY | V2V_STOPPED | V2V_E_NUMERIC; agreed
  *  @cost   of deconvolve's frames without other options: 30 to 50; tells how far it is

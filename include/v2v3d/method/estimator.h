@@ -231,7 +231,8 @@ enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator,
 /** Views whose mean is not above this make a dark volume: below FLT_MIN 1/mean would overflow. */
 #define V2V_ESTIMATOR_DARK 1e-37
 
-/** As check_views, and their mean, of those below zero as zeros. @kind Local. @return likewise */
+/** As check_views, and their mean but for blind samples, of those below zero as zeros.
+ *  @kind Local. @return likewise */
 enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *estimator,
                                    const float *views, int64_t count) V2V_MUST_CHECK;
 

@@ -10,7 +10,7 @@ extern "C" {
 
 /** A sample of views of which nothing is known, in place of its value: what an aperture or a mask
  *  keeps from the camera, dead rows, a dead view. Finite, since NaN and Inf are errors; units that
- *  views are in leave it alone. */
+ *  views are in, shading and distortion leave it alone. */
 #define V2V_BLIND (-FLT_MAX)
 
 /** Mark the samples of a frame's views that see nothing. They have one value v: over blocks of 8 x
@@ -20,11 +20,12 @@ extern "C" {
  *  noise. A view of one value sees nothing where the others vary.
  *  @kind   Local, no allocation; the same with any number of threads
  *  @param  marks [count,height,width] out: 1 where nothing is seen, else 0 @param views finite
+ *  @param  zero what samples without light are about
  *  @return how many see nothing
  *  @cost   a pass over the views, others where there are such parts
  *  @source REFERENCE.md 10 */
-int64_t v2v_blind_find(uint8_t *marks, const float *views, int64_t count, int64_t height,
-                       int64_t width);
+int64_t v2v_blind_find(uint8_t *marks, const float *views, double zero, int64_t count,
+                       int64_t height, int64_t width);
 
 /** Those that are marked become V2V_BLIND. @kind Local. */
 void v2v_blind_leave(float *views, const uint8_t *marks, int64_t samples);

@@ -22,7 +22,8 @@ void v2v_warp_image_transpose(float *to, const float *from, int64_t height, int6
                               const double field_x[V2V_FIELD_TERMS]);
 
 /** The inverse: to[p - field(p)] = from[p], likewise; fields change by less than a pixel from one
- *  pixel to the next. @kind Local. @param scratch [2,height,width] */
+ *  pixel to the next. What is made of a blind sample (tensor/blind.h) is blind.
+ *  @kind Local. @param scratch [2,height,width] */
 void v2v_unwarp_image(float *to, const float *from, float *scratch, int64_t height, int64_t width,
                       const double field_y[V2V_FIELD_TERMS], const double field_x[V2V_FIELD_TERMS]);
 
@@ -39,7 +40,7 @@ struct v2v_way {
 void v2v_warp_row(float *to, const float *from, int64_t height, int64_t width, int64_t y,
                   const struct v2v_way *way);
 
-/** image *= exp(sign * field). @kind Local. */
+/** image *= exp(sign * field), but for blind samples. @kind Local. */
 void v2v_shade_image(float *image, int64_t height, int64_t width,
                      const double field[V2V_FIELD_TERMS], double sign);
 

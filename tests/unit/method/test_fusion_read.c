@@ -3,6 +3,7 @@
 #include "small_recording.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <string.h>
@@ -156,6 +157,44 @@ static void alone_or_without_neighbours_a_frame_stays_as_it_is(void **state)
     }
 }
 
+/* A corner that no light comes to, of counts below the camera's zero: found as it was recorded,
+ * left out as a calibration moves it. */
+static void a_masked_corner_is_left_out_of_calibrated_views(void **state)
+{
+    (void)state;
+    enum { CORNER = 14, FAR = 2 * CORNER };
+    struct v2v_view_calibration view[VIEWS] = {
+        {.gain = 1.0, .distortion_y = {0.8}, .shading = {0.1, -0.2}}, {.gain = 1.0}};
+    const struct v2v_calibration calibration = {VIEWS, HEIGHT, WIDTH, view};
+    struct v2v_scaling calibrated = scaling;
+    calibrated.calibration = &calibration;
+    make_frames(8.0 * noise);
+    for (int64_t i = 0; i < (int64_t)FRAMES * CORNER * CORNER; i++) {
+        frames[i / (CORNER * CORNER)][i / CORNER % CORNER * WIDTH + i % CORNER] = 40.0f;
+    }
+    struct v2v_recording *recording = record(FRAMES);
+    assert_ok(v2v_recording_calibrate(recording, &calibration));
+    for (int64_t neighbours = 0; neighbours < 3; neighbours += 2) {
+        float *const to[2] = {other, fused}; /* all of it, and without the corner */
+        for (int leaves_blind = 0; leaves_blind < 2; leaves_blind++) {
+            struct v2v_fusion *fusion = NULL;
+            assert_ok(v2v_fusion_create(&fusion, neighbours, VIEWS, HEIGHT, WIDTH, leaves_blind));
+            assert_ok(v2v_fusion_read(fusion, to[leaves_blind], recording, &calibrated, 1));
+            v2v_fusion_destroy(&fusion);
+        }
+        assert_int_equal(v2v_blind_count(other, SAMPLES), 0);
+        assert_in_range(v2v_blind_count(fused, SAMPLES), CORNER * CORNER,
+                        (CORNER + 4) * (CORNER + 4));
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            const int64_t y = i / WIDTH, x = i % WIDTH;
+            assert_true(fused[i] == V2V_BLIND || neighbours > 0 || fused[i] == other[i]);
+            assert_true(fused[i] == V2V_BLIND || y >= CORNER || x >= CORNER);
+            assert_true(fused[i] != V2V_BLIND || (y < FAR && x < FAR));
+        }
+    }
+    v2v_recording_close(&recording);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -166,6 +205,7 @@ int main(void)
         cmocka_unit_test(a_window_of_frames_is_read_and_ends_with_the_recording),
         cmocka_unit_test(a_range_has_the_bits_of_the_whole_recording),
         cmocka_unit_test(alone_or_without_neighbours_a_frame_stays_as_it_is),
+        cmocka_unit_test(a_masked_corner_is_left_out_of_calibrated_views),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,17 +10,27 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { SIDE = 32, PIXELS = SIDE * SIDE, VOXELS = SLICES * PIXELS, FEATURES = 3, FRAMES = 2 };
+enum { SIDE = 32, PIXELS = SIDE * SIDE, VOXELS = SLICES * PIXELS, FEATURES = 3, FRAMES = 4 };
 enum { FLOATS = (FEATURES + 1) * VOXELS };
 
 static struct v2v_config config;
 static struct v2v_psf_file psf;
 static struct v2v_recording *recording;
 
-/* Boxes and their views, the second frame without anything. */
+/* A corner of a view, which sees nothing: some value below zero. */
+enum { MASKED_VIEW = 1, MASKED_SIDE = 14 };
+
+static void mask(float *views, float value)
+{
+    for (int i = 0; i < MASKED_SIDE * MASKED_SIDE; i++) {
+        views[MASKED_VIEW * PIXELS + i / MASKED_SIDE * SIDE + i % MASKED_SIDE] = value;
+    }
+}
+
+/* Boxes and their views, the second frame without anything; the others as the first, masked. */
 static void record(void)
 {
-    static float volume[VOXELS], views[VIEWS * PIXELS];
+    static float volume[VOXELS], views[FRAMES][VIEWS * PIXELS];
     char path[512];
     struct v2v_projector *projector = NULL;
     struct v2v_recording_writer *writer = NULL;
@@ -31,16 +41,18 @@ static void record(void)
         volume[i] = (i / 5 + i / SIDE / 7 + i / PIXELS) % 4 == 0 ? 1.0f : 0.0f;
     }
     assert_ok(v2v_projector_create(&projector, &psf, SIDE, SIDE, V2V_SPLIT_SLICES, NULL));
-    v2v_projector_forward(projector, views, volume, NULL, VIEWS, 1.0f);
+    v2v_projector_forward(projector, views[0], volume, NULL, VIEWS, 1.0f);
     v2v_projector_destroy(&projector);
     for (int i = 0; i < VIEWS * PIXELS; i++) {
-        views[i] += (float)(0.1 * v2v_random_normal(41, 0, (uint64_t)i));
+        views[0][i] += (float)(0.1 * v2v_random_normal(41, 0, (uint64_t)i));
+        views[2][i] = views[3][i] = views[0][i];
     }
+    mask(views[2], -0.25f);
+    mask(views[3], -4.0f);
     snprintf(path, sizeof path, "%s/recording.h5", test_folder(NULL));
     assert_ok(v2v_recording_create(&writer, path, &info, NULL));
     for (int t = 0; t < FRAMES; t++) {
-        assert_ok(v2v_recording_write(writer, views, t, 0, VIEWS));
-        memset(views, 0, sizeof views);
+        assert_ok(v2v_recording_write(writer, views[t], t, 0, VIEWS));
     }
     assert_ok(v2v_recording_finish(&writer));
     assert_ok(v2v_recording_open(&recording, path, &input, NULL));
@@ -148,6 +160,20 @@ static void brightness_does_not_count(void **state)
     assert_true(squares(one, other) <= 1e-8 * squares(one, NULL));
 }
 
+/* .. nor does what stands in place of samples that see nothing. */
+static void blind_samples_do_not_count(void **state)
+{
+    (void)state;
+    static float seen[FLOATS], one[FLOATS], other[FLOATS];
+    make(seen, 1.0, 0, 1);
+    make(one, 1.0, 2, 1);
+    make(other, 1.0, 3, 1);
+    assert_memory_equal(one, other, sizeof one);
+    const double apart = squares(one, seen) / squares(seen, NULL);
+    print_message("beside the frame without a mask: %.3g\n", apart);
+    assert_true(apart > 0.0 && apart < 0.5);
+}
+
 static void of_a_dark_frame_nothing_is_learnt(void **state)
 {
     (void)state;
@@ -164,6 +190,7 @@ int main(void)
         cmocka_unit_test(the_known_volume_is_the_frames_own_mirrored),
         cmocka_unit_test(a_number_always_gives_the_same_lesson),
         cmocka_unit_test(brightness_does_not_count),
+        cmocka_unit_test(blind_samples_do_not_count),
         cmocka_unit_test(of_a_dark_frame_nothing_is_learnt),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

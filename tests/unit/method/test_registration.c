@@ -2,6 +2,7 @@
 #include "method/anderson.h"
 #include "method/registration.h"
 #include "support.h"
+#include "v2v3d/tensor/blind.h"
 
 #include <math.h>
 #include <string.h>
@@ -46,9 +47,10 @@ static void show(float *image, float *deep, const struct v2v_view_calibration *v
     }
 }
 
-/* @return the farthest that any number of the view is from `truth` after the rounds */
-static double fit(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
-                  unsigned terms, int smoothing)
+/* The first pixels of a view are blind.
+ * @return the farthest that any number of the view is from `truth` after the rounds */
+static double fit_seen(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
+                       unsigned terms, int smoothing, int64_t blind)
 {
     static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
     struct v2v_calibration c = {1, HEIGHT, WIDTH, view};
@@ -59,6 +61,9 @@ static double fit(struct v2v_view_calibration *view, const struct v2v_view_calib
     double moved = 1.0, farthest = 0.0;
     assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
     show(seen, deep, truth);
+    for (int64_t i = 0; i < blind; i++) {
+        seen[i] = V2V_BLIND;
+    }
     for (int r = 0; r < MOST_ROUNDS && moved > 1e-6; r++) {
         show(predicted, deep, view);
         v2v_registration_compare(&registration, &images, seen, predicted, deep, terms, smoothing,
@@ -72,6 +77,12 @@ static double fit(struct v2v_view_calibration *view, const struct v2v_view_calib
     }
     v2v_registration_images_fini(&images);
     return farthest;
+}
+
+static double fit(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
+                  unsigned terms, int smoothing)
+{
+    return fit_seen(view, truth, terms, smoothing, 0);
 }
 
 /* At the truth the prediction is what is seen, to float32's rounding, whatever the differences. */
@@ -97,6 +108,25 @@ static void all_that_is_asked_for_is_found(void **state)
     view = (struct v2v_view_calibration){.gain = 1.0};
     assert_true(fit(&view, &all, V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE | V2V_REGISTER_FIELDS, 1) <
                 5e-3);
+}
+
+/* .. and beside blind samples: the upper half of what is judged. */
+static void blind_samples_count_for_nothing(void **state)
+{
+    (void)state;
+    enum { BLIND = HEIGHT / 2 * WIDTH + WIDTH / 3 };
+    const struct v2v_view_calibration truth = {
+        .gain = 0.8, .shift = {2.5, -1.75}, .slope = {0.75, -0.5}};
+    struct v2v_view_calibration view = {.gain = 1.0}, coarse = {.gain = 1.0};
+    const unsigned terms = V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE;
+    assert_true(fit_seen(&view, &truth, terms, 1, BLIND) < 1e-3);
+    assert_true(fit_seen(&coarse, &truth, terms, 3, BLIND) < 1e-3);
+    float recorded[4] = {2.0f, V2V_BLIND, 4.0f, 0.0f};
+    const float prediction[4] = {1.0f, 100.0f, 2.0f, 0.0f};
+    const struct v2v_part line = {0, 1}, all = {0, 4};
+    const struct v2v_missed missed = v2v_registration_missed(recorded, prediction, 4, line, all);
+    assert_true(missed.squares == 5.0 && missed.of == 20.0);
+    assert_true(v2v_registration_brightness(recorded, prediction, 4, line, all) == 2.0);
 }
 
 /* How far two views' displacements are apart, pixels, root mean square over what is judged. */
@@ -258,6 +288,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(all_that_is_asked_for_is_found),
+        cmocka_unit_test(blind_samples_count_for_nothing),
         cmocka_unit_test(fine_fields_are_found_where_they_are_asked_for),
         cmocka_unit_test(what_is_not_asked_for_stays),
         cmocka_unit_test(a_dark_view_stays_where_it_is),

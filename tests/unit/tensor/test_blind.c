@@ -61,7 +61,7 @@ static int is_masked(enum mask mask, int64_t i)
 
 static int64_t find(void)
 {
-    return v2v_blind_find(marks, images, IMAGES, SIDE, SIDE);
+    return v2v_blind_find(marks, images, 0.0, IMAGES, SIDE, SIDE);
 }
 
 /* @param part of the masked samples that may be wrong: counts have the mask's value next to it by

@@ -1,6 +1,7 @@
 /* Cubic convolution on images that it keeps exactly: polynomials of the second degree. */
 #include "support.h"
 
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/warp.h"
 
 #include <math.h>
@@ -120,6 +121,29 @@ static void without_a_field_nothing_changes(void **state)
     assert_memory_equal(to, from, sizeof to);
 }
 
+/* What a blind sample has no part in is as without it; what it has a part in is blind. */
+static void what_is_made_of_a_blind_sample_is_blind(void **state)
+{
+    (void)state;
+    enum { AT = HEIGHT / 2 * WIDTH + WIDTH / 2 };
+    float from[PIXELS], whole[PIXELS], part[PIXELS], other[PIXELS], scratch[2 * PIXELS];
+    int64_t blind = 0;
+    fill(from);
+    v2v_unwarp_image(whole, from, scratch, HEIGHT, WIDTH, field_y, field_x);
+    from[AT] += 1.0f;
+    v2v_unwarp_image(other, from, scratch, HEIGHT, WIDTH, field_y, field_x);
+    from[AT] = V2V_BLIND;
+    v2v_unwarp_image(part, from, scratch, HEIGHT, WIDTH, field_y, field_x);
+    for (int i = 0; i < PIXELS; i++) {
+        blind += part[i] == V2V_BLIND;
+        assert_true(part[i] == V2V_BLIND ? whole[i] != other[i] : part[i] == whole[i]);
+    }
+    assert_in_range(blind, 9, 25); /* 4 x 4, more or less where pixels move apart */
+    v2v_shade_image(from, HEIGHT, WIDTH, field_y, -1.0);
+    assert_int_equal(v2v_blind_count(from, PIXELS), 1);
+    assert_true(from[AT] == V2V_BLIND);
+}
+
 /* Each pixel of a row its own way, those that are short none, beyond the image its edge. */
 static void a_row_is_taken_from_where_its_pixels_lie(void **state)
 {
@@ -196,6 +220,7 @@ int main(void)
         cmocka_unit_test(a_parabola_goes_back_to_where_it_came_from),
         cmocka_unit_test(beyond_the_image_its_edge_goes_on),
         cmocka_unit_test(without_a_field_nothing_changes),
+        cmocka_unit_test(what_is_made_of_a_blind_sample_is_blind),
         cmocka_unit_test(a_row_is_taken_from_where_its_pixels_lie),
         cmocka_unit_test(shading_is_the_exponential_of_its_field),
         cmocka_unit_test(the_last_term_is_the_tenth_polynomial_of_y),

@@ -1,4 +1,5 @@
-/* Samples that see nothing are unknown to total variation, as those beyond the frame are. */
+/* Samples that see nothing are unknown to total variation, as those beyond the frame are, and to
+ * Richardson-Lucy. */
 #include "small_tv.h"
 
 #include "v2v3d/base/random.h"
@@ -70,19 +71,15 @@ static double psnr_of(const float *of, const struct v2v_psf_file *by)
 
 static void leave_blind(void)
 {
-    assert_true(v2v_blind_find(marks, masked, VIEWS, SIDE, SIDE) > 0);
+    assert_true(v2v_blind_find(marks, masked, 0.0, VIEWS, SIDE, SIDE) > 0);
     v2v_blind_leave(masked, marks, SAMPLES);
 }
 
-/* A dead view is as none: the minimum is the same, but for the level of the other views' noise, and
- * it is reached to the tolerance. Taken for data it costs more than a decibel. */
-static void check_dead_view(enum v2v_noise_model model)
+/* Of the views that aren't dead. */
+static double psnr_of_others(void)
 {
     const int64_t kernels = SLICES * KERNEL_HEIGHT * KERNEL_WIDTH;
     static float fewer[SAMPLES], data[VIEWS * SLICES * KERNEL_HEIGHT * KERNEL_WIDTH];
-    config.deconv.noise = model;
-    config.deconv.lambda.value = 0.03;
-    config.deconv.lambda.mode = V2V_NUMBER_GIVEN;
     without = psf;
     without.views = VIEWS - 1;
     without.data = data;
@@ -93,8 +90,18 @@ static void check_dead_view(enum v2v_noise_model model)
             to++;
         }
     }
+    return psnr_of(fewer, &without);
+}
+
+/* A dead view is as none: the minimum is the same, but for the level of the other views' noise, and
+ * it is reached to the tolerance. Taken for data it costs more than a decibel. */
+static void check_dead_view(enum v2v_noise_model model)
+{
+    config.deconv.noise = model;
+    config.deconv.lambda.value = 0.03;
+    config.deconv.lambda.mode = V2V_NUMBER_GIVEN;
     memset(masked + DEAD * PIXELS, 0, PIXELS * sizeof *masked);
-    const double as_data = psnr_of(masked, &psf), expected = psnr_of(fewer, &without);
+    const double as_data = psnr_of(masked, &psf), expected = psnr_of_others();
     leave_blind();
     const double found = psnr_of(masked, &psf);
     if (!(fabs(found - expected) < 0.3 && as_data < expected - 1.0)) {
@@ -132,6 +139,26 @@ static void the_outside_of_an_aperture_costs_nothing(void **state)
     }
 }
 
+/* They change nothing, so that a dead view is as none; taken for data it costs decibels. */
+static void richardson_lucy_leaves_a_dead_view_out(void **state)
+{
+    (void)state;
+    static const char *const methods[] = {"rl", "rld", "frl"};
+    float *const dead = masked + DEAD * PIXELS;
+    for (size_t i = 0; i < sizeof methods / sizeof *methods; i++) {
+        method = methods[i];
+        memset(dead, 0, PIXELS * sizeof *dead);
+        const double as_data = psnr_of(masked, &psf), expected = psnr_of_others();
+        for (int64_t p = 0; p < PIXELS; p++) {
+            dead[p] = V2V_BLIND;
+        }
+        const double found = psnr_of(masked, &psf);
+        print_message("%s: %.2f dB, without the view %.2f, as data %.2f\n", method, found, expected,
+                      as_data);
+        assert_true(fabs(found - expected) < 0.5 * (expected - as_data));
+    }
+}
+
 /* Averaged with frames alike: the mark stays, and what is said of the noise is of the other
  * views. */
 static void averaged_frames_keep_the_mark(void **state)
@@ -164,6 +191,7 @@ int main(void)
         TEST(a_dead_view_is_as_none),
         TEST(a_dead_view_is_as_none_where_samples_have_weights),
         TEST(the_outside_of_an_aperture_costs_nothing),
+        TEST(richardson_lucy_leaves_a_dead_view_out),
         TEST(averaged_frames_keep_the_mark),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
