@@ -2,9 +2,16 @@
 
 #include <signal.h>
 #include <stddef.h>
+#include <time.h>
 
 /* Written by the signal handler. */
 static volatile sig_atomic_t requested;
+
+/* Of the first SIGTERM or SIGINT, milliseconds of a clock that wraps around; 0: none came. */
+static volatile sig_atomic_t asked_ms;
+
+/* Signals that belong together: timeout(1) sends one to the process and one to its group. */
+enum { ONE_ASKING_MS = 1000 };
 
 static void on_signal(int number)
 {
@@ -20,10 +27,20 @@ void v2v_stop_install(void)
     sigaction(SIGUSR2, &action, NULL);
 }
 
-/* The first asks, the next ends the process as it would have without a handler. */
+static unsigned now_ms(void)
+{
+    struct timespec now = {0};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (unsigned)now.tv_sec * 1000u + (unsigned)(now.tv_nsec / 1000000) + 1u;
+}
+
+/* The first asks, what comes a second later ends the process as it would have without a handler. */
 static void on_ending(int number)
 {
-    if (requested) {
+    const unsigned now = now_ms();
+    if (!requested) {
+        asked_ms = (sig_atomic_t)now;
+    } else if (asked_ms == 0 || now - (unsigned)asked_ms >= ONE_ASKING_MS) {
         signal(number, SIG_DFL);
         raise(number);
     }

@@ -31,6 +31,9 @@ struct v2v_command {
     const struct v2v_option *options; /**< closed by {0} */
     size_t bytes;                     /**< of the arguments struct: struct v2v_common first */
     const char *const *preset;        /**< settings over the defaults, NULL-terminated; or NULL */
+    /** The file of settings where none is given, but what it says of ranks; NULL: none.
+     *  @kind Rank-0. @return bool: there is one; then path is set */
+    int (*usual_config)(char *path, size_t bytes, const void *arguments);
     /** @kind Collective(world). @return agreed or not: the caller agrees again */
     enum v2v_status (*run)(const void *arguments, struct v2v_session *session);
 };

@@ -42,7 +42,8 @@ static const struct v2v_option options[] = {
     V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
                     "start from these; they decide on the network"),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
-    V2V_OPTION_SWITCH(struct arguments, resume, "resume", "go on where the run in FOLDER stopped"),
+    V2V_OPTION_SWITCH(struct arguments, resume, "resume",
+                      "go on where the run in FOLDER stopped, without -c by its config.yaml"),
     {.name = "max-time",
      .kind = V2V_OPTION_DURATION,
      .at = offsetof(struct arguments, max_time_s),
@@ -236,9 +237,19 @@ done:
     return rc;
 }
 
+/* A run goes on as it began. */
+static int usual_config(char *path, size_t bytes, const void *arguments)
+{
+    const struct arguments *given = arguments;
+    return given->resume &&
+           v2v_text_format(path, bytes, "%s/%s", given->folder, V2V_RUN_CONFIG) == V2V_OK &&
+           v2v_file_exists(path);
+}
+
 const struct v2v_command v2v_command_train = {
     .name = "train",
     .summary = "fit a network to recordings: view to view, or as the method says",
     .options = options,
     .bytes = sizeof(struct arguments),
+    .usual_config = usual_config,
     .run = run};

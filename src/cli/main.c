@@ -99,6 +99,22 @@ static enum v2v_status unknown_command(int argc, char *const *argv)
                     nearest != NULL ? "'?" : "");
 }
 
+/* The command's own file, where none is given: ranks are those of now. Rank-0. */
+static enum v2v_status load_usual(struct v2v_config *config, const struct v2v_command *command,
+                                  const struct v2v_common *common)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    const struct v2v_config before = *config;
+    if (command->usual_config != NULL && command->usual_config(path, sizeof path, common)) {
+        V2V_TRY(v2v_config_load(config, path));
+        config->parallel = before.parallel;
+        v2v_log(V2V_LOG_INFO, "settings: %s, and the command line", path);
+    }
+done:
+    return rc;
+}
+
 /* Settings in their order: defaults, the command's preset, the file, the command line. Rank 0
  * reads, so that all ranks hold the same even when the file changes meanwhile. */
 static enum v2v_status settle_config(struct v2v_session *session, const struct v2v_command *command,
@@ -110,8 +126,9 @@ static enum v2v_status settle_config(struct v2v_session *session, const struct v
     for (const char *const *line = command->preset; line != NULL && *line != NULL; line++) {
         V2V_TRY(v2v_config_set(config, *line));
     }
-    if (common->config != NULL && v2v_comm_rank(session->world) == 0) {
-        rc = v2v_config_load(config, common->config);
+    if (v2v_comm_rank(session->world) == 0) {
+        rc = common->config != NULL ? v2v_config_load(config, common->config)
+                                    : load_usual(config, command, common);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, config, (int64_t)sizeof *config, 0);

@@ -5,6 +5,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/file_sum.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/psf.h"
@@ -162,6 +163,7 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         settings.views = psf->views;
     }
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
+    V2V_TRY(v2v_file_agree(path, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(*recording);
     if (info->is_one_row) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,
@@ -227,7 +229,10 @@ static enum v2v_status read_weights_info(const struct v2v_session *session,
     if (rc == V2V_OK) {
         rc = v2v_network_of_weights(ops, info, path);
     }
-    return v2v_par_agree(session->world, rc);
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    V2V_TRY(v2v_file_agree(path, session->world));
+done:
+    return rc;
 }
 
 /* Does a setting of the weights go before one that was given: on the command line, or in a file

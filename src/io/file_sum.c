@@ -1,6 +1,7 @@
 #include "v2v3d/io/file_sum.h"
 
 #include "io/folder.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/par/watchdog.h"
@@ -8,6 +9,7 @@
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { PIECE = 1 << 24 };
 
@@ -100,6 +102,60 @@ enum v2v_status v2v_file_sum(uint64_t *sum, const char *path, const struct v2v_c
     int64_t all = (int64_t)part;
     v2v_par_sum_i64(comm, &all, 1);
     *sum = (uint64_t)all;
+done:
+    return rc;
+}
+
+/* Of a file's size, and where `reads` is set of its first and last piece. Local. */
+static enum v2v_status add_sample(uint64_t *sum, const char *path, int reads)
+{
+    enum v2v_status rc = V2V_OK;
+    struct stat state;
+    V2V_TRY(v2v_file_check_input(path));
+    if (stat(path, &state) != 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: %s", path, strerror(errno)));
+    }
+    *sum = v2v_random_splitmix64(*sum + (uint64_t)state.st_size);
+    const int64_t last = v2v_parts(state.st_size, PIECE) - 1;
+    if (reads) {
+        V2V_TRY(read_pieces(add_hash, sum, path, 0, v2v_larger(last, 1)));
+    }
+done:
+    return rc;
+}
+
+static enum v2v_status sample(uint64_t *sum, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_folder folder = {0};
+    char file[V2V_PATH_BYTES];
+    if (!v2v_file_is_folder(path)) {
+        return add_sample(sum, path, 1);
+    }
+    V2V_TRY(v2v_folder_list(&folder, path));
+    for (int64_t i = 0; i < folder.count; i++) {
+        V2V_TRY(v2v_folder_path(file, &folder, i));
+        V2V_TRY(add_sample(sum, file, i == 0));
+    }
+done:
+    v2v_folder_fini(&folder);
+    return rc;
+}
+
+enum v2v_status v2v_file_agree(const char *path, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    uint64_t own = 0;
+    if (v2v_comm_size(comm) == 1) {
+        return V2V_OK;
+    }
+    V2V_TRY(v2v_par_agree(comm, sample(&own, path)));
+    uint64_t first = own;
+    v2v_par_broadcast(comm, &first, sizeof first, 0);
+    if (own != first) {
+        rc = V2V_FAIL(V2V_E_INPUT, "%s: is another file here than on rank 0's host", path);
+    }
+    rc = v2v_par_agree(comm, rc);
 done:
     return rc;
 }

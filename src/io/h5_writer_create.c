@@ -8,6 +8,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include <string.h>
+#include <time.h>
 
 /* Is the shape fine, and has the disk room for the data? */
 static enum v2v_status check_space(const struct v2v_h5_writer *writer,
@@ -146,6 +147,24 @@ done:
     return rc;
 }
 
+/* Local: does this rank see the file that rank 0 made? Some file systems need a moment; without it
+ * ranks would wait for each other in MPI-IO. */
+static enum v2v_status see_file(const struct v2v_h5_writer *writer)
+{
+    enum { LOOKS = 50 };
+    const struct timespec pause = {.tv_nsec = 100000000};
+    for (int i = 0; i < LOOKS; i++) {
+        if (v2v_file_exists(writer->temporary)) {
+            return V2V_OK;
+        }
+        nanosleep(&pause, NULL);
+    }
+    return V2V_FAIL(V2V_E_IO,
+                    "%s: rank 0 has made it and it is not seen here: all ranks have to write "
+                    "into one folder",
+                    writer->temporary);
+}
+
 /* Local: the properties with which all ranks open the file. */
 static enum v2v_status prepare_access(const struct v2v_h5_writer *writer, hid_t *access)
 {
@@ -203,6 +222,7 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
     }
     V2V_TRY(v2v_par_agree(comm, rc));
     V2V_TRY(prepare_file(fresh, plan));
+    V2V_TRY(v2v_par_agree(comm, see_file(fresh)));
     V2V_TRY(v2v_par_agree(comm, prepare_access(fresh, &access)));
     fresh->file = H5Fopen(fresh->temporary, H5F_ACC_RDWR, access);
     V2V_TRY(v2v_h5_writer_settle(

@@ -245,7 +245,13 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
                          (long long)own.slices, in_one_line(own.settings)));
     }
     const char *last = trainer->average != NULL ? "last" : "weights";
-    V2V_TRY(v2v_weights_file_read(network->weights, path, last, fields));
+    rc = v2v_weights_file_read(network->weights, path, last, fields);
+    if (rc == V2V_E_INPUT && trainer->average != NULL &&
+        v2v_weights_file_read(network->weights, path, "weights", fields) == V2V_OK) {
+        rc = V2V_FAIL(rc, "%s: its run averages no weights: it goes on with train.average=0 alone",
+                      path);
+    }
+    V2V_TRY(rc);
     if (trainer->average != NULL) {
         V2V_TRY(v2v_weights_file_read(trainer->average, path, "weights", fields));
     }

@@ -1,11 +1,13 @@
 #include "train/run_folder.h"
 
 #include "train/checkpoint.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/io/json.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -56,11 +58,58 @@ enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct
                                      const struct v2v_comm *comm)
 {
     enum v2v_status mine = V2V_OK;
-    *folder = (struct v2v_run_folder){.path = job->folder, .lock = -1};
+    *folder = (struct v2v_run_folder){
+        .path = job->folder, .resumes = job->resume, .config = job->config, .lock = -1};
     if (v2v_comm_rank(comm) == 0) {
         mine = enter_on_main_rank(folder, job);
     }
     return v2v_par_agree(comm, mine);
+}
+
+/* Lines of two texts of one form, whose sections begin without indentation. */
+static void tell_lines(const char *path, const char *before, const char *now)
+{
+    char section[64] = "";
+    while (*before != '\0' && *now != '\0') {
+        const int was = (int)strcspn(before, "\n"), is = (int)strcspn(now, "\n");
+        if (*now != ' ') {
+            snprintf(section, sizeof section, "%.*s", (int)strcspn(now, ":\n"), now);
+        } else if (was != is || memcmp(before, now, (size_t)is) != 0) {
+            v2v_log(V2V_LOG_WARNING, "%s: goes on with %s.%.*s, which was %.*s until here", path,
+                    section, is - 2, now + 2, was - 2, before + 2);
+        }
+        before += was + (before[was] != '\0');
+        now += is + (now[is] != '\0');
+    }
+}
+
+/* What is set otherwise than until here, but for how many steps there are and what ranks do. */
+static enum v2v_status tell_changes(const struct v2v_run_folder *folder, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_config before;
+    char *text = NULL;
+    v2v_config_defaults(&before);
+    if (!v2v_file_exists(path) || v2v_config_load(&before, path) != V2V_OK) {
+        return V2V_OK; /* lost, or of another version */
+    }
+    before.parallel = folder->config->parallel;
+    before.train.steps = folder->config->train.steps;
+    V2V_TRY(v2v_config_text(&text, &before, NULL, 0));
+    tell_lines(folder->path, text, folder->config_text);
+done:
+    free(text);
+    return rc;
+}
+
+/* A run that was to go on and has nothing to go on from: job scripts begin so, and so does a run
+ * that lost its checkpoints. */
+static void tell_of_nothing(const struct v2v_run_folder *folder, const char *metrics)
+{
+    struct stat state;
+    const int has_log = stat(metrics, &state) == 0 && state.st_size > 0;
+    v2v_log(has_log ? V2V_LOG_WARNING : V2V_LOG_INFO, "%s: %sno checkpoint: begins anew",
+            folder->path, has_log ? "has a log of steps and " : "");
 }
 
 enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step)
@@ -70,10 +119,17 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
     if (folder->lock < 0) {
         goto done; /* not rank 0 */
     }
+    V2V_TRY(path_in(path, folder, V2V_RUN_METRICS));
+    if (step == 0 && folder->resumes) {
+        tell_of_nothing(folder, path);
+    }
     if (step == 0) {
         V2V_TRY(v2v_checkpoint_forget(folder->path));
     }
     V2V_TRY(path_in(path, folder, V2V_RUN_CONFIG));
+    if (step > 0) {
+        V2V_TRY(tell_changes(folder, path));
+    }
     V2V_TRY(v2v_file_write_text(path, folder->config_text));
     V2V_TRY(path_in(path, folder, V2V_RUN_METRICS));
     V2V_TRY(v2v_json_lines_cut(path, step));

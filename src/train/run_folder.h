@@ -9,10 +9,12 @@
 
 struct v2v_run_folder {
     const char *path;
-    int is_new;        /* bool: there was none before */
-    int lock;          /* descriptor of the locked file, -1: none */
-    FILE *log;         /* metrics.jsonl, rank 0 only */
-    char *config_text; /* resolved configuration, rank 0 only; of v2v_text_open */
+    int is_new;                      /* bool: there was none before */
+    int resumes;                     /* bool: it was asked to go on */
+    const struct v2v_config *config; /* resolved */
+    int lock;                        /* descriptor of the locked file, -1: none */
+    FILE *log;                       /* metrics.jsonl, rank 0 only */
+    char *config_text;               /* the same, rank 0 only; of v2v_text_open */
 };
 
 /* Make the folder and lock it against other runs. Collective(comm), agreed.
@@ -22,7 +24,8 @@ enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /* The run starts after step `step`; nothing in the folder has changed until here. At step 0 the
- * checkpoints of an older run go; config.yaml is written; metrics.jsonl is opened and lines of
+ * checkpoints of an older run go, else what is set otherwise than before is told; config.yaml is
+ * written; metrics.jsonl is opened and lines of
  * later steps are cut off. Local; rank 0 works. */
 enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
 

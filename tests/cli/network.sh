@@ -268,6 +268,20 @@ says 'step 6'
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o run --resume --steps 6
 grep -q '^run: 6 steps are done, 6 were asked for$' stderr || fail "a finished run: $(cat stderr)"
 grep -q -e 'other frames' -e 'made for' stderr && fail "the same is called other: $(cat stderr)"
+# Without -c it goes on by its own settings; with others it says which.
+cp -r run again
+grep -v -e '^  steps:' again/config.yaml >config_before
+works train --psf psf.h5 --input recording.h5 -o again --resume --steps 7
+grep -v -e '^  steps:' again/config.yaml | diff config_before - >/dev/null ||
+    fail 'a run went on by other settings'
+grep -q 'goes on with' stderr && fail "the same is called other: $(cat stderr)"
+works train --psf psf.h5 --input recording.h5 -o again --resume --steps 8 --set train.learning_rate=0.002
+[ "$(grep -c 'goes on with train.learning_rate: 0.002, which was' stderr)" -eq 1 ] ||
+    fail "no word on another learning rate: $(cat stderr)"
+rm again/weights*.h5
+works train --psf psf.h5 --input recording.h5 -o again --resume --steps 2
+grep -q 'has a log of steps and no checkpoint: begins anew' stderr ||
+    fail "no word on lost checkpoints: $(cat stderr)"
 # Weights of `unrolled` serve other PSFs; a run that goes on with others says so.
 corrected=(train -c tiny.yaml --set model.method=unrolled --input recording.h5 -o corrected)
 works "${corrected[@]}" --psf psf.h5 --steps 2

@@ -11,7 +11,7 @@ void v2v_stop_install(void);
 int v2v_stop_requested(void);
 
 /** From now on SIGTERM and SIGINT ask likewise, and end the process only where it was asked
- *  already: for loops that poll. @kind Local. */
+ *  already, a second ago or more: for loops that poll. @kind Local. */
 void v2v_stop_heed_ending(void);
 
 #ifdef __cplusplus

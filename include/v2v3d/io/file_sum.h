@@ -16,6 +16,12 @@ extern "C" {
 enum v2v_status v2v_file_sum(uint64_t *sum, const char *path,
                              const struct v2v_comm *comm) V2V_MUST_CHECK;
 
+/** Do all ranks read the same under this name? By the size, the first and the last 16 MiB; of a
+ *  folder by the sizes of its TIFF files, and the first of them.
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (which rank doesn't) | V2V_E_MEMORY; agreed
+ *  @cost nothing on one rank */
+enum v2v_status v2v_file_agree(const char *path, const struct v2v_comm *comm) V2V_MUST_CHECK;
+
 /** CRC-32C of all bytes of a file. @kind Local. @return V2V_OK | V2V_E_INPUT | V2V_E_MEMORY */
 enum v2v_status v2v_file_crc32c_of(uint32_t *crc, const char *path) V2V_MUST_CHECK;
 

@@ -409,6 +409,41 @@ static void a_file_has_one_sum_on_any_ranks(void **state)
     }
 }
 
+/* The last rank's host has other bytes under the name, in the middle of a piece or at an end, or no
+ * file at all: as where nodes keep copies of their own. */
+static void a_file_that_is_another_on_one_rank_is_refused(void **state)
+{
+    (void)state;
+    enum { BYTES = 40000 };
+    static const struct {
+        int64_t bytes, changed; /* of the last rank's; -1: none is */
+        enum v2v_status expected;
+    } cases[] = {{BYTES, -1, V2V_OK},
+                 {BYTES, BYTES / 2, V2V_E_INPUT},
+                 {BYTES - 1, -1, V2V_E_INPUT},
+                 {0, -1, V2V_E_INPUT}};
+    char content[BYTES], name[32];
+    const int is_other = rank() == size() - 1 && size() > 1;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const int64_t bytes = is_other ? cases[i].bytes : BYTES;
+        memset(content, 'v', sizeof content);
+        if (is_other && cases[i].changed >= 0) {
+            content[cases[i].changed] = 'w';
+        }
+        snprintf(name, sizeof name, "own%d", rank());
+        use(name);
+        unlink(path);
+        if (bytes > 0) {
+            FILE *file = fopen(path, "wbe");
+            assert_non_null(file);
+            assert_int_equal(fwrite(content, 1, (size_t)bytes, file), bytes);
+            assert_int_equal(fclose(file), 0);
+        }
+        assert_int_equal(v2v_file_agree(path, test_world()),
+                         size() > 1 ? cases[i].expected : V2V_OK);
+    }
+}
+
 static void every_rank_gets_the_psfs(void **state)
 {
     (void)state;
@@ -447,6 +482,7 @@ int main(int argc, char **argv)
         balanced(a_frame_whose_data_were_damaged_is_not_done),
         balanced(two_writers_of_one_file_are_refused),
         balanced(a_file_has_one_sum_on_any_ranks),
+        balanced(a_file_that_is_another_on_one_rank_is_refused),
         balanced(every_rank_gets_the_psfs),
     };
     return test_mpi_main(tests, argc, argv);

@@ -1,4 +1,5 @@
-/* Signals that ask a process to stop: the first is heeded by who polls, the next ends it. */
+/* Signals that ask a process to stop: the first is heeded by who polls, one that comes a second
+ * later ends it. */
 #include "support.h"
 
 #include "v2v3d/base/stop.h"
@@ -25,7 +26,9 @@ static void stubborn(int says)
     }
 }
 
-static void the_first_asks_and_the_second_ends(void **state)
+enum { AT_ONCE_US = 20000, LATER_US = 1100000 };
+
+static void the_first_asks_and_a_later_one_ends(void **state)
 {
     (void)state;
     static const int signals[] = {SIGTERM, SIGINT};
@@ -42,7 +45,10 @@ static void the_first_asks_and_the_second_ends(void **state)
         assert_int_equal(kill(child, signals[i]), 0);
         assert_int_equal(read(ends[0], &word, 1), 1);
         assert_int_equal(word, 'a');
+        assert_int_equal(kill(child, signals[i]), 0); /* as timeout(1) sends two */
+        usleep(AT_ONCE_US);
         assert_int_equal(waitpid(child, &status, WNOHANG), 0);
+        usleep(LATER_US);
         assert_int_equal(kill(child, signals[i]), 0);
         assert_int_equal(waitpid(child, &status, 0), child);
         assert_true(WIFSIGNALED(status) && WTERMSIG(status) == signals[i]);
@@ -64,7 +70,7 @@ static void a_user_signal_only_asks(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_first_asks_and_the_second_ends),
+        cmocka_unit_test(the_first_asks_and_a_later_one_ends),
         cmocka_unit_test(a_user_signal_only_asks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
