@@ -67,6 +67,11 @@ static const double clear_noise = 0.0125, least_asked = 0.1;
 /* Of the tolerance, at most, where the volume itself has a weight: points of light come late. */
 static const double part_if_sparse = 1.0 / 3.0;
 
+/* Where light would fit into less of the voxels than this, the tolerance goes with how much less,
+ * down to the least part: the dark about points, which is nearly all there is, takes long to become
+ * so, and moves the volume by little (tests/bench/quality.md). */
+static const double filled_by_points = 0.005, least_of_points = 0.02;
+
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
@@ -372,7 +377,9 @@ static double tolerance_of(const struct tv *self, double missed)
 {
     const double noise = self->level.sigma / self->level.brightness * fmax(missed, 1.0);
     const double most = self->sparsity > 0.0 ? part_if_sparse : 1.0;
-    return self->tolerance * fmin(fmax(noise / clear_noise, least_asked), most);
+    const double points =
+        fmax(v2v_data_step_filled(self->step) / filled_by_points, least_of_points);
+    return self->tolerance * fmin(fmin(fmax(noise / clear_noise, least_asked), most), points);
 }
 
 /* What a dual's step is multiplied by, so that what it is of counts by its square where it is

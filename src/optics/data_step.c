@@ -24,12 +24,13 @@ struct v2v_data_step {
     float *change;              /* [block,2,V2V_BLOCK]: squares of what it moved by, and of x' */
     float relax;                /* of the advance under way */
     float unit;                 /* of its squares: as bright as the views, a pixel */
+    double filled;              /* v2v_data_step_filled of the last change */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
     float *scratch;             /* [thread,2 v,2,V2V_BLOCK] */
     double *entries;            /* [thread,v2v_hermitian_scratch] */
     double *squares;            /* [v, square]: of v2v_data_step_coarse */
     double *sums;               /* [torus height] or [2,column]: squares of a row of all views, or
-                                   of a column of all slices' spectra */
+                                   of a column of all slices' spectra; then x's sum */
 };
 
 static double pixels_of(const struct v2v_data_step *step)
@@ -51,7 +52,7 @@ static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
         .change = v2v_mem_product(blocks, V2V_BLOCK_FLOATS, 1),
         .squares = v2v_mem_product(views, torus->height / V2V_DATA_STEP_SQUARE,
                                    torus->width / V2V_DATA_STEP_SQUARE),
-        .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1)),
+        .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1) + 1),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
         .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
         .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views, V2V_BLOCK_FLOATS),
@@ -381,21 +382,41 @@ static void sum_column(const struct v2v_data_step *step, int64_t column)
     step->sums[2 * kx + 1] = weight * whole;
 }
 
+/* The sum of x, of the rank that has its frequency, in units of the squares; 0 of others. */
+static double light_of(const struct v2v_data_step *step)
+{
+    const struct v2v_part *columns = &step->projector->columns;
+    const int64_t slices = columns->first == 0 && columns->count > 0 ? step->slices : 0;
+    double light = 0.0;
+    for (int64_t z = 0; z < slices; z++) {
+        light += (double)volume_of(step, 0)[z * V2V_BLOCK_FLOATS];
+    }
+    return (double)step->unit * light;
+}
+
 double v2v_data_step_change(struct v2v_data_step *step)
 {
     const int64_t half = step->projector->layout.half;
     double change = 0.0, whole = 0.0;
     memset(step->sums, 0, (size_t)(2 * half) * sizeof *step->sums);
+    step->sums[2 * half] = light_of(step);
 #pragma omp parallel for schedule(static) num_threads(step->projector->threads)
     for (int64_t k = 0; k < step->projector->columns.count; k++) {
         sum_column(step, k);
     }
-    v2v_par_sum_f64(step->comm, step->sums, 2 * half);
+    v2v_par_sum_f64(step->comm, step->sums, 2 * half + 1);
     for (int64_t k = 0; k < half; k++) { /* one order for any number of ranks */
         change += step->sums[2 * k];
         whole += step->sums[2 * k + 1];
     }
+    const double light = step->sums[2 * half];
+    step->filled = whole > 0.0 ? light * light / (whole * (double)step->slices) : 1.0;
     return whole == 0.0 ? 0.0 : sqrt(change / whole);
+}
+
+double v2v_data_step_filled(const struct v2v_data_step *step)
+{
+    return step->filled;
 }
 
 double v2v_data_step_extend(struct v2v_data_step *step)

@@ -143,6 +143,10 @@ void v2v_data_step_advance(struct v2v_data_step *step, float *volume, float rela
 /** |x' - x| / |x'| of the last advance; 0 for x' = 0. @kind Collective(comm), no allocation. */
 double v2v_data_step_change(struct v2v_data_step *step);
 
+/** By the last change: the part of the torus' voxels that would hold the light of x if each had the
+ *  same, (sum of x)^2 over x'^2 and how many there are; 1 for x' = 0. @kind Local. */
+double v2v_data_step_filled(const struct v2v_data_step *step);
+
 /** x of advance. @kind Collective(comm), no allocation. @param volume as of run; out */
 void v2v_data_step_volume(struct v2v_data_step *step, float *volume);
 

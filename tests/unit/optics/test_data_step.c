@@ -276,9 +276,14 @@ static void steps_advance_to_the_minimum_and_beyond(void **state)
             const double moved =
                 sqrt(distance_of(next, x) / v2v_sum_of_squares(next, SLICES * pixels));
             assert_true(fabs(v2v_data_step_change(step) / moved - 1.0) < 1e-4);
+            double light = 0.0;
             for (int64_t j = 0; j < SLICES * pixels; j++) {
                 x[j] += relax * (next[j] - x[j]);
+                light += (double)x[j];
             }
+            const double filled = light * light / v2v_sum_of_squares(next, SLICES * pixels) /
+                                  (double)(SLICES * pixels);
+            assert_true(fabs(v2v_data_step_filled(step) / filled - 1.0) < 1e-3);
             v2v_data_step_volume(step, out);
             assert_true(distance_of(x, out) < 1e-10 * v2v_sum_of_squares(x, SLICES * pixels));
         }
