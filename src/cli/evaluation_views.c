@@ -294,12 +294,18 @@ done:
     return rc;
 }
 
-/* Does the volume's file name another recording than the one at hand? Collective. */
+/* Does the volume's file name another recording than the one at hand, or other PSFs? Collective. */
 static enum v2v_status compare_origins(struct work *work)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_origin *of_volume = &work->evaluation->origin;
     struct v2v_origin here;
+    char psf[V2V_ORIGIN_TEXT];
+    snprintf(psf, sizeof psf, "%08" PRIx32, v2v_psf_file_sum(&work->psf));
+    if (of_volume->psf[0] != '\0' && strcmp(psf, of_volume->psf) != 0) {
+        warn(work, "the volume was made by other PSFs, or by these calibrated or normalised "
+                   "otherwise, as its file says");
+    }
     if (of_volume->recording[0] == '\0') {
         return V2V_OK;
     }

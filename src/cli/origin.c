@@ -32,6 +32,8 @@ static void take_text(void *context, const char *name, const char *text)
     struct v2v_origin *origin = context;
     if (strcmp(name, V2V_VOLUME_RECORDING) == 0) {
         snprintf(origin->recording, sizeof origin->recording, "%s", text);
+    } else if (strcmp(name, V2V_VOLUME_PSF) == 0) {
+        snprintf(origin->psf, sizeof origin->psf, "%s", text);
     }
 }
 

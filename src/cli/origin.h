@@ -11,6 +11,7 @@ struct v2v_origin {
     int64_t first_frame;             /**< of the recording; -1: not known */
     char recording[V2V_ORIGIN_TEXT]; /**< a hash of its file; "": not known */
     double offset;                   /**< that was taken off its samples; NaN: not known */
+    char psf[V2V_ORIGIN_TEXT];       /**< a checksum of the PSFs that made it; "": not known */
 };
 
 /** Of frames from `first_frame` on, the offset not known. @kind Collective(world), agreed.
@@ -23,7 +24,7 @@ enum v2v_status v2v_origin_of(struct v2v_origin *origin, const char *recording, 
 enum v2v_status v2v_origin_read(struct v2v_origin *origin, const char *path,
                                 const struct v2v_session *session) V2V_MUST_CHECK;
 
-/** As attributes of a file, as far as it is known; their text is borrowed.
+/** As attributes of a file, but for the PSFs, as far as it is known; their text is borrowed.
  *  @kind Local. @param item [V2V_ORIGIN_ATTRIBUTES] out @return how many */
 int64_t v2v_origin_attributes(struct v2v_attribute *item, const struct v2v_origin *origin);
 

@@ -51,7 +51,7 @@ enum v2v_status v2v_provenance_init(struct v2v_provenance *provenance,
     add_text(provenance, "written", provenance->written);
     add_number(provenance, "ranks", v2v_comm_size(session->world));
     add_number(provenance, "threads", session->threads);
-    add_text(provenance, "psf_crc32c", provenance->psf_crc32c);
+    add_text(provenance, V2V_VOLUME_PSF, provenance->psf_crc32c);
     if (weights != NULL) {
         add_text(provenance, "weights_crc32c", provenance->weights_crc32c);
     }

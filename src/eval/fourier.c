@@ -176,7 +176,8 @@ void v2v_fourier_correlate(struct v2v_fourier *self, struct v2v_ring *rings, con
         const double fy = (double)v2v_smaller(y, self->ny - y) / (double)self->ny;
         for (int64_t x = 0; x <= half; x++) {
             const double fx = (double)x / (double)self->nx;
-            const int64_t r = (int64_t)(2.0 * (double)count * sqrt(fy * fy + fx * fx));
+            /* m / n times n may round below m */
+            const int64_t r = (int64_t)(2.0 * (double)count * sqrt(fy * fy + fx * fx) + 1e-9);
             if (r < count) {
                 const double twice = x == 0 || x == half ? 1.0 : 2.0; /* and its mirror image */
                 const struct v2v_complex p = self->first[y * (half + 1) + x];

@@ -371,12 +371,13 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
     double mean = 0;
     V2V_TRY(v2v_par_agree(self->comm, measure(&mean, self, views)));
     v2v_par_max_f64(self->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
-    int64_t needed = mean > V2V_ESTIMATOR_DARK ? self->iterations : 0;
+    mean = mean > V2V_ESTIMATOR_DARK ? mean : 0;
+    int64_t needed = mean > 0 ? self->iterations : 0;
     if (stop->rule == V2V_STOP_HELDOUT && needed > 0) {
         struct v2v_judge judge = {.method = self, .views = views, .mean = mean};
         const struct v2v_monitor rule = {v2v_judge_enough, &judge};
         V2V_TRY(iterate_on(estimator, own, views, &stop->used, mean, needed, &rule));
-        needed = judge.best > 0 ? judge.best : needed;
+        needed = judge.has_ended ? judge.best : needed;
     }
     V2V_TRY(iterate_on(estimator, own, views, &stop->all, mean, needed, monitor));
     int64_t count = self->share.slices.count * self->share.rows.count * self->width;

@@ -79,6 +79,7 @@ int v2v_judge_enough(void *context, int64_t iteration, const struct v2v_iterate 
     }
     miss(sums, judge, iterate->volume);
     if (judge->best > 0 && !(judge->last - sums[0] >= sqrt(2.0 / sums[1]) * sums[0])) {
+        judge->has_ended = 1;
         return 1;
     }
     judge->last = sums[0];

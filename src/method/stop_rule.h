@@ -33,6 +33,7 @@ struct v2v_judge {
     double mean;        /* of them, the unit of the volume */
     double last;        /* squares that the views held out were missed by before .. */
     int64_t best;       /* .. and the last iteration that was worth it */
+    int has_ended;      /* bool: one was not */
 };
 
 /** Looks at every judged_every-th iteration of the method.

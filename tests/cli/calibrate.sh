@@ -101,6 +101,10 @@ works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration spoil.yaml -
 grep -q "$more" stderr && fail "lambda is searched for in vain: $(cat stderr)"
 works deconvolve --psf psf.h5 --input rec.h5 -o tv.h5 --calibration cal.yaml --force
 works evaluate --volume tv.h5 --psf psf.h5 --input rec.h5 --calibration cal.yaml --json
+grep -q 'was made by other PSFs' stderr && fail "its own PSFs are called other: $(cat stderr)"
+works evaluate --volume tv.h5 --psf psf.h5 --input rec.h5
+grep -q 'was made by other PSFs, or by these calibrated' stderr ||
+    fail "no word on a calibration that is left out: $(cat stderr)"
 works train -c tiny.yaml --steps 1 --psf psf.h5 --input rec.h5 -o run --calibration cal.yaml
 works reconstruct --psf psf.h5 --weights run/weights.h5 --input rec.h5 -o net.h5 --calibration cal.yaml
 

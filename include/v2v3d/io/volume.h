@@ -39,6 +39,9 @@ struct v2v_volume_info {
 #define V2V_VOLUME_RECORDING "recording_sum"
 #define V2V_VOLUME_OFFSET "offset"
 
+/** .. and which PSFs made it, as calibrated and normalised: v2v_psf_file_sum in hexadecimal. */
+#define V2V_VOLUME_PSF "psf_crc32c"
+
 struct v2v_volume;
 
 /** Open a volume to read: HDF5 `/volume` [z,y,x] or [t,z,y,x], or a TIFF stack: of its channels

@@ -115,10 +115,22 @@ static void views_held_out_stop_the_iterations_near_the_best_one(void **state)
     }
 }
 
+/* `rl` is judged after 5 iterations for the first time, when there is none to compare with. */
+static void what_the_rule_does_not_end_goes_on_to_the_last(void **state)
+{
+    (void)state;
+    enum { ITERATIONS = 7 };
+    struct errors errors = {.last = 0};
+    memcpy(views, clean, sizeof views);
+    run(&errors, "rl", ITERATIONS, V2V_STOP_HELDOUT);
+    assert_int_equal(errors.last, ITERATIONS);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_held_out_stop_the_iterations_near_the_best_one),
+        cmocka_unit_test(what_the_rule_does_not_end_goes_on_to_the_last),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }
