@@ -6,7 +6,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
-#include "v2v3d/tensor/blind.h"
+#include "v2v3d/method/fusion.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -161,8 +161,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_calibration calibration = {0};
     struct v2v_calibration_report report;
     float *views = NULL;
-    uint8_t *marks = NULL;
-    int64_t blind = 0;
+    struct v2v_fusion *fusion = NULL; /* of the frame alone */
     V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
                             2));
     if (v2v_step_on_root(session)) {
@@ -178,16 +177,12 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         .config = &session->config, .psf = &psf, .height = info->height, .width = info->width};
     rc = V2V_ALLOC(views, "cli.calibrate", samples);
     if (rc == V2V_OK) {
-        rc = V2V_ALLOC(marks, "cli.calibrate", samples);
+        rc = v2v_fusion_create(&fusion, 0, info->views, info->height, info->width, 1);
     }
     if (rc == V2V_OK) {
-        rc = v2v_recording_read_marked(recording, views, marks, scaling.offset, &blind, 0);
+        rc = v2v_fusion_read(fusion, views, recording, &scaling, 0);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
-    v2v_scaling_apply(&scaling, views, samples);
-    if (blind > 0) {
-        v2v_blind_leave(views, marks, samples);
-    }
     v2v_scaling_warn(&scaling, given->input, session->world);
     v2v_step_announce(session);
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
@@ -202,7 +197,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
 done:
     v2v_calibration_fini(&calibration);
-    v2v_mem_free(marks);
+    v2v_fusion_destroy(&fusion);
     v2v_mem_free(views);
     v2v_recording_close(&recording);
     v2v_psf_file_fini(&psf);

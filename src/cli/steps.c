@@ -163,7 +163,6 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
         settings.views = psf->views;
     }
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
-    V2V_TRY(v2v_file_agree(path, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(*recording);
     if (info->is_one_row) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE,

@@ -66,7 +66,7 @@ static void tell_of_blind(const struct found *found, const struct v2v_recording_
                 "frame %lld: %s%s: %lld samples of one value see nothing and are %s",
                 (long long)found->frame, lacking > 1 ? "views" : "view",
                 lacking == found->views ? " 0 and all others" : list, (long long)found->blind,
-                is_left ? "left out" : "taken for dark by this network");
+                is_left ? "left out" : "taken for dark by this method");
     }
 }
 

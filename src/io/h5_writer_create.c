@@ -7,6 +7,7 @@
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/par/watchdog.h"
 #include <string.h>
 #include <time.h>
 
@@ -154,6 +155,7 @@ static enum v2v_status see_file(const struct v2v_h5_writer *writer)
     enum { LOOKS = 50 };
     const struct timespec pause = {.tv_nsec = 100000000};
     for (int i = 0; i < LOOKS; i++) {
+        v2v_watchdog_beat("looking for the output that rank 0 has made");
         if (v2v_file_exists(writer->temporary)) {
             return V2V_OK;
         }

@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-/* A view, where it has distortion, and what taking it out of samples and of marks needs. */
+/* A view with distortion and without, and what taking it out needs. */
 enum { UNDISTORTING = 4 };
 
 struct v2v_recording {
@@ -246,44 +246,44 @@ static void mend(struct v2v_recording *recording, float *views, int64_t t)
     }
 }
 
-/* Marks of a view as its samples are made of others. `before` and `after` are [height,width]. */
-static void move_marks(uint8_t *marks, float *after, float *before, float *scratch,
-                       const struct v2v_view_calibration *view, int64_t height, int64_t width)
+/* A view without its distortion. Samples that blind ones have a part in are marked, and stay as
+ * they were. @return how many
+ * @param marks NULL: there are none @param undistorted V2V_BLIND where a marked one has a part */
+static int64_t take_undistorted(float *view, uint8_t *marks, const float *undistorted,
+                                int64_t pixels)
 {
-    for (int64_t i = 0; i < height * width; i++) {
-        before[i] = marks[i] ? V2V_BLIND : 0.0f;
+    int64_t blind = 0;
+    for (int64_t i = 0; i < pixels; i++) {
+        const int is_blind = marks != NULL && undistorted[i] == V2V_BLIND;
+        view[i] = is_blind ? view[i] : undistorted[i];
+        if (marks != NULL) {
+            marks[i] = (uint8_t)is_blind;
+        }
+        blind += is_blind;
     }
-    v2v_unwarp_image(after, before, scratch, height, width, view->distortion_y, view->distortion_x);
-    for (int64_t i = 0; i < height * width; i++) {
-        marks[i] = after[i] == V2V_BLIND;
-    }
+    return blind;
 }
 
-static void undo_distortion(const struct v2v_recording *recording, float *views, uint8_t *marks)
+/* @return how many samples are marked since */
+static int64_t undo_distortion(const struct v2v_recording *recording, float *views, uint8_t *marks)
 {
     const struct v2v_recording_info *info = &recording->info;
     const int64_t pixels = info->height * info->width;
     float *const before = recording->as_recorded, *const after = before + pixels;
-    float *const scratch = after + pixels;
+    int64_t blind = 0;
     for (int64_t v = 0; v < info->views; v++) {
-        const struct v2v_view_calibration *view = &recording->calibration->view[v];
-        float *image = views + v * pixels;
-        if (marks != NULL) {
-            move_marks(marks + v * pixels, after, before, scratch, view, info->height, info->width);
+        const struct v2v_view_calibration *calibration = &recording->calibration->view[v];
+        float *view = views + v * pixels;
+        uint8_t *own = marks != NULL ? marks + v * pixels : NULL;
+        memcpy(before, view, (size_t)pixels * sizeof *before);
+        if (own != NULL) {
+            v2v_blind_leave(before, own, pixels);
         }
-        memcpy(before, image, (size_t)pixels * sizeof *before);
-        v2v_unwarp_image(image, before, scratch, info->height, info->width, view->distortion_y,
-                         view->distortion_x);
+        v2v_unwarp_image(after, before, after + pixels, info->height, info->width,
+                         calibration->distortion_y, calibration->distortion_x);
+        blind += take_undistorted(view, own, after, pixels);
     }
-}
-
-static int64_t count_marks(const uint8_t *marks, int64_t samples)
-{
-    int64_t count = 0;
-    for (int64_t i = 0; i < samples; i++) {
-        count += marks[i];
-    }
-    return count;
+    return blind;
 }
 
 enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
@@ -309,8 +309,7 @@ enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float
         *blind = v2v_blind_find(marks, views, zero, info->views, info->height, info->width);
     }
     if (recording->as_recorded != NULL) {
-        undo_distortion(recording, views, *blind > 0 ? marks : NULL);
-        *blind = *blind > 0 ? count_marks(marks, info->views * info->height * info->width) : 0;
+        *blind = undo_distortion(recording, views, *blind > 0 ? marks : NULL);
     }
 done:
     return rc;

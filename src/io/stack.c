@@ -1,6 +1,7 @@
 #include "io/stack.h"
 #include "io/h5_guard.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/io/file_sum.h"
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -161,6 +162,7 @@ enum v2v_status v2v_stack_open(struct v2v_stack *stack, const char *path,
                       (long long)stack->files, (long long)files);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
+    V2V_TRY(v2v_file_agree(path, comm));
     if (stack->folder != NULL && v2v_comm_rank(comm) == 0) {
         v2v_tiff_folder_warn(stack->folder);
     }

@@ -66,6 +66,15 @@ enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct
     return v2v_par_agree(comm, mine);
 }
 
+/* Of steps. */
+static int has_log(const struct v2v_run_folder *folder)
+{
+    char path[V2V_PATH_BYTES];
+    struct stat state;
+    return path_in(path, folder, V2V_RUN_METRICS) == V2V_OK && stat(path, &state) == 0 &&
+           state.st_size > 0;
+}
+
 /* Lines of two texts of one form, whose sections begin without indentation. */
 static void tell_lines(const char *path, const char *before, const char *now)
 {
@@ -104,12 +113,11 @@ done:
 
 /* A run that was to go on and has nothing to go on from: job scripts begin so, and so does a run
  * that lost its checkpoints. */
-static void tell_of_nothing(const struct v2v_run_folder *folder, const char *metrics)
+static void tell_of_nothing(const struct v2v_run_folder *folder)
 {
-    struct stat state;
-    const int has_log = stat(metrics, &state) == 0 && state.st_size > 0;
-    v2v_log(has_log ? V2V_LOG_WARNING : V2V_LOG_INFO, "%s: %sno checkpoint: begins anew",
-            folder->path, has_log ? "has a log of steps and " : "");
+    const int is_lost = has_log(folder);
+    v2v_log(is_lost ? V2V_LOG_WARNING : V2V_LOG_INFO, "%s: %sno checkpoint: begins anew",
+            folder->path, is_lost ? "has a log of steps and " : "");
 }
 
 enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step)
@@ -119,9 +127,8 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
     if (folder->lock < 0) {
         goto done; /* not rank 0 */
     }
-    V2V_TRY(path_in(path, folder, V2V_RUN_METRICS));
     if (step == 0 && folder->resumes) {
-        tell_of_nothing(folder, path);
+        tell_of_nothing(folder);
     }
     if (step == 0) {
         V2V_TRY(v2v_checkpoint_forget(folder->path));
@@ -163,10 +170,7 @@ enum v2v_status v2v_run_folder_log(struct v2v_run_folder *folder, int64_t step,
 
 static int is_empty(const struct v2v_run_folder *folder)
 {
-    char path[V2V_PATH_BYTES];
-    struct stat state;
-    return path_in(path, folder, V2V_RUN_METRICS) == V2V_OK &&
-           !(stat(path, &state) == 0 && state.st_size > 0) && !v2v_checkpoint_exists(folder->path);
+    return !has_log(folder) && !v2v_checkpoint_exists(folder->path);
 }
 
 static void discard(const struct v2v_run_folder *folder)

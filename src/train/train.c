@@ -48,6 +48,19 @@ done:
     return rc;
 }
 
+/* Ranks beyond the batch wait for the others. */
+static void tell_of_no_sample(const struct run *run)
+{
+    const int ranks = run->trainer.grid.data_size;
+    const int64_t batch = run->job->config->train.batch;
+    if (v2v_comm_rank(run->comm) == 0 && ranks > batch) {
+        v2v_log(V2V_LOG_WARNING,
+                "train.batch=%lld: %lld of %d data ranks have no sample and wait; %lld would train "
+                "as fast",
+                (long long)batch, (long long)(ranks - batch), ranks, (long long)batch);
+    }
+}
+
 /* Start from a checkpoint, given weights or fresh ones. Collective(comm), agreed. */
 static enum v2v_status start(struct run *run)
 {
@@ -71,6 +84,7 @@ static enum v2v_status start(struct run *run)
         V2V_TRY(v2v_trainer_try(&run->trainer, run->step));
     }
     V2V_TRY(v2v_par_agree(run->comm, v2v_run_folder_start(&run->folder, run->step)));
+    tell_of_no_sample(run);
 done:
     return rc;
 }

@@ -1,7 +1,6 @@
 #include "train/trainer.h"
 
 #include "v2v3d/base/fault.h"
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/nn/precision.h"
 #include "v2v3d/optics/cost.h"
@@ -232,20 +231,6 @@ done:
     return rc;
 }
 
-/* Ranks beyond the batch wait for the others. */
-static void tell_of_no_sample(const struct v2v_trainer *trainer)
-{
-    const struct v2v_grid *grid = &trainer->grid;
-    const int64_t batch = trainer->config->train.batch;
-    if (v2v_comm_rank(grid->world) == 0 && grid->data_size > batch) {
-        v2v_log(V2V_LOG_WARNING,
-                "train.batch=%lld: %lld of %d data ranks have no sample and wait; %lld would train "
-                "as fast",
-                (long long)batch, (long long)(grid->data_size - batch), grid->data_size,
-                (long long)batch);
-    }
-}
-
 enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v_train_job *job,
                                    struct v2v_comm *comm)
 {
@@ -257,7 +242,6 @@ enum v2v_status v2v_trainer_create(struct v2v_trainer *trainer, const struct v2v
     trainer->psf_sum = v2v_psf_file_sum(job->psf);
     V2V_TRY(lay_out(trainer, comm));
     trainer->rounds = v2v_parts(job->config->train.batch, trainer->grid.data_size);
-    tell_of_no_sample(trainer);
     struct v2v_network_spec spec = describe(trainer, job);
     trainer->ops->describe_work(&work, &spec, 1, 1);
     const struct v2v_sample_sides sides = {.unit = work.unit, .crop = trainer->ops->crop};

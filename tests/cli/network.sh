@@ -33,6 +33,16 @@ done
 works reconstruct --psf psf.h5 --weights w.h5 --input recording.h5 -o volumes.tif
 ! grep -q 'other PSFs' stderr || fail "the same PSFs: $(cat stderr)"
 works psf simulate -c tiny.yaml -o others.h5
+# Samples that see nothing are left out, or it is said that they aren't.
+cp recording.h5 masked.h5
+for pixel in $(seq 0 63); do
+    "$V2V_POKE" masked.h5 /views $(((2 * 64 + pixel / 8) * 64 + pixel % 8)) -0.5 || exit 1
+done
+nothing='frame 0: view 2: 64 samples of one value see nothing and are'
+works deconvolve --method rld --psf psf.h5 --input masked.h5 -o masked_rld.h5
+grep -q "^$nothing left out\$" stderr || fail "no word on a mask: $(cat stderr)"
+works reconstruct --psf psf.h5 --weights w.h5 --input masked.h5 -o masked_volumes.h5
+grep -q "$nothing taken for dark by this method" stderr || fail "no word on a mask: $(cat stderr)"
 works reconstruct --psf others.h5 --weights w.h5 --input recording.h5 -o others_volumes.h5
 grep -q 'w.h5: its network was trained with other PSFs' stderr || fail "other PSFs: $(cat stderr)"
 

@@ -7,6 +7,8 @@ works psf simulate -c "$root/configs/tiny.yaml" -o psf.h5
 works dataset --psf psf.h5 --seed 4 --size 64 --count 3 -o set
 vcdnet=(train -c "$root/configs/vcdnet.yaml" --psf psf.h5 --set vcdnet.width=4)
 works "${vcdnet[@]}" --input set/train/*_noisy.h5 --truth set/train/*_truth.h5 -o run --steps 4
+[ "$(grep -c 'train.batch=1: 1 of 2 data ranks have no sample' stderr)" -eq $((ranks - 1)) ] ||
+    fail "ranks without a sample: $(cat stderr)"
 works weights info run/weights.h5
 says '^vcdnet.width: 4$'
 works reconstruct --psf psf.h5 --weights run/weights.h5 --input set/train/000000_noisy.h5 -o volume.h5

@@ -255,6 +255,25 @@ static void an_output_without_a_folder_fails_on_every_rank(void **state)
     }
 }
 
+/* As where a node has a folder of that name for itself: an error, and no wait in MPI-IO. */
+static void an_output_that_one_rank_does_not_see_fails_on_every_rank(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    char temporary[V2V_PATH_BYTES];
+    if (size() == 1) {
+        return;
+    }
+    use(rank() == size() - 1 ? "elsewhere.h5" : "vol.h5");
+    assert_int_equal(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, test_world()),
+                     V2V_E_IO);
+    assert_null(writer);
+    assert_non_null(strstr(v2v_status_message(), "is not seen here"));
+    assert_ok(v2v_file_temporary(temporary, path));
+    v2v_par_barrier(test_world()); /* rank 0 has taken it away */
+    assert_false(v2v_file_exists(temporary));
+}
+
 static void an_abandoned_volume_leaves_nothing(void **state)
 {
     (void)state;
@@ -444,6 +463,28 @@ static void a_file_that_is_another_on_one_rank_is_refused(void **state)
     }
 }
 
+/* .. by whatever opens it. */
+static void a_volume_that_is_another_on_one_rank_is_refused(void **state)
+{
+    (void)state;
+    struct v2v_volume_writer *writer = NULL;
+    struct v2v_volume *volume = NULL;
+    float images[FRAMES * SLICES * IMAGE];
+    char name[32];
+    snprintf(name, sizeof name, "own%d.tif", rank());
+    use(name);
+    fill(images, rank() == size() - 1, 0, FRAMES * SLICES);
+    assert_ok(v2v_volume_create(&writer, path, &shape, MEAN_ONLY, NULL, 0, NULL));
+    for (int t = 0; t < FRAMES; t++) {
+        assert_ok(
+            v2v_volume_write(writer, V2V_VOLUME_MEAN, images + t * SLICES * IMAGE, t, 0, SLICES));
+    }
+    assert_ok(v2v_volume_finish(&writer));
+    assert_int_equal(v2v_volume_open(&volume, path, NULL, test_world()),
+                     size() > 1 ? V2V_E_INPUT : V2V_OK);
+    v2v_volume_close(&volume);
+}
+
 static void every_rank_gets_the_psfs(void **state)
 {
     (void)state;
@@ -477,12 +518,14 @@ int main(int argc, char **argv)
         balanced(the_scaling_has_the_same_bits_at_any_rank_count),
         balanced(a_bad_input_is_the_same_failure_on_every_rank),
         balanced(an_output_without_a_folder_fails_on_every_rank),
+        balanced(an_output_that_one_rank_does_not_see_fails_on_every_rank),
         balanced(an_abandoned_volume_leaves_nothing),
         balanced(an_interrupted_volume_is_gone_on_with_frame_by_frame),
         balanced(a_frame_whose_data_were_damaged_is_not_done),
         balanced(two_writers_of_one_file_are_refused),
         balanced(a_file_has_one_sum_on_any_ranks),
         balanced(a_file_that_is_another_on_one_rank_is_refused),
+        balanced(a_volume_that_is_another_on_one_rank_is_refused),
         balanced(every_rank_gets_the_psfs),
     };
     return test_mpi_main(tests, argc, argv);
