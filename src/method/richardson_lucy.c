@@ -371,8 +371,7 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
     double mean = 0;
     V2V_TRY(v2v_par_agree(self->comm, measure(&mean, self, views)));
     v2v_par_max_f64(self->comm, &mean, 1); /* the ranks take the same branch whatever they hold */
-    mean = mean > V2V_ESTIMATOR_DARK ? mean : 0;
-    int64_t needed = mean > 0 ? self->iterations : 0;
+    int64_t needed = mean > V2V_ESTIMATOR_DARK ? self->iterations : 0;
     if (stop->rule == V2V_STOP_HELDOUT && needed > 0) {
         struct v2v_judge judge = {.method = self, .views = views, .mean = mean};
         const struct v2v_monitor rule = {v2v_judge_enough, &judge};

@@ -7,7 +7,7 @@
  *  get less than 1e-4 of the PSF's sum from a volume of ones has no say; a projection counts as at
  *  least 1e-6 of the mean view. Blind samples (tensor/blind.h) follow the volume: they change
  *  nothing. All floors are relative: scaled views give the scaled volume. A dark frame is a dark
- *  volume.
+ *  volume; one whose mean is below V2V_ESTIMATOR_DARK is an even one.
  */
 #ifndef METHOD_RICHARDSON_LUCY_H
 #define METHOD_RICHARDSON_LUCY_H

@@ -228,7 +228,7 @@ void v2v_estimator_destroy(struct v2v_estimator **estimator);
 enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator, const float *views,
                                           int64_t count) V2V_MUST_CHECK;
 
-/** Views whose mean is not above this make a dark volume: below FLT_MIN 1/mean would overflow. */
+/** Views whose mean is not above this are not iterated on: below FLT_MIN 1/mean would overflow. */
 #define V2V_ESTIMATOR_DARK 1e-37
 
 /** As check_views, and their mean but for blind samples, of those below zero as zeros.
