@@ -125,7 +125,8 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
         v2v_watchdog_beat("evaluate: a frame's residual");
         rc = v2v_volume_read(volume, p->slices, t, p->mine.first, p->mine.count);
         if (rc == V2V_OK) {
-            rc = v2v_recording_read(work->recording, work->views, t);
+            rc = v2v_recording_read_seen(work->recording, work->views, work->scaling.offset, NULL,
+                                         t);
         }
         V2V_TRY(v2v_par_agree(work->session->world, rc));
         work->saturated += v2v_saturated_pixels(work->views, samples);

@@ -60,17 +60,17 @@ static enum v2v_status read(struct trial *trial, const char *input)
     V2V_TRY(V2V_ALLOC(trial->recorded, "heldout.views", v2v_mem_product(views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(trial->seen, "heldout.views", v2v_mem_product(views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(trial->scratch, "heldout.views", pixels));
-    V2V_TRY(v2v_recording_read(recording, trial->recorded, 0));
+    V2V_TRY(v2v_recording_read_seen(recording, trial->recorded, scaling.offset, NULL, 0));
     v2v_scaling_apply(&scaling, trial->recorded, views * pixels);
     V2V_TRY(v2v_fusion_create(&trial->fusion, session->config.recon.neighbours, views, info->height,
                               info->width, trial->ops->leaves_blind));
     V2V_TRY(v2v_fusion_read(trial->fusion, trial->seen, recording, &scaling, 0));
-    v2v_blind_take_over(trial->recorded, trial->seen, views * pixels);
     if (trial->ops->has_gain && session->config.model.homogeneous) {
         const float level =
             (float)v2v_scaling_level(trial->seen, trial->scratch, views, info->height, info->width);
         for (int64_t i = 0; i < views * pixels; i++) {
-            trial->recorded[i] *= level;
+            const float recorded = trial->recorded[i];
+            trial->recorded[i] = recorded != V2V_BLIND ? recorded * level : recorded;
         }
     }
 done:

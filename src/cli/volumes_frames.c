@@ -8,6 +8,7 @@
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 #include <math.h>
 
@@ -46,7 +47,7 @@ static enum v2v_status read_frame(float *views, const struct v2v_volumes_made *m
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
     offset.gain = 1.0;
-    V2V_TRY(v2v_recording_read(made->recording, views, t));
+    V2V_TRY(v2v_recording_read_seen(made->recording, views, offset.offset, NULL, t));
     v2v_scaling_apply(&offset, views, info->views * info->height * info->width);
 done:
     return rc;
@@ -188,6 +189,7 @@ static enum v2v_status judge_own(struct judged *judged, const float *reference, 
         v2v_watchdog_beat("looking at the frames");
         if (t != shown) {
             V2V_TRY(read_frame(views, made, t));
+            v2v_blind_fill(views, info->views, info->height * info->width);
             judge(judged, t, of_view, views, reference, info);
         }
     }

@@ -17,7 +17,8 @@ enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
  *  those whose views their volume explains worse than another frame's does, as where views moved
  *  (REFERENCE.md 11). Ranks share the frames.
  *  @kind   Collective(world)
- *  @param  reference [v,y,x] as recorded, less the offset, of frame `shown`, which shows something
+ *  @param  reference [v,y,x] as recorded, less the offset, of frame `shown`, which shows something;
+ *          without blind samples (v2v_blind_fill)
  *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT; agreed */
 enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
                                          const struct v2v_volumes_made *made,

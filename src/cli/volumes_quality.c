@@ -15,10 +15,8 @@
 /* What a frame of the volumes and its views have in common. */
 struct found {
     float *projected;                 /* [v,y,x]: what the volume gives */
-    float *recorded;                  /* likewise, less the offset */
-    uint8_t *marks;                   /* likewise: 1 where nothing is seen, else 0 */
-    int64_t blind;                    /* how many see nothing */
-    float *seen;                      /* as recorded, but for those; NULL: the method takes all */
+    float *recorded;                  /* likewise, less the offset; V2V_BLIND: nothing is seen */
+    int64_t blind;                    /* how many are */
     struct v2v_match match, *of_view; /* [v] */
     double *displaced;                /* [v], pixels */
     double saturated;                 /* part of the views' pixels */
@@ -27,32 +25,16 @@ struct found {
     int is_seen;          /* it shows something above its noise */
 };
 
-/* The views as recorded but for what the method left out. Local. */
-static enum v2v_status leave_blind(struct found *found, const struct v2v_volumes_made *made,
-                                   int64_t samples)
-{
-    enum v2v_status rc = V2V_OK;
-    if (found->blind > 0 && made->ops->leaves_blind) {
-        V2V_TRY(V2V_ALLOC(found->seen, "cli.quality", samples));
-        memcpy(found->seen, found->recorded, (size_t)samples * sizeof *found->seen);
-        v2v_blind_leave(found->seen, found->marks, samples);
-    }
-done:
-    return rc;
-}
-
 /* Of the views that lack some. */
-static void tell_of_blind(const struct found *found, const struct v2v_recording_info *info)
+static void tell_of_blind(const struct found *found, const struct v2v_volumes_made *made)
 {
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t pixels = info->height * info->width;
-    const int is_left = found->seen != NULL;
+    const int is_left = made->ops->leaves_blind;
     char list[256] = "";
     int64_t lacking = 0, dead = 0;
     for (int64_t v = 0; found->blind > 0 && v < found->views; v++) {
-        int64_t here = 0;
-        for (int64_t i = v * pixels; i < (v + 1) * pixels; i++) {
-            here += found->marks[i];
-        }
+        const int64_t here = v2v_blind_count(found->recorded + v * pixels, pixels);
         const size_t length = strlen(list);
         if (here > 0) {
             snprintf(list + length, sizeof list - length, "%s%lld", lacking > 0 ? ", " : " ",
@@ -139,14 +121,27 @@ static enum v2v_status read_views(struct found *found, const struct v2v_volumes_
     V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality", samples));
-    V2V_TRY(V2V_ALLOC(found->marks, "cli.quality", samples));
-    V2V_TRY(v2v_recording_read_marked(made->recording, found->recorded, found->marks, offset.offset,
-                                      &found->blind, found->shown));
+    V2V_TRY(v2v_recording_read_seen(made->recording, found->recorded, offset.offset, &found->blind,
+                                    found->shown));
     found->saturated = (double)v2v_saturated_pixels(found->recorded, samples) / (double)samples;
     offset.gain = 1.0;
     v2v_scaling_apply(&offset, found->recorded, samples);
-    V2V_TRY(leave_blind(found, made, samples));
 done:
+    return rc;
+}
+
+/* Views and their projections, which are 0 then where nothing is seen. Local. */
+static enum v2v_status match_views(struct found *found, const struct v2v_recording_info *info)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
+    float *views = NULL;
+    V2V_TRY(V2V_ALLOC(views, "cli.quality", samples));
+    memcpy(views, found->recorded, (size_t)samples * sizeof *views);
+    V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, views,
+                            found->projected, found->views, info->height, info->width));
+done:
+    v2v_mem_free(views);
     return rc;
 }
 
@@ -164,9 +159,7 @@ static enum v2v_status match_frame(struct found *found, const struct v2v_volumes
     V2V_TRY(project(found, made, session));
     rc = read_views(found, made);
     if (rc == V2V_OK) {
-        float *views = found->seen != NULL ? found->seen : found->recorded;
-        rc = v2v_match_frame(&found->match, found->of_view, found->displaced, views,
-                             found->projected, found->views, info->height, info->width);
+        rc = match_views(found, info);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
 done:
@@ -322,19 +315,21 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
                               const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
-        tell_of_blind(found, v2v_recording_info(made->recording));
+        tell_of_blind(found, made);
         log_match(&found->match, found->frame);
         warn_of_light(found, made, session);
         warn_of_odd_view(found, made);
         warn_of_misfit(found, made);
         warn_of_saturation(found);
         warn_of_camera(found, made, session);
-        warn_of_darkness(found, v2v_recording_info(made->recording));
+        warn_of_darkness(found, info);
     }
     V2V_TRY(v2v_volumes_judge_offset(found->recorded, found->shown, made, session));
     if (found->is_seen) { /* on all ranks alike */
+        v2v_blind_fill(found->recorded, found->views, info->height * info->width);
         V2V_TRY(v2v_volumes_judge_frames(found->recorded, found->shown, made, session));
     }
 done:
@@ -348,8 +343,6 @@ void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
     if (report(&found, made, session) != V2V_OK && v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
     }
-    v2v_mem_free(found.seen);
-    v2v_mem_free(found.marks);
     v2v_mem_free(found.recorded);
     v2v_mem_free(found.projected);
     v2v_mem_free(found.displaced);

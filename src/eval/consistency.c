@@ -95,9 +95,9 @@ static enum v2v_status load(struct judge *self, int64_t i)
     V2V_TRY(
         v2v_fusion_read(self->fusion, self->views, self->job->recording, self->job->scaling, t));
     if (self->recorded != NULL) {
-        V2V_TRY(v2v_recording_read(self->job->recording, self->recorded, t));
+        V2V_TRY(v2v_recording_read_seen(self->job->recording, self->recorded,
+                                        self->job->scaling->offset, NULL, t));
         v2v_scaling_apply(self->job->scaling, self->recorded, samples);
-        v2v_blind_take_over(self->recorded, self->views, samples);
     }
 done:
     return rc;
@@ -296,6 +296,12 @@ done:
     return rc;
 }
 
+/* Does the method take other views than were recorded, means of frames or dark blind samples? */
+static int is_another(const struct judge *self)
+{
+    return self->config.recon.neighbours > 0 || !self->ops->leaves_blind;
+}
+
 /** What averaging takes beside the estimators: on every rank the fusion, the views as recorded, and
  *  the frames that those used are means of. */
 static int64_t averaging_bytes(const struct judge *self)
@@ -304,9 +310,8 @@ static int64_t averaging_bytes(const struct judge *self)
     const struct v2v_problem *problem = &self->problem;
     const int64_t views = problem->psf->views, neighbours = self->config.recon.neighbours;
     const int64_t floats =
-        v2v_fusion_floats(neighbours, views, problem->height, problem->width,
-                          self->ops->leaves_blind) +
-        (neighbours > 0 ? v2v_mem_product(MAPS * views, problem->height, problem->width) : 0);
+        v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
+        (is_another(self) ? v2v_mem_product(MAPS * views, problem->height, problem->width) : 0);
     return v2v_mem_bytes(floats, 0);
 }
 
@@ -364,7 +369,7 @@ static enum v2v_status list_frames(struct judge *self)
     const int64_t samples = v2v_mem_product(views, info->height, info->width);
     const int64_t neighbours = self->config.recon.neighbours;
     V2V_TRY(V2V_ALLOC(self->views, "eval.views", samples));
-    if (neighbours > 0) {
+    if (is_another(self)) {
         V2V_TRY(V2V_ALLOC(self->recorded, "eval.views", samples));
     }
     V2V_TRY(v2v_fusion_create(&self->fusion, neighbours, views, info->height, info->width,

@@ -6,6 +6,7 @@
 #include "v2v3d/eval/structure.h"
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 
 static int has_light(const float *views, int64_t samples)
 {
@@ -39,8 +40,9 @@ static enum v2v_status look_for_seen(void *context)
     V2V_TRY(V2V_ALLOC(views, "eval.views", samples));
     for (int64_t t = 0; t < info->frames && whole < 0 && (first < 0 || t < first + LOOK_ON); t++) {
         v2v_watchdog_beat("looking for a frame that shows something");
-        V2V_TRY(v2v_recording_read(look->recording, views, t));
+        V2V_TRY(v2v_recording_read_seen(look->recording, views, look->scaling->offset, NULL, t));
         v2v_scaling_apply(look->scaling, views, samples);
+        v2v_blind_fill(views, info->views, samples / info->views);
         const int is_seen = v2v_structure_is_seen(views, info->views, info->height, info->width);
         const int lacks_view =
             is_seen && v2v_structure_lacks_view(views, info->views, info->height, info->width);

@@ -1,6 +1,7 @@
 #include "v2v3d/io/level.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -25,21 +26,22 @@ void v2v_level_of_frame(double level[V2V_LEVEL_FIGURES], float *scratch, const f
         level[f] = NAN;
     }
     for (int64_t i = 0; i < samples; i++) {
-        sum += views[i];
+        sum += views[i] != V2V_BLIND ? (double)views[i] : 0.0;
     }
     if (!isfinite(sum)) {
         return;
     }
-    const double mean = sum / (double)samples;
+    const int64_t seen = samples - v2v_blind_count(views, samples);
+    const double mean = sum / (double)seen;
     const double noise = v2v_noise_of_images(scratch, views, count, height, width);
     const double base = fmax(fabs(mean), V2V_LEVEL_LEAST_MEAN * noise);
     if (!(base > 0.0)) {
         return;
     }
-    memcpy(scratch, views, (size_t)samples * sizeof *views);
+    (void)v2v_blind_gather_seen(scratch, views, samples);
     level[V2V_LEVEL_MEAN] = mean;
     level[V2V_LEVEL_PEAK] =
-        v2v_select(scratch, samples, samples - 1 - (int64_t)((double)samples * above_peak));
+        v2v_select(scratch, seen, seen - 1 - (int64_t)((double)seen * above_peak));
     level[V2V_LEVEL_NOISE] = noise;
     level[V2V_LEVEL_RATIO] = noise / base;
 }
@@ -63,7 +65,7 @@ static enum v2v_status measure(double **levels, struct v2v_recording *recording,
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
         v2v_watchdog_beat("a frame's level");
-        rc = v2v_recording_read(recording, views, t);
+        rc = v2v_recording_read_seen(recording, views, scaling->offset, NULL, t);
         if (rc == V2V_OK) {
             v2v_scaling_apply(scaling, views, samples);
             v2v_level_of_frame(*levels + t * V2V_LEVEL_FIGURES, scratch, views, info->views,

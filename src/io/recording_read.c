@@ -22,6 +22,7 @@ struct v2v_recording {
     float *as_recorded; /* [UNDISTORTING,height,width]; NULL: no view has distortion */
     double sharpness;   /* of the PSFs */
     float *samples;     /* [V2V_HOT_PIXELS_SCRATCH]; NULL: hot pixels are kept */
+    uint8_t *marks;     /* [v,height,width]; NULL: not yet asked for */
     int has_told;       /* bool: of hot pixels */
 };
 
@@ -321,12 +322,34 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     return v2v_recording_read_marked(recording, views, NULL, 0.0, &none, t);
 }
 
+enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
+                                        int64_t *blind, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = &recording->info;
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
+    int64_t found = 0;
+    if (recording->marks == NULL) {
+        V2V_TRY(V2V_ALLOC(recording->marks, "io.recording", samples));
+    }
+    V2V_TRY(v2v_recording_read_marked(recording, views, recording->marks, zero, &found, t));
+    if (found > 0) {
+        v2v_blind_leave(views, recording->marks, samples);
+    }
+done:
+    if (blind != NULL) {
+        *blind = found;
+    }
+    return rc;
+}
+
 void v2v_recording_close(struct v2v_recording **recording)
 {
     if (*recording != NULL) {
         v2v_stack_fini(&(*recording)->stack);
         v2v_mem_free((*recording)->as_recorded);
         v2v_mem_free((*recording)->samples);
+        v2v_mem_free((*recording)->marks);
         v2v_mem_free(*recording);
         *recording = NULL;
     }

@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/level.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/statistics.h"
 #include "v2v3d/tensor/warp.h"
 
@@ -27,9 +28,36 @@ struct statistics {
     double pedestal;               /* of the first frame */
 };
 
+enum { SEEN, SUM, SQUARES, SUMS }; /* of a frame: samples, and what they and their squares sum to */
+
+/* What the first frame has at least where it sees something: the zero of the camera that would
+ * tell where that is isn't known. */
+static enum v2v_status find_pedestal(double *pedestal, float *views, float *scratch,
+                                     struct v2v_recording *recording)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    V2V_TRY(v2v_recording_read_seen(recording, views, (double)NAN, NULL, 0));
+    *pedestal = v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+done:
+    return rc;
+}
+
+static void add_samples(double sums[SUMS], float *largest, const float *views, int64_t count)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const int is_seen = views[i] != V2V_BLIND;
+        const double x = is_seen ? (double)views[i] : 0.0;
+        sums[SEEN] += is_seen;
+        sums[SUM] += x;
+        sums[SQUARES] += x * x;
+        *largest = views[i] > *largest ? views[i] : *largest;
+    }
+}
+
 /* Sums by frame, added in the order of the frames: the same bits at any rank count. */
 static enum v2v_status measure(struct statistics *statistics, struct v2v_recording *recording,
-                               const struct v2v_comm *comm)
+                               double offset, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
@@ -37,10 +65,10 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
     const int64_t count = v2v_mem_product(info->views, image, 1);
     const struct v2v_part part =
         v2v_par_part(info->frames, v2v_comm_size(comm), v2v_comm_rank(comm));
-    double *sums = NULL; /* [frame,2]: of samples and of their squares */
+    double *sums = NULL, seen = 0.0; /* [frame,SUMS] */
     float *views = NULL, *scratch = NULL;
     float largest = 0.0f;
-    rc = V2V_ALLOC(sums, "io.scaling", v2v_mem_product(info->frames, 2, 1));
+    rc = V2V_ALLOC(sums, "io.scaling", v2v_mem_product(info->frames, SUMS, 1));
     if (rc == V2V_OK) {
         rc = V2V_ALLOC(views, "io.scaling", count);
     }
@@ -49,27 +77,30 @@ static enum v2v_status measure(struct statistics *statistics, struct v2v_recordi
     }
     for (int64_t t = part.first; rc == V2V_OK && t < part.first + part.count; t++) {
         v2v_watchdog_beat("a frame's mean and noise");
-        rc = v2v_recording_read(recording, views, t);
-        for (int64_t i = 0; rc == V2V_OK && i < count; i++) {
-            sums[2 * t] += views[i];
-            sums[2 * t + 1] += (double)views[i] * (double)views[i];
-            largest = views[i] > largest ? views[i] : largest;
+        rc = v2v_recording_read_seen(recording, views, offset, NULL, t);
+        if (rc == V2V_OK) {
+            add_samples(sums + SUMS * t, &largest, views, count);
         }
         if (rc == V2V_OK && t == 0) {
-            statistics->pedestal =
-                v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+            rc = find_pedestal(&statistics->pedestal, views, scratch, recording);
         }
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_par_sum_f64(comm, sums, 2 * info->frames);
+    v2v_par_sum_f64(comm, sums, SUMS * info->frames);
     statistics->largest = (double)largest;
     v2v_par_max_f64(comm, &statistics->largest, 1);
     v2v_par_max_f64(comm, &statistics->pedestal, 1);
     statistics->mean = statistics->squares = 0.0;
     for (int64_t t = 0; t < info->frames; t++) {
-        statistics->mean += sums[2 * t] / (double)count / (double)info->frames;
-        statistics->squares += sums[2 * t + 1] / (double)count / (double)info->frames;
+        const double *of_frame = sums + SUMS * t;
+        if (of_frame[SEEN] > 0.0) {
+            statistics->mean += of_frame[SUM] / of_frame[SEEN];
+            statistics->squares += of_frame[SQUARES] / of_frame[SEEN];
+            seen += 1.0;
+        }
     }
+    statistics->mean /= fmax(seen, 1.0);
+    statistics->squares /= fmax(seen, 1.0);
 done:
     v2v_mem_free(scratch);
     v2v_mem_free(views);
@@ -91,7 +122,7 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     }
     const int guess = settings->offset.mode == V2V_NUMBER_AUTO && scaling->offset == 0.0;
     if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
-        V2V_TRY(measure(&statistics, recording, comm));
+        V2V_TRY(measure(&statistics, recording, scaling->offset, comm));
     }
     if (guess && statistics.mean > SIGNED_ZERO && statistics.largest <= LARGEST_COUNT) {
         scaling->offset = SIGNED_ZERO;
@@ -131,7 +162,7 @@ void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t coun
     const float offset = (float)scaling->offset, gain = (float)scaling->gain;
     const struct v2v_calibration *calibration = scaling->calibration;
     for (int64_t i = 0; i < count; i++) {
-        x[i] = (x[i] - offset) * gain;
+        x[i] = x[i] != V2V_BLIND ? (x[i] - offset) * gain : V2V_BLIND;
     }
     for (int64_t v = 0; calibration != NULL && v < calibration->views; v++) {
         const struct v2v_view_calibration *view = &calibration->view[v];
@@ -140,6 +171,20 @@ void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t coun
                             calibration->width, view->shading, -1.0);
         }
     }
+}
+
+enum v2v_status v2v_scaling_read_dark(const struct v2v_scaling *scaling,
+                                      struct v2v_recording *recording, float *x, int64_t *blind,
+                                      int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
+    V2V_TRY(v2v_recording_read_seen(recording, x, scaling->offset, blind, t));
+    v2v_scaling_apply(scaling, x, samples);
+    v2v_blind_darken(x, samples);
+done:
+    return rc;
 }
 
 /* In double precision: what levels a frame of tiny numbers is none that float32 holds. */

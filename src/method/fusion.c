@@ -65,15 +65,15 @@ struct v2v_fusion {
     float *mean;      /* [y,x] of that over the views */
     float *padded;    /* [y,pitch]: rows with their ends repeated on either side */
     float *image;     /* [y,x] */
-    uint8_t *blind;   /* [v,y,x] of frame t: marks; NULL: they aren't asked for */
-    int has_blind;    /* bool: frame t has some */
+    uint8_t *blind;   /* [v,y,x] of frame t: marks */
+    int leaves_blind; /* bool: those marked are left out; else they are dark */
+    int has_blind;    /* bool: frame t has some that are */
 };
 
-int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width,
-                          int leaves_blind)
+int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width)
 {
     const int64_t samples = v2v_mem_product(views, height, width);
-    const int64_t marks = leaves_blind ? v2v_parts(samples, (int64_t)sizeof(float)) : 0;
+    const int64_t marks = v2v_parts(samples, (int64_t)sizeof(float));
     return marks + (neighbours == 0 ? 0
                                     : 7 * samples + v2v_motion_floats(views, height, width) +
                                           v2v_local_brightness_floats(views, height, width) +
@@ -108,6 +108,7 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
     made->views = views;
     made->height = height;
     made->width = width;
+    made->leaves_blind = leaves_blind;
     made->pitch = width + 2 * COARSE_TAPS;
     made->smoothed = gaussian(made->fine, FINE_TAPS, FINE); /* root of the square, in y and x */
     (void)gaussian(made->coarse, COARSE_TAPS, COARSE);
@@ -127,9 +128,7 @@ enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours
         V2V_TRY(V2V_ALLOC(made->padded, "method.fusion", v2v_mem_product(height, made->pitch, 1)));
         V2V_TRY(V2V_ALLOC(made->image, "method.fusion", v2v_mem_product(height, width, 1)));
     }
-    if (leaves_blind) {
-        V2V_TRY(V2V_ALLOC(made->blind, "method.fusion", samples));
-    }
+    V2V_TRY(V2V_ALLOC(made->blind, "method.fusion", samples));
     *fusion = made;
     made = NULL;
 done:
@@ -365,7 +364,7 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
     int64_t blind = 0;
-    if (fusion->blind != NULL && v2v_first_not_finite(views, samples) < 0) {
+    if (fusion->leaves_blind && v2v_first_not_finite(views, samples) < 0) {
         blind =
             v2v_blind_find(fusion->blind, views, 0.0, fusion->views, fusion->height, fusion->width);
     }
@@ -531,18 +530,19 @@ enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
     fusion->averaging = (struct v2v_averaging){0};
     V2V_TRY(v2v_recording_read_marked(recording, views, fusion->blind, scaling->offset, &blind, t));
     v2v_scaling_apply(scaling, views, samples);
+    v2v_blind_leave(views, fusion->blind, blind > 0 ? samples : 0);
+    if (before + after > 0 || !fusion->leaves_blind) {
+        v2v_blind_darken(views, samples);
+    }
     if (before + after == 0) {
-        if (blind > 0 && v2v_first_not_finite(views, samples) < 0) {
-            v2v_blind_leave(views, fusion->blind, samples);
-        }
         goto done;
     }
-    begin(fusion, views, blind);
+    begin(fusion, views, fusion->leaves_blind ? blind : 0);
     for (int64_t i = -before; i <= after; i++) {
         if (i != 0) {
             v2v_watchdog_beat("reading a neighbouring frame");
-            V2V_TRY(v2v_recording_read(recording, fusion->neighbour, t + i * apart));
-            v2v_scaling_apply(scaling, fusion->neighbour, samples);
+            V2V_TRY(
+                v2v_scaling_read_dark(scaling, recording, fusion->neighbour, NULL, t + i * apart));
             v2v_fusion_add(fusion, views, v2v_fusion_align(fusion, views, fusion->neighbour));
         }
     }

@@ -43,8 +43,8 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     V2V_TRY(v2v_workspace_reserve(&self->frame, info->views * pixels));
     for (int64_t i = 0; i < examples->frames; i++) {
         const int64_t place = i / 2 + (i % 2) * n;
-        V2V_TRY(v2v_recording_read(source->recording, self->frame.data, t + i));
-        v2v_scaling_apply(&source->scaling, self->frame.data, info->views * pixels);
+        V2V_TRY(v2v_scaling_read_dark(&source->scaling, source->recording, self->frame.data, NULL,
+                                      t + i));
         memcpy(images + place * pixels, self->frame.data + v * pixels,
                (size_t)pixels * sizeof *images);
     }

@@ -84,15 +84,14 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
 }
 
 /** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
-static int64_t fusion_floats(const struct v2v_problem *problem, int is_still, int leaves_blind)
+static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
 {
     const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
     const int64_t height = problem->height, width = problem->width;
-    const int64_t of_key =
-        is_still && neighbours < NEIGHBOURS_OF_KEY
-            ? v2v_fusion_floats(NEIGHBOURS_OF_KEY, views, height, width, leaves_blind)
-            : 0;
-    return v2v_fusion_floats(neighbours, views, height, width, leaves_blind) + of_key;
+    const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY
+                               ? v2v_fusion_floats(NEIGHBOURS_OF_KEY, views, height, width)
+                               : 0;
+    return v2v_fusion_floats(neighbours, views, height, width) + of_key;
 }
 
 /** Local: what frames need beside the method. */
@@ -184,7 +183,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
                            .slices = problem->psf->slices,
                            .height = problem->height,
                            .width = problem->width,
-                           .fused = fusion_floats(problem, is_still, ops->leaves_blind),
+                           .fused = fusion_floats(problem, is_still),
                            .is_homogeneous = ops->has_gain && problem->config->model.homogeneous,
                            .refresh = is_still ? problem->config->recon.refresh : 1,
                            .level = 1.0};

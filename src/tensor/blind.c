@@ -21,6 +21,11 @@ static const double most_next = 0.8;
 /* Samples that are no chance: so many, and this part of all. */
 enum { FEW = 32, PARTS_OF_FEW = 1000 };
 
+/* Of the gap between a part's value and the least of the others, and of those how many lie as close
+ * to it: the dark, where a camera's zero is well above a mask's. */
+static const float part_of_gap = 0.25f;
+static const double much_beside = 0.01;
+
 /* Marks of a part of one value, and of a view of one beside others that vary. */
 enum { PART = 1, DEAD = 2 };
 
@@ -225,13 +230,35 @@ static struct beside look_beside(const struct images *in, float value)
     return (struct beside){below, above, same};
 }
 
+/* Does a value lie below all others that are of no part, farther than much of them lies from their
+ * least? */
+static int lies_apart(const struct images *in, float value)
+{
+    const int64_t samples = in->count * in->height * in->width;
+    float least = INFINITY;
+    int64_t beside = 0, close = 0;
+#pragma omp parallel for simd schedule(static) reduction(min : least) reduction(+ : beside)
+    for (int64_t i = 0; i < samples; i++) {
+        const int is_beside = in->marks[i] == 0 && in->views[i] != value;
+        least = is_beside && in->views[i] < least ? in->views[i] : least;
+        beside += is_beside;
+    }
+    const float end = least + (least - value) * part_of_gap;
+#pragma omp parallel for simd schedule(static) reduction(+ : close)
+    for (int64_t i = 0; i < samples; i++) {
+        close += in->marks[i] == 0 && in->views[i] != value && in->views[i] < end;
+    }
+    return value < least && (double)close > much_beside * (double)beside;
+}
+
 /* Does noise go both ways? Light is not below zero, and what lies there by itself is not its
  * dark. */
 static int may_see_nothing(const struct images *in, float value)
 {
     const struct beside beside = look_beside(in, value);
     const int64_t some = some_of(in);
-    return beside.above >= some && (beside.below >= some || value < in->zero);
+    const int is_below = isnan(in->zero) ? lies_apart(in, value) : value < in->zero;
+    return beside.above >= some && (beside.below >= some || is_below);
 }
 
 /* .. after parts grew. */
@@ -350,6 +377,31 @@ void v2v_blind_leave(float *views, const uint8_t *marks, int64_t samples)
 #pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < samples; i++) {
         views[i] = marks[i] ? V2V_BLIND : views[i];
+    }
+}
+
+void v2v_blind_darken(float *views, int64_t samples)
+{
+#pragma omp parallel for simd schedule(static)
+    for (int64_t i = 0; i < samples; i++) {
+        views[i] = views[i] != V2V_BLIND ? views[i] : 0.0f;
+    }
+}
+
+void v2v_blind_fill(float *views, int64_t count, int64_t pixels)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < count; v++) {
+        float *view = views + v * pixels;
+        double sum = 0.0, seen = 0.0;
+        for (int64_t i = 0; i < pixels; i++) {
+            sum += view[i] != V2V_BLIND ? (double)view[i] : 0.0;
+            seen += view[i] != V2V_BLIND;
+        }
+        const float mean = seen > 0.0 ? (float)(sum / seen) : 0.0f;
+        for (int64_t i = 0; i < pixels; i++) {
+            view[i] = view[i] != V2V_BLIND ? view[i] : mean;
+        }
     }
 }
 

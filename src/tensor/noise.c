@@ -183,16 +183,29 @@ double v2v_mean_of_square(const float *at, int64_t width, int64_t side)
     return sum / (double)(side * side);
 }
 
-/* Means of squares of an image, from its first row and column on. @return how many */
+static int is_seen(const float *at, int64_t width, int64_t side)
+{
+    int64_t blind = 0;
+    for (int64_t y = 0; y < side; y++) {
+        blind += v2v_blind_count(at + y * width, side);
+    }
+    return blind == 0;
+}
+
+/* Means of squares of an image, from its first row and column on, but of those with blind samples.
+ * @return how many */
 static int64_t means_of_squares(float *means, const float *image, int64_t height, int64_t width,
                                 int64_t side)
 {
     const int64_t across = width / side, down = height / side;
+    int64_t seen = 0;
     for (int64_t i = 0; i < down * across; i++) {
         const float *square = image + i / across * side * width + i % across * side;
-        means[i] = (float)v2v_mean_of_square(square, width, side);
+        if (is_seen(square, width, side)) {
+            means[seen++] = (float)v2v_mean_of_square(square, width, side);
+        }
     }
-    return down * across;
+    return seen;
 }
 
 /* Of squares of 16 x 16 pixels, or what fits. */
@@ -212,7 +225,7 @@ static void add_quarters(double *squares, double *count, const float *image, int
     for (int64_t i = 0; i < down * across; i++) {
         const float *at = image + i / across * side * width + i % across * side;
         double mean = 0.0, of[QUARTERS];
-        if (v2v_mean_of_square(at, width, side) > most) {
+        if (v2v_mean_of_square(at, width, side) > most || !is_seen(at, width, side)) {
             continue;
         }
         for (int64_t q = 0; q < QUARTERS; q++) {
@@ -237,6 +250,9 @@ static struct darkness darkness_of(float *scratch, const float *images, int64_t 
     double squares = 0.0, free = 0.0;
     for (int64_t i = 0; i < count; i++) {
         n += means_of_squares(scratch + n, images + i * pixels, height, width, side);
+    }
+    if (n == 0) {
+        return (struct darkness){0};
     }
     struct darkness dark = {.bright = (double)v2v_select(scratch, n, n - 1)};
     const double tenth = (double)v2v_select(scratch, n, n / OF_DARK);

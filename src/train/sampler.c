@@ -282,12 +282,37 @@ done:
     return rc;
 }
 
+/* Samples of the first frame that see nothing, of which the networks that are trained with frames
+ * don't know. What can't be read is told where it is drawn. */
+static void warn_of_blind(const struct source *source, const char *name)
+{
+    const struct v2v_recording_info *info = info_of(source);
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
+    float *views = NULL;
+    int64_t blind = 0;
+    if (V2V_ALLOC(views, "sampler.frames", samples) == V2V_OK &&
+        v2v_scaling_read_dark(&source->of.scaling, source->of.recording, views, &blind, 0) ==
+            V2V_OK &&
+        blind > 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s, frame 0: %lld samples of one value see nothing and are taken for dark", name,
+                (long long)blind);
+    }
+    v2v_mem_free(views);
+}
+
 void v2v_sampler_warn(const struct v2v_sampler *sampler, const struct v2v_comm *comm)
 {
+    const struct v2v_examples *examples = sampler->examples;
+    const int takes_all = examples == NULL || examples->ops->estimator == NULL;
     char name[NAME_BYTES];
     for (int64_t i = 0; i < sampler->source_count; i++) {
+        const struct source *source = &sampler->source[i];
         snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
-        v2v_scaling_warn(&sampler->source[i].of.scaling, name, comm);
+        v2v_scaling_warn(&source->of.scaling, name, comm);
+        if (takes_all && v2v_comm_rank(comm) == 0) {
+            warn_of_blind(source, name);
+        }
     }
 }
 
@@ -374,8 +399,7 @@ static enum v2v_status make(struct v2v_sampler *sampler, float *data, const stru
         return sampler->examples->ops->make(sampler->examples, data, &source->of, t,
                                             choice->within);
     }
-    V2V_TRY(v2v_recording_read(source->of.recording, data, t));
-    v2v_scaling_apply(&source->of.scaling, data, info->views * info->height * info->width);
+    V2V_TRY(v2v_scaling_read_dark(&source->of.scaling, source->of.recording, data, NULL, t));
     if (sampler->image != NULL) {
         (void)v2v_scaling_level(data, sampler->image, info->views, info->height, info->width);
     }

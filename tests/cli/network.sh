@@ -41,6 +41,11 @@ done
 nothing='frame 0: view 2: 64 samples of one value see nothing and are'
 works deconvolve --method rld --psf psf.h5 --input masked.h5 -o masked_rld.h5
 grep -q "^$nothing left out\$" stderr || fail "no word on a mask: $(cat stderr)"
+missed=$(sed -n 's/.*residual of the views \([0-9.e-]*\),.*/\1/p' stderr)
+works evaluate --volume masked_rld.h5 --psf psf.h5 --input masked.h5 --json
+found=$(sed -n 's/.*"residual_frames": \[\([0-9.e-]*\).*/\1/p' stdout)
+awk -v missed="$missed" -v found="$found" 'BEGIN { off = found / missed - 1; exit !(off * off < 1e-4) }' ||
+    fail "of masked views evaluate misses $found, deconvolve $missed"
 works reconstruct --psf psf.h5 --weights w.h5 --input masked.h5 -o masked_volumes.h5
 grep -q "$nothing taken for dark by this method" stderr || fail "no word on a mask: $(cat stderr)"
 works reconstruct --psf others.h5 --weights w.h5 --input recording.h5 -o others_volumes.h5

@@ -79,6 +79,11 @@ enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float
                                           uint8_t *marks, double zero, int64_t *blind,
                                           int64_t t) V2V_MUST_CHECK;
 
+/** The same, and samples that see nothing are V2V_BLIND. @kind Local.
+ *  @param blind out: how many; NULL: not asked for @return as v2v_recording_read | V2V_E_MEMORY */
+enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
+                                        int64_t *blind, int64_t t) V2V_MUST_CHECK;
+
 /** @kind Local; accepts NULL. */
 void v2v_recording_close(struct v2v_recording **recording);
 

@@ -20,9 +20,9 @@ struct v2v_scaling {
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
  * else 32767 when its mean is above it and no sample above 65535, else 0; auto gain: the
- * recording's mean after the offset becomes 0.2 (REFERENCE.md 1). Where auto finds 0, the pedestal
- * is what the first frame has at least (v2v_pedestal_of_images). Reads all frames once when
- * something is auto, split over ranks.
+ * recording's mean after the offset, but for blind samples, becomes 0.2 (REFERENCE.md 1). Where
+ * auto finds 0, the pedestal is what the first frame has at least (v2v_pedestal_of_images). Reads all
+ * frames once when something is auto, split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
  * makes 0.2); agreed */
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
@@ -34,9 +34,15 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
 void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording,
                       const struct v2v_comm *comm);
 
-/** x <- (x - offset) * gain / shading, in place. @kind Local. @param x with a calibration, all its
- *  views [v,y,x] */
+/** x <- (x - offset) * gain / shading, in place; V2V_BLIND stays. @kind Local.
+ *  @param x with a calibration, all its views [v,y,x] */
 void v2v_scaling_apply(const struct v2v_scaling *scaling, float *x, int64_t count);
+
+/** Frame t so, and 0 where nothing is seen. @kind Local. @param x [v,y,x] @param blind out: samples
+ *  that see nothing; NULL: not asked for @return as v2v_recording_read_seen */
+enum v2v_status v2v_scaling_read_dark(const struct v2v_scaling *scaling,
+                                      struct v2v_recording *recording, float *x, int64_t *blind,
+                                      int64_t t) V2V_MUST_CHECK;
 
 /** Bring a frame to a level of its own, for a network that is to be homogeneous in brightness:
  *  x <- x * f, f = 0.2 / max(|mean|, mean noise of a view / 10), so that s x becomes what x becomes

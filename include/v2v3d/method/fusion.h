@@ -16,13 +16,12 @@ extern "C" {
 struct v2v_fusion;
 
 /** Floats that v2v_fusion_create takes. @kind Local. */
-int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width,
-                          int leaves_blind);
+int64_t v2v_fusion_floats(int64_t neighbours, int64_t views, int64_t height, int64_t width);
 
 /** @kind  Local
  *  @param neighbours frames on either side; 0: frames stay as they are
  *  @param leaves_blind bool: the frame's blind samples are V2V_BLIND in what _end and _read give,
- *         and tell nothing of its noise (tensor/blind.h)
+ *         and tell nothing of its noise (tensor/blind.h); else they are dark
  *  @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_fusion_create(struct v2v_fusion **fusion, int64_t neighbours, int64_t views,
                                   int64_t height, int64_t width, int leaves_blind) V2V_MUST_CHECK;
@@ -64,8 +63,9 @@ const struct v2v_averaging *v2v_fusion_averaging(const struct v2v_fusion *fusion
  *  the ends of a recording with more on the other one; also with those beyond a cut; in a sliding
  *  window with every so many-th, which shares no page with the next. The watchdog is re-armed for
  *  every neighbour.
- *  @kind   Local, no allocation @param views [v,y,x] out
- *  @return V2V_OK | V2V_E_INPUT (as v2v_recording_read, of any of these frames) */
+ *  @kind   Local, no allocation but the recording's (v2v_recording_read_seen)
+ *  @param  views [v,y,x] out
+ *  @return as v2v_recording_read_seen, of any of these frames */
 enum v2v_status v2v_fusion_read(struct v2v_fusion *fusion, float *views,
                                 struct v2v_recording *recording, const struct v2v_scaling *scaling,
                                 int64_t t) V2V_MUST_CHECK;

@@ -20,7 +20,8 @@ extern "C" {
  *  noise. A view of one value sees nothing where the others vary.
  *  @kind   Local, no allocation; the same with any number of threads
  *  @param  marks [count,height,width] out: 1 where nothing is seen, else 0 @param views finite
- *  @param  zero what samples without light are about
+ *  @param  zero what samples without light are about; NaN: not known, and parts see nothing whose
+ *          value lies well below all others
  *  @return how many see nothing
  *  @cost   a pass over the views, others where there are such parts
  *  @source REFERENCE.md 10 */
@@ -29,6 +30,13 @@ int64_t v2v_blind_find(uint8_t *marks, const float *views, double zero, int64_t 
 
 /** Those that are marked become V2V_BLIND. @kind Local. */
 void v2v_blind_leave(float *views, const uint8_t *marks, int64_t samples);
+
+/** Samples that are V2V_BLIND become dark. @kind Local. */
+void v2v_blind_darken(float *views, int64_t samples);
+
+/** They become the mean of what their view sees, 0 where that is nothing, which shows no structure
+ *  of its own. @kind Local. @param views [count,pixels] */
+void v2v_blind_fill(float *views, int64_t count, int64_t pixels);
 
 /** Those of `from` are as well in `views`. @kind Local. */
 void v2v_blind_take_over(float *views, const float *from, int64_t samples);

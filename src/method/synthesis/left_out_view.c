@@ -137,8 +137,7 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     const int64_t pixels = info->height * info->width, samples = info->views * pixels;
     V2V_TRY(v2v_workspace_reserve(&self->frame, samples));
     float *frame = self->frame.data;
-    V2V_TRY(v2v_recording_read(source->recording, frame, t));
-    v2v_scaling_apply(&source->scaling, frame, samples);
+    V2V_TRY(v2v_scaling_read_dark(&source->scaling, source->recording, frame, NULL, t));
     inputs_of_view(examples, images, frame, number, info->height, info->width);
     v2v_bulk_copy(images + examples->inputs * pixels, frame + number * pixels, pixels);
 done:

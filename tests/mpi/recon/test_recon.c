@@ -542,8 +542,7 @@ static void averaged_views_count_in_what_a_rank_may_hold(void **state)
     struct v2v_recon *recon = NULL;
     const struct v2v_problem problem = {
         .config = &config, .psf = &psf, .height = HEIGHT, .width = WIDTH};
-    const int64_t floats =
-        v2v_fusion_floats(config.recon.neighbours, VIEWS, HEIGHT, WIDTH, method->leaves_blind);
+    const int64_t floats = v2v_fusion_floats(config.recon.neighbours, VIEWS, HEIGHT, WIDTH);
     const int64_t ranks = v2v_comm_size(test_world());
     if (ranks < 2) {
         test_skip("one rank shares nothing");

@@ -90,6 +90,39 @@ static void a_pedestal_is_told_where_nothing_is_said_of_one(void **state)
     }
 }
 
+/* Half of both frames behind a mask at 0, beside a dark of 100, noise of 4 counts and light of 30
+ * in a quarter: the mean of what is seen is 15 above the dark, and no less behind the mask. */
+static void a_mask_has_no_part_in_gain_and_pedestal(void **state)
+{
+    (void)state;
+    enum { TALL = 64, WIDE = 64, COUNT = 2 * TALL * WIDE };
+    static double values[COUNT];
+    double sum = 0.0;
+    for (int64_t i = 0; i < COUNT; i++) {
+        const int64_t x = i % WIDE;
+        const double light = x >= 48 ? 30.0 : 0.0;
+        values[i] =
+            x < WIDE / 2 ? 0.0 : rint(100.0 + light + 4.0 * v2v_random_normal(7, 0, (uint64_t)i));
+        sum += values[i];
+    }
+    const double mean = sum / (COUNT / 2) - 100.0;
+    struct v2v_recording *recording = NULL;
+    struct v2v_scaling scaling;
+    snprintf(path, sizeof path, "%s/masked.h5", test_folder(NULL));
+    test_h5_make(path, &(struct test_h5_spec){.dataset = "/views",
+                                              .type = TEST_H5_U16,
+                                              .rank = 4,
+                                              .shape = {2, 1, TALL, WIDE},
+                                              .values = values});
+    assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+    const struct v2v_input_settings told = {.offset = {V2V_NUMBER_GIVEN, 100.0}};
+    assert_ok(v2v_scaling_decide(&scaling, recording, &told, NULL));
+    assert_true(fabs(scaling.gain * mean / 0.2 - 1.0) < 1e-12);
+    assert_ok(v2v_scaling_decide(&scaling, recording, &(struct v2v_input_settings){0}, NULL));
+    assert_true(fabs(scaling.pedestal - 100.0) < 2.0);
+    v2v_recording_close(&recording);
+}
+
 static void a_stated_offset_goes_before_the_guess(void **state)
 {
     (void)state;
@@ -234,6 +267,7 @@ int main(void)
         cmocka_unit_test(what_has_no_level_is_left_as_it_is),
         cmocka_unit_test(offset_and_gain_follow_their_modes),
         cmocka_unit_test(a_pedestal_is_told_where_nothing_is_said_of_one),
+        cmocka_unit_test(a_mask_has_no_part_in_gain_and_pedestal),
         cmocka_unit_test(a_stated_offset_goes_before_the_guess),
         cmocka_unit_test(an_image_without_light_has_no_auto_gain),
         cmocka_unit_test(samples_above_16_bits_are_no_camera_counts),

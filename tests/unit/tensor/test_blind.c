@@ -59,9 +59,11 @@ static int is_masked(enum mask mask, int64_t i)
     }
 }
 
+static double zero; /* what samples without light are about */
+
 static int64_t find(void)
 {
-    return v2v_blind_find(marks, images, 0.0, IMAGES, SIDE, SIDE);
+    return v2v_blind_find(marks, images, zero, IMAGES, SIDE, SIDE);
 }
 
 /* @param part of the masked samples that may be wrong: counts have the mask's value next to it by
@@ -197,6 +199,43 @@ static void images_of_one_value_are_seen(void **state)
     check_seen("one value each", 4.0);
 }
 
+/* A mask at the camera's zero, which nothing tells, and the dark well above it. Light that was cut
+ * off at zero, or is of photons, or has no noise, lies apart from nothing. */
+static void masks_far_below_an_unknown_zero_are_found(void **state)
+{
+    (void)state;
+    zero = (double)NAN;
+    make(0.01, 0.016, 0.01);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        whole[i] += 1.0f;
+    }
+    check_masks((const float[]){0.0f}, 1, 0.0);
+    for (double noise = 0.0; noise < 0.2; noise += 0.1) {
+        make(0.0, noise, 0.0);
+        for (int64_t i = 0; i < SAMPLES; i++) {
+            images[i] = fmaxf(images[i] - 0.1f, 0.0f);
+        }
+        check_seen("cut off at 0", noise);
+    }
+    make(0.01, 0.0, 0.0);
+    check_seen("photons", 0.01);
+    zero = 0.0;
+}
+
+static void what_sees_nothing_becomes_dark_or_what_its_image_sees(void **state)
+{
+    (void)state;
+    float views[] = {1.0f, V2V_BLIND, 4.0f, V2V_BLIND, V2V_BLIND, V2V_BLIND, -2.0f, 0.0f, 5.0f};
+    float filled[] = {1.0f, 2.5f, 4.0f, 0.0f, 0.0f, 0.0f, -2.0f, 0.0f, 5.0f};
+    float dark[] = {1.0f, 0.0f, 4.0f, 0.0f, 0.0f, 0.0f, -2.0f, 0.0f, 5.0f};
+    float copy[9];
+    memcpy(copy, views, sizeof views);
+    v2v_blind_fill(copy, 3, 3);
+    assert_memory_equal(copy, filled, sizeof copy);
+    v2v_blind_darken(views, 9);
+    assert_memory_equal(views, dark, sizeof views);
+}
+
 /* Of the 36,000 differences half at least are left, whose median, as they share samples, is known
  * to 1 % and a little: of which this allows three. */
 static void noise_is_of_what_sees(void **state)
@@ -236,6 +275,8 @@ int main(void)
         cmocka_unit_test(the_dark_of_photons_is_seen_beside_a_mask),
         cmocka_unit_test(saturated_and_clipped_samples_are_seen),
         cmocka_unit_test(images_of_one_value_are_seen),
+        cmocka_unit_test(masks_far_below_an_unknown_zero_are_found),
+        cmocka_unit_test(what_sees_nothing_becomes_dark_or_what_its_image_sees),
         cmocka_unit_test(noise_is_of_what_sees),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
