@@ -70,19 +70,21 @@ done:
     return rc;
 }
 
-static enum v2v_status open_folder(const struct v2v_demo *demo)
+/* Others may not make a demo there meanwhile. */
+static enum v2v_status open_folder(struct v2v_demo *demo)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_session *session = demo->session;
     char path[V2V_PATH_BYTES];
     char *text = NULL;
     if (v2v_step_on_root(session)) {
+        V2V_TRY(v2v_file_make_folder(demo->folder));
         V2V_TRY(v2v_demo_path(path, demo, "config.yaml"));
+        V2V_TRY(v2v_file_lock_output(&demo->lock, demo->lock_name, path));
         if (v2v_file_exists(path) && !session->force) {
             V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: holds a demo already; --force makes it anew",
                              demo->folder));
         }
-        V2V_TRY(v2v_file_make_folder(demo->folder));
         V2V_TRY(v2v_config_text(&text, &session->config, NULL, 0));
         V2V_TRY(v2v_file_write_text(path, text));
     }
@@ -139,7 +141,9 @@ static enum v2v_status train(const struct v2v_demo *demo, const char *max_time)
     enum v2v_status rc = command(demo, words);
     int64_t signalled = v2v_stop_requested();
     v2v_par_max_i64(demo->session->world, &signalled, 1);
-    return rc == V2V_STOPPED && !signalled ? V2V_OK : rc;
+    return rc != V2V_STOPPED ? rc
+           : signalled       ? V2V_FAIL(rc, "stopped on request; --force begins it anew")
+                             : V2V_OK;
 }
 
 static enum v2v_status make_recording(const struct v2v_demo *demo)
@@ -200,6 +204,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     struct v2v_demo demo = {.session = session,
                             .folder = given->folder,
+                            .lock = -1,
                             .iterations = session->config.demo.rld_iterations};
     double started = v2v_clock_now();
     V2V_TRY(open_folder(&demo));
@@ -219,6 +224,7 @@ done:
         v2v_evaluation_fini(&demo.evaluation[row]);
     }
     v2v_mem_free(demo.curve);
+    v2v_file_unlock_output(&demo.lock, demo.lock_name);
     return rc;
 }
 

@@ -22,6 +22,8 @@ struct v2v_demo {
     int64_t iterations; /**< demo.rld_iterations */
     int64_t best;       /**< index of the curve's maximum from 1 on */
     double seconds;
+    int lock; /**< rank 0: of the folder; -1: none */
+    char lock_name[V2V_PATH_BYTES];
 };
 
 /** Path of a file in the demo's folder. @kind Local */

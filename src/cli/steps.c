@@ -29,15 +29,19 @@ const char *v2v_step_message(void)
 /* Frames that an interrupted run finished are not thrown away unasked. Rank-0. */
 static enum v2v_status check_left(const char *path)
 {
+    enum v2v_status rc = V2V_OK;
     struct v2v_volume_left left;
     v2v_volume_left(&left, path, NULL);
     if (left.done == 0) {
         return V2V_OK;
     }
-    return V2V_FAIL(V2V_E_USAGE,
-                    "%s: an interrupted run left %" PRId64 " of %" PRId64
-                    " frames; --resume goes on with them, --force discards them",
-                    path, left.done, left.frames);
+    V2V_TRY(v2v_file_check_idle(path));
+    rc = V2V_FAIL(V2V_E_USAGE,
+                  "%s: an interrupted run left %" PRId64 " of %" PRId64
+                  " frames; --resume goes on with them, --force discards them",
+                  path, left.done, left.frames);
+done:
+    return rc;
 }
 
 /* Rank-0. */

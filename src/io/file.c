@@ -318,6 +318,15 @@ void v2v_file_unlock_output(int *descriptor, const char *name)
     }
 }
 
+enum v2v_status v2v_file_check_idle(const char *path)
+{
+    int descriptor = -1;
+    char name[V2V_PATH_BYTES];
+    const enum v2v_status rc = v2v_file_lock_output(&descriptor, name, path);
+    v2v_file_unlock_output(&descriptor, name);
+    return rc;
+}
+
 static enum v2v_status make_one_folder(const char *path)
 {
     if (mkdir(path, 0777) == 0) {

@@ -130,7 +130,8 @@ enum v2v_status v2v_h5_array_open(struct v2v_h5_array *array, const char *path,
     V2V_TRY(v2v_h5_open(&array->file, path));
     if (kind->may_be_other && !v2v_h5_has(array->file, kind->dataset)) {
         V2V_TRY(v2v_h5_there_is_none(array->file, path, kind->dataset,
-                                     "; --dataset NAME reads another one"));
+                                     "; --dataset NAME (of evaluate also --volume-dataset, "
+                                     "--truth-dataset) reads another one"));
     }
     V2V_TRY(v2v_h5_open_dataset(&array->set, array->file, path, kind->dataset));
     V2V_TRY(check_type(array));

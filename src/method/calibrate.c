@@ -5,6 +5,7 @@
 #include "method/gains.h"
 #include "method/photons.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -349,6 +350,8 @@ static enum v2v_status begin(struct calibration_run *self)
     V2V_TRY(v2v_calibrator_init(at));
     at->config.deconv.stop = V2V_STOP_FIXED;
     at->config.deconv.curvature = 0.0; /* predicts no better here: tests/bench/views.md */
+    at->config.deconv.sparsity = (struct v2v_number){.mode = V2V_NUMBER_GIVEN};
+    at->config.recon.neighbours = 0;                    /* of one frame */
     at->config.deconv.noise = V2V_NOISE_MODEL_GAUSSIAN; /* a volume's errors are no photons' */
     at->config.deconv.electrons_per_count.mode = V2V_NUMBER_AUTO;
     at->config.deconv.read_noise.mode = V2V_NUMBER_AUTO;
@@ -404,13 +407,13 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
         .at = {.problem = problem, .comm = comm, .views = views, .calibration = calibration}};
     *report = (struct v2v_calibration_report){0};
     *calibration = (struct v2v_calibration){0};
+    v2v_stop_heed_ending();
     if (problem->psf->views < LEAST_VIEWS) {
         return V2V_FAIL(V2V_E_INPUT,
                         "%lld views: one that is predicted by one other at most seems out of "
                         "register where it is in it; three or more can be calibrated",
                         (long long)problem->psf->views);
     }
-    V2V_TRY(v2v_camera_check(problem));
     V2V_TRY(check_views(problem, views));
     V2V_TRY(begin(&self));
     report->square_rows = self.at.busiest.rows;

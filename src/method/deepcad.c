@@ -35,7 +35,7 @@ static enum v2v_status create(struct v2v_network *network, const struct v2v_netw
     const struct v2v_plain_unet_spec unet = unet_of(spec->config);
     const int64_t frames = spec->config->deepcad.frames, unit = v2v_plain_unet_unit(&unet);
     if (frames % unit != 0) {
-        return V2V_FAIL(V2V_E_INPUT,
+        return V2V_FAIL(V2V_E_CONFIG,
                         "deepcad.frames: %lld is no multiple of %lld, which %d levels take",
                         (long long)frames, (long long)unit, unet.levels);
     }

@@ -63,7 +63,7 @@ struct v2v_photons v2v_photons_find(float *scratch, const float *views, int64_t 
                                     int64_t height, int64_t width, const struct v2v_camera *camera)
 {
     const int64_t samples = count * height * width;
-    const double brighter = (double)samples * brighter_part;
+    const double brighter = (double)(samples - v2v_blind_count(views, samples)) * brighter_part;
     const int is_known = camera != NULL && camera->gain > 0.0;
     struct v2v_photons found = {.bright = v2v_photons_bright(scratch, views, samples)};
     if (found.bright > 0.0) {

@@ -387,6 +387,7 @@ enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
     struct v2v_recording_info written = *info;
     const double began = v2v_clock_now();
     *result = (struct v2v_denoise_report){0};
+    v2v_stop_heed_ending();
     written.before = written.after = 0;
     written.is_uint16 = 0;
     if (written.offset == 0.0) { /* one that was guessed */

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/stop.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/optics/grouped.h"
 #include "v2v3d/par/watchdog.h"
@@ -212,6 +213,10 @@ static enum v2v_status write_frame(struct v2v_simulator *simulator, const struct
     const struct v2v_part mine = simulator->mine;
     const int64_t first = mine.first * simulator->pixels, count = mine.count * simulator->pixels;
     v2v_watchdog_beat("writing a frame");
+    V2V_TRY(v2v_par_agree(simulator->comm,
+                          v2v_stop_requested()
+                              ? V2V_FAIL(V2V_STOPPED, "stopped on request; nothing is kept")
+                              : V2V_OK));
     v2v_noise_apply(simulator->noisy, simulator->clean + first, count, noise, simulation->seed, t,
                     first);
     V2V_TRY(v2v_recording_write(outputs->noisy, simulator->noisy, t, mine.first, mine.count));
@@ -232,6 +237,7 @@ enum v2v_status v2v_simulator_record(struct v2v_simulator *simulator,
     V2V_TRY(open_outputs(&outputs, simulator, simulation));
     const int64_t sources = count_sources(simulation);
     const int64_t samples = simulator->views * simulator->pixels;
+    v2v_stop_heed_ending();
     for (int64_t source = 0; source < sources; source++) {
         V2V_TRY(project_frame(simulator, simulation, outputs.truth, source));
         if (source == 0) {

@@ -244,7 +244,8 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
                          in_one_line(info.settings), own.method, (long long)own.views,
                          (long long)own.slices, in_one_line(own.settings)));
     }
-    const char *last = trainer->average != NULL ? "last" : "weights";
+    const int has_last = trainer->average != NULL || v2v_weights_file_has(path, "last");
+    const char *last = has_last ? "last" : "weights"; /* an average may end with this attempt */
     rc = v2v_weights_file_read(network->weights, path, last, fields);
     if (rc == V2V_E_INPUT && trainer->average != NULL &&
         v2v_weights_file_read(network->weights, path, "weights", fields) == V2V_OK) {

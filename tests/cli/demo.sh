@@ -13,4 +13,13 @@ for name in comparison.png results.txt results.json psf.h5 truth.h5 recording.h5
 done
 timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" -o shown
 [ $? -eq 2 ] || fail "a second demo in the folder was not refused: $(cat stderr)"
+# While another one works there, whatever it is asked.
+exec 9>shown/config.yaml.v2v3d-lock
+flock 9
+for force in '' --force; do
+    timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" --set demo.size=96 -o shown $force
+    [ $? -eq 75 ] || fail "two demos in a folder: $(cat stderr)"
+done
+exec 9>&-
+rm shown/config.yaml.v2v3d-lock
 finish

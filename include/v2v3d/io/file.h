@@ -104,6 +104,9 @@ enum v2v_status v2v_file_lock_output(int *descriptor, char name[V2V_PATH_BYTES],
                                      const char *path) V2V_MUST_CHECK;
 void v2v_file_unlock_output(int *descriptor, const char *name);
 
+/** Does no other process hold that lock? @kind Local. @return likewise */
+enum v2v_status v2v_file_check_idle(const char *path) V2V_MUST_CHECK;
+
 /** Create a folder (and its parents); an existing one is fine.
  *  @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_INPUT (too long) */
 enum v2v_status v2v_file_make_folder(const char *path) V2V_MUST_CHECK;

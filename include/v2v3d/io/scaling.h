@@ -19,10 +19,10 @@ struct v2v_scaling {
 };
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
- * else 32767 when its mean is above it and no sample above 65535, else 0; auto gain: the
- * recording's mean after the offset, but for blind samples, becomes 0.2 (REFERENCE.md 1). Where
- * auto finds 0, the pedestal is what the first frame has at least (v2v_pedestal_of_images). Reads all
- * frames once when something is auto, split over ranks.
+ *  else 32767 when its mean is above it and no sample above 65535, else 0; auto gain: the mean of
+ *  the recording's samples that see something, after the offset, becomes 0.2 (REFERENCE.md 1).
+ *  Where auto finds 0, the pedestal is what the first frame has at least
+ *  (v2v_pedestal_of_images). Reads all frames once when something is auto, split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
  * makes 0.2); agreed */
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,

@@ -26,7 +26,7 @@ enum v2v_status v2v_network_find(const struct v2v_network_ops **ops,
 
 /** Weights and gradients are undefined: v2v_rule_weights or a file sets them, then weights_changed.
  *  @kind Local. @return V2V_OK | V2V_E_MEMORY | V2V_E_CONFIG (no such method, or what the method
- *  does not offer) | V2V_E_INPUT (PSFs of another view or slice count than the method takes) */
+ *  does not offer) | V2V_E_INPUT (PSFs of fewer views than the method takes) */
 enum v2v_status v2v_network_create(struct v2v_network **network, const char *name,
                                    const struct v2v_network_spec *spec) V2V_MUST_CHECK;
 void v2v_network_destroy(struct v2v_network **network);

@@ -147,7 +147,7 @@ struct v2v_network_ops {
     void (*sizes_of)(struct v2v_network_sizes *sizes, const struct v2v_arrays *arrays);
 
     /** network->schema is there already; weights are undefined. @kind Local.
-     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT */
+     *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT | V2V_E_CONFIG (what doesn't go together) */
     enum v2v_status (*create)(struct v2v_network *network, const struct v2v_network_spec *spec);
     /** After whatever part of create was done; self may be NULL. @kind Local. */
     void (*destroy)(struct v2v_network *network);

@@ -7,11 +7,11 @@
 
 /* A network of the scene, trained for some steps; weights, moments and, with an average, the last
  * weights. To be freed. */
-static float *train(struct scene *scene, int64_t steps, int64_t *count)
+static float *train(struct scene *scene, int64_t steps, int resume, int64_t *count)
 {
     char path[PATH];
     float *arenas = NULL;
-    scene_train(scene, "run", 1, steps, 0, test_world());
+    scene_train(scene, "run", 1, steps, resume, test_world());
     snprintf(path, sizeof path, "%s/run/weights.h5", scene->folder);
     assert_ok(scene_arenas(scene, path, &arenas, count));
     return arenas;
@@ -50,7 +50,7 @@ static void the_rate_rises_and_falls(void **state)
     double largest = 0.0;
     setup(&scene);
     scene.config.train.schedule = V2V_SCHEDULE_LINEAR;
-    float *before = fresh(&scene, &total), *after = train(&scene, 1, &count);
+    float *before = fresh(&scene, &total), *after = train(&scene, 1, 0, &count);
     for (int64_t i = 0; i < total; i++) {
         largest = fmax(largest, fabs((double)after[i] - (double)before[i]));
     }
@@ -71,7 +71,7 @@ static void the_result_is_the_mean_of_the_weights(void **state)
     int64_t total = 0, count = 0;
     setup(&scene);
     scene.config.train.average = 0.9;
-    float *before = fresh(&scene, &total), *arenas = train(&scene, 1, &count);
+    float *before = fresh(&scene, &total), *arenas = train(&scene, 1, 0, &count);
     assert_int_equal(count, 4 * total);
     const float *mean = arenas, *last = arenas + 3 * total;
     assert_memory_not_equal(last, before, (size_t)total * sizeof *last);
@@ -81,6 +81,27 @@ static void the_result_is_the_mean_of_the_weights(void **state)
     }
     v2v_mem_free(before);
     v2v_mem_free(arenas);
+    scene_fini(&scene);
+}
+
+/* By a rate of 0 a step changes nothing. */
+static void without_a_mean_the_run_goes_on_with_the_last_weights(void **state)
+{
+    (void)state;
+    struct scene scene;
+    int64_t count = 0, total = 0;
+    setup(&scene);
+    scene.config.train.average = 0.9;
+    float *averaged = train(&scene, 3, 0, &count);
+    total = count / 4;
+    scene.config.train.average = 0.0;
+    scene.config.train.learning_rate = 0.0;
+    float *alone = train(&scene, 4, 1, &count);
+    assert_int_equal(count, 3 * total);
+    assert_memory_equal(alone, averaged + 3 * total, (size_t)total * sizeof *alone);
+    assert_memory_not_equal(alone, averaged, (size_t)total * sizeof *alone);
+    v2v_mem_free(averaged);
+    v2v_mem_free(alone);
     scene_fini(&scene);
 }
 
@@ -109,6 +130,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_rate_rises_and_falls),
         cmocka_unit_test(the_result_is_the_mean_of_the_weights),
+        cmocka_unit_test(without_a_mean_the_run_goes_on_with_the_last_weights),
         cmocka_unit_test(with_the_time_the_run_is_complete),
     };
     return scene_mpi_main(tests, argc, argv);
