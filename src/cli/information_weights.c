@@ -195,31 +195,49 @@ static void describe_losses(struct v2v_report *report, const struct v2v_json_lin
     }
 }
 
+/* The training of a demo, which is in its folder; that of others is the folder. */
+static enum v2v_status find_run(char run[V2V_PATH_BYTES], int *is_demo, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    char name[V2V_PATH_BYTES];
+    V2V_TRY(path_in(run, path, "run"));
+    V2V_TRY(path_in(name, run, V2V_RUN_CONFIG));
+    *is_demo = v2v_file_exists(name);
+    if (!*is_demo) {
+        V2V_TRY(v2v_text_format(run, V2V_PATH_BYTES, "%s", path));
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_inform_run(struct v2v_report *report, const char *path, int64_t frame,
                                const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
-    char name[V2V_PATH_BYTES];
+    char name[V2V_PATH_BYTES], run[V2V_PATH_BYTES];
     struct v2v_config config;
     struct v2v_json_lines lines = {0};
+    int is_demo = 0;
     if (!v2v_step_on_root(session)) {
         return V2V_OK;
     }
     v2v_config_defaults(&config);
-    V2V_TRY(path_in(name, path, V2V_RUN_CONFIG));
+    V2V_TRY(find_run(run, &is_demo, path));
+    V2V_TRY(path_in(name, run, V2V_RUN_CONFIG));
     V2V_TRY(v2v_config_load(&config, name));
-    V2V_TRY(path_in(name, path, V2V_RUN_METRICS));
+    V2V_TRY(path_in(name, run, V2V_RUN_METRICS));
     if (v2v_file_exists(name)) {
         V2V_TRY(v2v_json_lines_read(&lines, name));
     }
     const struct v2v_json_member *step = v2v_json_lines_find(&lines, "step");
     v2v_report_number(report, "last step logged", step != NULL ? step->last : 0.0, "");
     describe_losses(report, &lines);
-    V2V_TRY(path_in(name, path, V2V_RUN_WEIGHTS));
+    V2V_TRY(path_in(name, run, V2V_RUN_WEIGHTS));
     if (v2v_file_exists(name)) {
         V2V_TRY(v2v_inform_weights(report, name, frame, session));
     }
-    v2v_report_headline(report, "run folder, network %s, %g of %" PRId64 " steps logged",
+    v2v_report_headline(report, "%s, network %s, %g of %" PRId64 " steps logged",
+                        is_demo ? "folder of a demo, its training in run/" : "run folder",
                         config.model.method, step != NULL ? step->last : 0.0, config.train.steps);
     v2v_report_count(report, "steps", config.train.steps);
 done:

@@ -379,7 +379,8 @@ static double tolerance_of(const struct tv *self, double missed)
     const double most = self->sparsity > 0.0 ? part_if_sparse : 1.0;
     const double points =
         fmax(v2v_data_step_filled(self->step) / filled_by_points, least_of_points);
-    return self->tolerance * fmin(fmin(fmax(noise / clear_noise, least_asked), most), points);
+    const double clear = fmin(fmax(noise / clear_noise, least_asked), 1.0);
+    return self->tolerance * (points < 1.0 ? clear * fmin(most, points) : fmin(clear, most));
 }
 
 /* What a dual's step is multiplied by, so that what it is of counts by its square where it is

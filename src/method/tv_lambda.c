@@ -34,6 +34,11 @@ enum { SIDE = 144 };
 enum { ITERATIONS = 30, EARLY_ITERATIONS = 16 };
 static const double may_be_better = 2.0;
 
+/* Points of light whose noise is below this part of the brightness come so late that large weights
+ * would be favoured for good (tests/bench/quality.md). */
+enum { ITERATIONS_OF_POINTS = 100 };
+static const double clear_noise = 0.0125;
+
 /* Of the weight that predicts best, which volumes of all views take: most of 18 simulated
  * recordings are nearest to their truth below it (tests/bench/quality.md). */
 #define OF_ALL_VIEWS 0.92
@@ -83,8 +88,10 @@ enum {
 struct chooser {
     struct v2v_square_views square;
     double seen;      /* v2v_tv_noise_seen */
+    double noise;     /* part of the brightness; 0: not measured */
     float *volume;    /* [z,height,width] */
     float *predicted; /* [left out,height,width] */
+    int iterations;   /* of a trial */
     struct v2v_config config;
     struct v2v_problem problem; /* of the square */
     struct v2v_comm *comm;      /* of the ranks that share the work .. */
@@ -212,7 +219,7 @@ done:
 static enum v2v_status try_weight(struct chooser *self, int index)
 {
     enum v2v_status rc = V2V_OK;
-    const int iterations = index < WEIGHTS ? ITERATIONS : SPARSE_ITERATIONS;
+    const int iterations = index < WEIGHTS ? self->iterations : SPARSE_ITERATIONS;
     struct trial trials[FOLDS];
     int count = 0;
     for (int f = 0; f < FOLDS; f++) {
@@ -295,6 +302,7 @@ static enum v2v_status prepare(struct chooser *self, const struct v2v_problem *p
     V2V_TRY(v2v_square_views_init(&self->square, problem, views, averaging, SIDE));
     const int64_t height = self->square.height, width = self->square.width;
     self->seen = v2v_tv_noise_seen(problem->psf);
+    self->iterations = ITERATIONS;
     self->config = *problem->config;
     self->config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, LEAST_WEIGHT};
     self->config.deconv.iterations = ITERATIONS;
@@ -345,6 +353,7 @@ static enum v2v_status miss_all(double *missed, double *weight, struct chooser *
     estimator->ops->measure(estimator, self->square.views);
     estimator->ops->inherit(estimator, estimator); /* so that the run does not look again */
     *weight = usual_weight(estimator, self, *weight);
+    self->noise = v2v_tv_noise(estimator).part;
     v2v_tv_set_weights(estimator, *weight, self->config.deconv.sparsity.value);
     V2V_TRY(estimator->ops->run(estimator, &self->volume, self->square.views, &monitor));
     *missed = estimator->misfit.missed;
@@ -389,6 +398,29 @@ static enum v2v_status try_two(struct chooser *self, int index, int other, int i
     return run_trials(self, trials, TRIALS);
 }
 
+/* Points of light in little noise, by a weight that was tried? */
+static int is_of_clear_points(const struct chooser *self, int index)
+{
+    return self->noise > 0.0 && self->noise < clear_noise &&
+           self->filled[0][index] < filled_by_points;
+}
+
+/* Whether half of a weight may predict one fold better; of a few iterations at first.
+ * Collective(self->comm). */
+static enum v2v_status try_half(int *is_likely, struct chooser *self, int index, int half)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(try_two(self, index, half, EARLY_ITERATIONS));
+    const int is_clear = is_of_clear_points(self, half);
+    self->iterations = is_clear ? ITERATIONS_OF_POINTS : ITERATIONS;
+    *is_likely = is_clear || better_by(self, half, index, 1) >= may_be_better;
+    if (*is_likely) {
+        V2V_TRY(try_two(self, index, half, self->iterations));
+    }
+done:
+    return rc;
+}
+
 /* Where half of a weight surely predicts one fold better, the weight may be far less.
  * Collective(self->comm). */
 static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
@@ -396,15 +428,12 @@ static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
     enum v2v_status rc = V2V_OK;
     const int index = (int)lround(log(chosen->lambda / LEAST_WEIGHT) / log(WEIGHT_RATIO));
     const int half = (int)v2v_larger(index - HALF, 0);
+    int is_likely = 0;
     if (half >= index || index >= WEIGHTS) {
         return V2V_OK;
     }
-    V2V_TRY(try_two(self, index, half, EARLY_ITERATIONS));
-    if (better_by(self, half, index, 1) < may_be_better) {
-        return V2V_OK;
-    }
-    V2V_TRY(try_two(self, index, half, ITERATIONS));
-    if (better_by(self, half, index, 1) > sure_of_one) {
+    V2V_TRY(try_half(&is_likely, self, index, half));
+    if (is_likely && better_by(self, half, index, 1) > sure_of_one) {
         int best = half;
         V2V_TRY(descend(self, half, &best));
         V2V_TRY(try_weight(self, index));
@@ -453,9 +482,16 @@ static enum v2v_status ask(struct v2v_deconv_settings *deconv, struct chooser *s
     enum v2v_status rc = V2V_OK;
     int best = MIDDLE;
     struct weights chosen = {0.0, deconv->sparsity.value};
+    V2V_TRY(try_weight(self, MIDDLE));
+    if (is_of_clear_points(self, MIDDLE)) {
+        self->iterations = ITERATIONS_OF_POINTS;
+        self->missed[0][MIDDLE] = self->missed[1][MIDDLE] = -1.0; /* anew */
+    }
     V2V_TRY(descend(self, MIDDLE, &best));
     chosen.lambda = OF_ALL_VIEWS * between(self, best);
-    if (deconv->lambda.mode == V2V_NUMBER_AUTO && best <= MIDDLE - HALF) {
+    const int may_be_sparse =
+        deconv->lambda.mode == V2V_NUMBER_AUTO || self->filled[0][best] < filled_by_points;
+    if (may_be_sparse && best <= MIDDLE - HALF) {
         V2V_TRY(choose_sparse(&chosen, self, best));
     }
     if (tells_nothing(self, best)) {

@@ -11,6 +11,8 @@ for name in comparison.png results.txt results.json psf.h5 truth.h5 recording.h5
     volume.h5 rld.h5 rld_best.h5 run/weights.h5 run/metrics.jsonl config.yaml; do
     [ -s "shown/$name" ] || fail "no $name"
 done
+works info shown
+says '^shown: folder of a demo, its training in run/, network v2v, '
 timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" -o shown
 [ $? -eq 2 ] || fail "a second demo in the folder was not refused: $(cat stderr)"
 # While another one works there, whatever it is asked.
