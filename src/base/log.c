@@ -123,11 +123,10 @@ static void format_progress(char *text, size_t bytes, const struct v2v_progress 
     double left = (double)(progress->total - progress->done);
 
     share = fmin(fmax(share, 0.0), 1.0);
+    const double until = progress->most_s > 0.0 ? fmax(progress->most_s - seconds, 0.0) : INFINITY;
+    const double by_rate = left <= 0.0 ? 0.0 : rate > 0.0 ? left / rate : INFINITY;
     format_seconds(elapsed, sizeof elapsed, seconds);
-    format_seconds(remaining, sizeof remaining,
-                   left <= 0.0  ? 0.0
-                   : rate > 0.0 ? left / rate
-                                : -1.0);
+    format_seconds(remaining, sizeof remaining, fmin(by_rate, until));
     if (progress->on_terminal) {
         enum { WIDTH = 20 };
         int filled = (int)(share * WIDTH);

@@ -122,8 +122,12 @@ static enum v2v_status check_array(const struct arguments *given)
     if (given->array == NULL) {
         return V2V_FAIL(V2V_E_USAGE, "an array needs --array TASKS");
     }
+    if (given->array[strspn(given->array, "0123456789,-:%")] != '\0') {
+        return V2V_FAIL(V2V_E_USAGE, "--array TASKS: '%s' is none such as 0-9 or 0-99%%4",
+                        given->array);
+    }
     if ((given->each > 0) == (given->list != NULL)) {
-        return V2V_FAIL(V2V_E_USAGE, "an array needs --each N or --list FILE");
+        return V2V_FAIL(V2V_E_USAGE, "an array needs --each N or --list FILE, one of them");
     }
     if (!has_pattern) {
         return V2V_FAIL(V2V_E_USAGE,

@@ -127,6 +127,16 @@ static void print_warnings(FILE *stream, const struct v2v_slice_figures *figures
     }
 }
 
+/* 0: the file doesn't state it. */
+static void print_length(FILE *stream, const char *name, double length_um, const char *end)
+{
+    if (length_um > 0.0) {
+        fprintf(stream, "%s %g um%s", name, length_um, end);
+    } else {
+        fprintf(stream, "%s not stated%s", name, end);
+    }
+}
+
 enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_psf_file *psf,
                                const struct v2v_shifts *shifts)
 {
@@ -140,8 +150,8 @@ enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_
     fprintf(stream,
             "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels\n", name,
             psf->views, psf->slices, psf->height, psf->width);
-    fprintf(stream, "pixel size %g um, slice spacing %g um\n", psf->pixel_size_um,
-            psf->slice_spacing_um);
+    print_length(stream, "pixel size", psf->pixel_size_um, ", ");
+    print_length(stream, "slice spacing", psf->slice_spacing_um, "\n");
     fprintf(stream, "mean slice energy of view 0: %.6g, largest shift %" PRId64 " pixels\n",
             v2v_psf_energy_mean(psf), v2v_shifts_reach(shifts));
     print_views(stream, figures, psf->views, psf->slices, shifts);

@@ -105,9 +105,11 @@ enum v2v_status v2v_step_frames(struct v2v_part *frames, const char *text)
     *frames = (struct v2v_part){0, INT64_MAX};
     if (text != NULL) {
         const char *colon = strchr(text, ':');
+        if (colon == NULL) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: '%s' is none such as %s:1", what, text, text));
+        }
         V2V_TRY(number_before(&frames->first, text, ':', 0, INT64_MAX, what));
-        V2V_TRY(v2v_text_to_i64(&frames->count, colon != NULL ? colon + 1 : "", 1, INT64_MAX, what,
-                                V2V_E_USAGE));
+        V2V_TRY(v2v_text_to_i64(&frames->count, colon + 1, 1, INT64_MAX, what, V2V_E_USAGE));
     }
 done:
     return rc;

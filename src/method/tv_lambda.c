@@ -523,14 +523,12 @@ static enum v2v_status settle(struct v2v_deconv_settings *deconv, struct chooser
     struct v2v_number *lambda = &deconv->lambda;
     const int are_enough = self->problem.psf->views > FOLDS; /* to leave some out */
     double missed = 0.0;
+    V2V_TRY(miss_all(&missed, &lambda->value, self));
+    v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
+            lambda->value, missed);
     if (lambda->mode == V2V_NUMBER_AUTO) {
         V2V_TRY(ask(deconv, self, ""));
-    } else {
-        V2V_TRY(miss_all(&missed, &lambda->value, self));
-        v2v_log(V2V_LOG_DEBUG, "lambda %.3g by the noise; views are missed by %.3g of it",
-                lambda->value, missed);
-    }
-    if (are_enough && missed > noise_alone) {
+    } else if (are_enough && missed > noise_alone) {
         V2V_TRY(ask(deconv, self, ", since volumes miss more of the views than noise"));
     } else if (self->problem.psf->views >= FEWEST_ASKED && missed > 0.0) {
         V2V_TRY(ask_for_less(deconv, self));

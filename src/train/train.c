@@ -238,6 +238,7 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     }
     v2v_sampler_warn(run.trainer.sampler, comm);
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
+    run.progress.most_s = job->max_time_s;
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
     v2v_progress_end(&run.progress);

@@ -64,5 +64,5 @@ refuses 65 'the clean recording has 1 frames' denoise --weights frames/weights.h
 works convert --input volume.h5 -o pages.tif
 refuses 2 'pages.tif: --views V is missing' denoise --weights frames/weights.h5 --input pages.tif -o out.h5
 refuses 2 'denoised.h5: exists' denoise --weights frames/weights.h5 --input film.h5 -o denoised.h5
-refuses 65 'deepcad.frames: 5 is no multiple of 2' "${deepcad[@]}" --set deepcad.frames=5 --input film.h5 -o out
+refuses 78 'deepcad.frames: 5 is no multiple of 2' "${deepcad[@]}" --set deepcad.frames=5 --input film.h5 -o out
 finish

@@ -69,6 +69,7 @@ refuses 2 'are for an array' slurm train --each 3 -- "${train[@]}"
 refuses 2 'needs --array TASKS' slurm array --each 3 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 --each 3 --list l -- -o v_%a.h5
+refuses 2 "'foo' is none such as" slurm array --array foo --each 3 -- -o v_%a.h5
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v.h5
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v_%n.h5
 refuses 2 'holds a line break' slurm train -- "${train[@]}" --psf $'two\nlines'

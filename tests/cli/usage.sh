@@ -59,7 +59,7 @@ refuses 2 '--weight: ' "${deconvolve[@]}" --weight nan
 refuses 2 "--stop: 'soon' is not fixed or heldout" "${deconvolve[@]}" --stop soon
 refuses 78 "deconv.method: 'lucy' is none of rl.rld.frl.tv" "${deconvolve[@]}" --method lucy
 refuses 2 '--method learned takes weights: v2v3d reconstruct' "${deconvolve[@]}" --method learned
-refuses 2 '--frames FIRST:COUNT: ' "${deconvolve[@]}" --frames 3
+refuses 2 "--frames FIRST:COUNT: '3' is none such as 3:1" "${deconvolve[@]}" --frames 3
 refuses 2 '--skip: 1.5 is outside' "${deconvolve[@]}" --skip 1.5
 refuses 2 '--refresh: 0 is outside' "${deconvolve[@]}" --skip auto --refresh 0
 refuses 2 '--frames: ' simulate --frames 0

@@ -27,6 +27,7 @@ struct v2v_progress {
     int64_t total;
     int64_t first;       /**< work that was done before this run (resume) */
     double started;      /**< seconds, v2v_clock_now */
+    double most_s;       /**< that it may take from then on; 0: as long as it takes */
     double last_printed; /**< seconds */
     int on_terminal;
     int64_t done;  /**< the latest step .. */

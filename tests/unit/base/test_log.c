@@ -109,6 +109,22 @@ static void progress_without_terminal_prints_a_line_after_ten_seconds(void **sta
     assert_ptr_equal(strchr(text, '\n'), text + strlen(text) - 1);
 }
 
+/* Of 33 seconds that are left by the rate, 4 are allowed. */
+static void progress_knows_a_limit_of_time(void **state)
+{
+    (void)state;
+    char text[TEXT_BYTES];
+    struct v2v_progress progress;
+    test_capture_begin();
+    v2v_progress_begin(&progress, "steps", 0, 4);
+    progress.most_s = 15.0;
+    progress.started -= 11.0;
+    progress.last_printed -= 11.0;
+    v2v_progress_step(&progress, 1, NULL);
+    test_capture_end(text, sizeof text);
+    assert_non_null(strstr(text, "0:11 elapsed, 0:04 left\n"));
+}
+
 static void progress_of_nothing_and_of_other_ranks_is_harmless(void **state)
 {
     (void)state;
@@ -199,6 +215,7 @@ int main(void)
         cmocka_unit_test_setup(closed_stderr_costs_nothing, setup),
         cmocka_unit_test_setup(progress_without_terminal_is_one_last_line, setup),
         cmocka_unit_test_setup(progress_without_terminal_prints_a_line_after_ten_seconds, setup),
+        cmocka_unit_test_setup(progress_knows_a_limit_of_time, setup),
         cmocka_unit_test_setup(progress_of_nothing_and_of_other_ranks_is_harmless, setup),
         cmocka_unit_test_setup(log_line_on_a_terminal_clears_the_bar_and_redraws_it, setup),
     };
