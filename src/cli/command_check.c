@@ -87,6 +87,7 @@ static enum v2v_status predict(const struct v2v_session *session)
     double seconds[V2V_SPLITS];
     int ranks = v2v_comm_size(session->world);
     V2V_TRY(v2v_projector_cost_measure(&cost, session->world));
+    V2V_TRY(v2v_comm_cost_measure_sums(&cost.network, session->world));
     const double n = TRANSFORM * TRANSFORM;
     if (!v2v_step_on_root(session)) {
         goto done;

@@ -7,11 +7,11 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Bytes that a rank sends in the large measurement. */
-enum { LARGE = 1 << 20 };
+/* Bytes, and floats, that a rank sends in the large measurement. */
+enum { LARGE = 1 << 20, WORDS = LARGE / (int)sizeof(float) };
 
 /* Of one figure: repeated for these seconds. */
-static const double seconds = 0.08;
+static const double seconds = 0.02;
 enum { LEAST_TURNS = 3, MOST_TURNS = 201 }; /* one outlier is not the median of three */
 
 struct trial {
@@ -72,15 +72,26 @@ double v2v_comm_median_s(void (*run)(const void *context), const void *context,
     return taken[turns / 2];
 }
 
-static enum v2v_status take_memory(struct trial *trial, int size)
+static void give_back(struct trial *trial)
+{
+    v2v_mem_free(trial->from);
+    v2v_mem_free(trial->to);
+    v2v_mem_free(trial->received);
+    v2v_mem_free(trial->sent);
+}
+
+/** Collective(comm). */
+static enum v2v_status take_memory(struct trial *trial, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(V2V_ALLOC(trial->sent, "par.cost", LARGE / (int64_t)sizeof(float)));
-    V2V_TRY(V2V_ALLOC(trial->received, "par.cost", LARGE / (int64_t)sizeof(float)));
+    const int size = v2v_comm_size(comm);
+    *trial = (struct trial){.comm = comm};
+    V2V_TRY(V2V_ALLOC(trial->sent, "par.cost", WORDS));
+    V2V_TRY(V2V_ALLOC(trial->received, "par.cost", WORDS));
     V2V_TRY(V2V_ALLOC(trial->to, "par.cost", size));
     V2V_TRY(V2V_ALLOC(trial->from, "par.cost", size));
 done:
-    return rc;
+    return v2v_par_agree(comm, rc);
 }
 
 /** What is left of `whole` without `fixed`: never less than nothing on a noisy machine. */
@@ -92,29 +103,38 @@ static double rest(double whole, double fixed)
 enum v2v_status v2v_comm_cost_measure(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    int size = v2v_comm_size(comm);
-    struct trial trial = {.comm = comm};
+    const int size = v2v_comm_size(comm);
+    struct trial trial;
     *cost = (struct v2v_comm_cost){.ranks = size};
-    V2V_TRY(v2v_par_agree(comm, take_memory(&trial, size)));
+    V2V_TRY(take_memory(&trial, comm));
     if (size > 1) {
-        const int64_t large = LARGE / (int64_t)sizeof(float), small = size - 1;
-        cut(&trial, small);
-        double empty = v2v_comm_median_s(exchange, &trial, comm);
+        cut(&trial, size - 1);
+        const double empty = v2v_comm_median_s(exchange, &trial, comm);
         cost->message_s = empty / (double)(size - 1);
-        cut(&trial, large);
+        cut(&trial, WORDS);
         cost->byte_s = rest(v2v_comm_median_s(exchange, &trial, comm), empty) / LARGE;
+    }
+done:
+    give_back(&trial);
+    return rc;
+}
+
+enum v2v_status v2v_comm_cost_measure_sums(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const int size = v2v_comm_size(comm);
+    struct trial trial;
+    V2V_TRY(take_memory(&trial, comm));
+    if (size > 1) {
         trial.words = 1;
-        double nothing = v2v_comm_median_s(sum, &trial, comm);
+        const double nothing = v2v_comm_median_s(sum, &trial, comm);
         cost->sum_step_s = nothing / (2 * log2(size));
-        trial.words = large;
+        trial.words = WORDS;
         cost->sum_byte_s =
             rest(v2v_comm_median_s(sum, &trial, comm), nothing) / (2.0 * LARGE * (size - 1) / size);
     }
 done:
-    v2v_mem_free(trial.from);
-    v2v_mem_free(trial.to);
-    v2v_mem_free(trial.received);
-    v2v_mem_free(trial.sent);
+    give_back(&trial);
     return rc;
 }
 

@@ -144,11 +144,9 @@ static void report(const struct bench *bench, struct side *sides, int turns,
            ranks, omp_get_max_threads(), (long long)bench->side, (long long)bench->side,
            (long long)bench->psf.slices, (long long)bench->psf.views, turns);
     printf("transform %.3g ms a frame of 512, product %.3g ns, waiting %.3g us, message %.3g us, "
-           "exchange %.3g GB/s "
-           "a rank, step of a sum %.3g us, sum %.3g GB/s\n",
+           "exchange %.3g GB/s a rank\n",
            1e3 * cost->transform_s * 576 * 576 * log2(576 * 576), 1e9 * cost->product_s,
-           1e6 * cost->wait_s, 1e6 * cost->network.message_s, 1e-9 / cost->network.byte_s,
-           1e6 * cost->network.sum_step_s, 1e-9 / cost->network.sum_byte_s);
+           1e6 * cost->wait_s, 1e6 * cost->network.message_s, 1e-9 / cost->network.byte_s);
     for (int kind = 0; kind < KINDS; kind++) {
         printf("%-20s", kind_names[kind]);
         for (int k = 0; k < SPLITS; k++) {

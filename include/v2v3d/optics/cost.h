@@ -28,8 +28,8 @@ struct v2v_projector_times {
     double forward_s, adjoint_s;
 };
 
-/** Measure: some 30 MB, one to two seconds in all, or three turns of each figure where that takes
- *  longer. All ranks get the same figures.
+/** Measure, all-reduces apart: some 30 MB, 0.2 s in all, or three turns of each figure where that
+ *  takes longer. All ranks get the same figures.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_projector_cost_measure(struct v2v_projector_cost *cost,
                                            const struct v2v_comm *comm) V2V_MUST_CHECK;

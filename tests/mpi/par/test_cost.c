@@ -11,6 +11,8 @@ static void measured_figures_are_the_same_on_all_ranks_and_positive(void **state
     const size_t held = v2v_mem_held();
     (void)state;
     assert_ok(v2v_comm_cost_measure(&cost, test_world()));
+    assert_true(cost.sum_step_s == 0 && cost.sum_byte_s == 0);
+    assert_ok(v2v_comm_cost_measure_sums(&cost, test_world()));
     assert_int_equal(v2v_mem_held(), held);
     first = cost;
     v2v_par_broadcast(test_world(), &first, (int64_t)sizeof first, 0);
@@ -32,6 +34,7 @@ static void a_rank_short_of_memory_fails_the_measurement_on_all(void **state)
     }
     const size_t held = v2v_mem_held();
     assert_int_equal(v2v_comm_cost_measure(&cost, test_world()), V2V_E_MEMORY);
+    assert_int_equal(v2v_comm_cost_measure_sums(&cost, test_world()), V2V_E_MEMORY);
     v2v_mem_set_limit(0);
     assert_int_equal(v2v_mem_held(), held);
 }

@@ -126,7 +126,11 @@ enum v2v_status v2v_forecast_measure(struct v2v_forecast_machine *machine,
     time_passes(speed, &trial, world);
     machine->mac_s = speed->alone_s / v2v_forecast_macs(network, side, side);
     machine->crowd = crowd_of(machine, speed, (double)machine->threads * neighbours);
-    V2V_TRY(v2v_par_agree(world, v2v_comm_cost_measure(&machine->inside, host)));
+    rc = v2v_comm_cost_measure(&machine->inside, host);
+    if (rc == V2V_OK) {
+        rc = v2v_comm_cost_measure_sums(&machine->inside, host);
+    }
+    V2V_TRY(v2v_par_agree(world, rc));
     v2v_par_max_i64(world, &most, 1);
     speed->is_link_measured = most < v2v_comm_size(world);
     if (speed->is_link_measured) {
