@@ -68,11 +68,11 @@ extern const struct v2v_command v2v_command_train;
 extern const struct v2v_command v2v_command_weights_info;
 extern const struct v2v_command v2v_command_weights_init;
 
-/* Rows that several tables share. */
-#define V2V_OPTION_FILE(type, field, word, is_required, text)                                      \
+/* Rows that several tables share; behind the text of those that end with it, `.needs = "name"`. */
+#define V2V_OPTION_FILE(type, field, word, is_required, ...)                                       \
     {                                                                                              \
         .name = (word), .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "FILE",     \
-        .help = (text), .required = (is_required)                                                  \
+        .required = (is_required), .help = __VA_ARGS__                                             \
     }
 #define V2V_OPTION_NAMELESS(type, field, values, text)                                             \
     {                                                                                              \
@@ -84,14 +84,14 @@ extern const struct v2v_command v2v_command_weights_init;
         .name = "output", .letter = 'o', .kind = V2V_OPTION_TEXT, .at = offsetof(type, field),     \
         .value = "FILE", .help = (text), .required = 1                                             \
     }
-#define V2V_OPTION_SET(word, setting, values, text)                                                \
+#define V2V_OPTION_SET(word, setting, values, ...)                                                 \
     {                                                                                              \
         .name = (word), .kind = V2V_OPTION_SETTING, .key = (setting), .value = (values),           \
-        .help = (text)                                                                             \
+        .help = __VA_ARGS__                                                                        \
     }
-#define V2V_OPTION_SWITCH(type, field, word, text)                                                 \
+#define V2V_OPTION_SWITCH(type, field, word, ...)                                                  \
     {                                                                                              \
-        .name = (word), .kind = V2V_OPTION_FLAG, .at = offsetof(type, field), .help = (text)       \
+        .name = (word), .kind = V2V_OPTION_FLAG, .at = offsetof(type, field), .help = __VA_ARGS__  \
     }
 #define V2V_OPTION_NOISE(type, field, usual)                                                       \
     {                                                                                              \
@@ -118,9 +118,12 @@ extern const struct v2v_command v2v_command_weights_init;
         .name = "frames", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field),                    \
         .value = "FIRST:COUNT", .help = (text)                                                     \
     }
-#define V2V_OPTION_PSF(type, field, is_required)                                                   \
-    V2V_OPTION_FILE(type, field, "psf", is_required,                                               \
-                    "point spread functions: folder of psf_1.tif .. or HDF5 /psf")
+#define V2V_OPTION_PSF(type, field, ...)                                                           \
+    {                                                                                              \
+        .name = "psf", .kind = V2V_OPTION_TEXT, .at = offsetof(type, field), .value = "FILE",      \
+        .help = "point spread functions: folder of psf_1.tif .. or HDF5 /psf",                     \
+        .required = __VA_ARGS__                                                                    \
+    }
 #define V2V_OPTION_NORMALIZE                                                                       \
     V2V_OPTION_SET("normalize", "psf.normalize", "view|none",                                      \
                    "PSFs: each view sums to 1, or as they are")
@@ -130,9 +133,9 @@ extern const struct v2v_command v2v_command_weights_init;
     V2V_OPTION_SET("views", "input.views", "V",                                                    \
                    "TIFF input: views of a frame; 0: as PSFs or file"),                            \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
-                       "TIFF input: page of the first frame's first view, from 0"),                \
+                       "page (HDF5: view) of the first frame's first view, from 0"),               \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \
-                       "TIFF input: pages from frame to frame; 1: sliding window"),                \
+                       "pages (HDF5: views) from frame to frame; 1: sliding window"),              \
         V2V_OPTION_SET("layout", "input.layout", "auto|views|frames",                              \
                        "a folder of TIFFs: a file a view, or files of whole frames")
 #define V2V_OPTION_SLICES                                                                          \

@@ -67,23 +67,29 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a row"),
     V2V_OPTION_SWITCH(struct arguments, methods, "methods",
                       "instead: every method on the first frame of --input, with seconds and the "
-                      "prediction error on held-out views; tv-T: by deconv.tolerance T"),
-    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --methods: recording"),
+                      "prediction error on held-out views; tv-T: by deconv.tolerance T",
+                      .needs = "input"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --methods: recording",
+                    .needs = "methods"),
     V2V_OPTION_FILE(struct arguments, truth, "truth", 0,
-                    "with --methods: true volume, for PSNR and SSIM"),
+                    "with --methods: true volume, for PSNR and SSIM", .needs = "methods"),
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
-                      "with --truth: allow every volume one least-squares scale, as of counts"),
+                      "with --truth: allow every volume one least-squares scale, as of counts",
+                      .needs = "truth"),
     {.name = "weights",
      .kind = V2V_OPTION_LIST,
      .at = offsetof(struct arguments, weights),
      .value = "FILE...",
-     .help = "with --methods: of trained networks, plain, with --skip auto and in bf16"},
+     .help = "with --methods: of trained networks, plain, with --skip auto and in bf16",
+     .needs = "methods"},
     {.name = "only",
      .kind = V2V_OPTION_LIST,
      .at = offsetof(struct arguments, only),
      .value = "NAME...",
-     .help = "with --methods: rows of these names alone"},
-    V2V_OPTION_CALIBRATION(struct arguments, calibration),
+     .help = "with --methods: rows of these names alone",
+     .needs = "methods"},
+    V2V_OPTION_FILE(struct arguments, calibration, "calibration", 0, "with --methods: of the views",
+                    .needs = "methods"),
     V2V_OPTION_OFFSET,
     V2V_OPTION_GAIN,
     V2V_OPTION_NORMALIZE,
@@ -291,11 +297,8 @@ static enum v2v_status compare_methods(const struct arguments *given, struct v2v
                                               .weights = given->weights,
                                               .only = given->only,
                                               .json = given->json};
-    if (given->psf == NULL || given->input == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--methods needs --psf FILE and --input FILE"));
-    }
-    if (given->fit_scale && given->truth == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--fit-scale goes with --truth"));
+    if (given->psf == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--methods needs --psf"));
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_bench_methods(&methods, session));
@@ -315,11 +318,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (given->methods) {
         V2V_TRY(compare_methods(given, session));
         goto done;
-    }
-    if (given->input != NULL || given->truth != NULL || given->calibration != NULL ||
-        given->fit_scale || given->weights.count + given->only.count > 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input, --truth, --fit-scale, --weights, --only and "
-                                      "--calibration go with --methods"));
     }
     V2V_TRY(V2V_ALLOC(bench, "bench", 1));
     V2V_TRY(prepare(bench, given, session));

@@ -16,10 +16,11 @@ static const struct v2v_option options[] = {
         struct arguments, truth, "truth", 0,
         "true volume, its frames in turn from the recording's first on; integers are read as "
         "fractions of their type's maximum"),
-    V2V_OPTION_PSF(struct arguments, psf, 0),
-    V2V_OPTION_CALIBRATION(struct arguments, calibration),
+    V2V_OPTION_PSF(struct arguments, psf, 0, .needs = "input"),
+    V2V_OPTION_FILE(struct arguments, calibration, "calibration", 0, "of the views",
+                    .needs = "psf"),
     V2V_OPTION_FILE(struct arguments, input, "input", 0,
-                    "recording: with --psf, how the volume meets its views"),
+                    "recording: with --psf, how the volume meets its views", .needs = "psf"),
     {.name = "frames",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, frames),
@@ -27,19 +28,22 @@ static const struct v2v_option options[] = {
      .initial = "1",
      .help = "leave views out of N frames: how well the others, by total variation, predict them; "
              "0: none",
+     .needs = "psf",
      .least = 0,
      .most = 1e9},
     V2V_OPTION_FILE(struct arguments, weights, "weights", 0,
                     "of the network that made the volume: warn of frames unlike those of its "
-                    "training (--frames 0); unrolled is to correct total variation there"),
+                    "training (--frames 0); unrolled is to correct total variation there",
+                    .needs = "psf"),
     V2V_OPTION_FILE(
         struct arguments, uncertainty, "uncertainty", 0,
         "write HDF5: /volume, of all views by total variation, and /uncertainty, what it "
-        "may be wrong by"),
+        "may be wrong by",
+        .needs = "psf"),
     V2V_OPTION_SET("lambda", "deconv.lambda", "L|auto",
-                   "weight of the variation there, as of deconvolve"),
+                   "weight of the variation there, as of deconvolve", .needs = "psf"),
     V2V_OPTION_SWITCH(struct arguments, fit_scale, "fit-scale",
-                      "allow the volume one least-squares scale"),
+                      "allow the volume one least-squares scale", .needs = "truth"),
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object instead of a table"),
     V2V_OPTION_OFFSET,
     V2V_OPTION_NORMALIZE,
@@ -58,33 +62,31 @@ static const struct v2v_option options[] = {
      .kind = V2V_OPTION_TEXT,
      .at = offsetof(struct arguments, truth_dataset),
      .value = "NAME",
-     .help = "HDF5: of the truth, not /volume"},
+     .help = "HDF5: of the truth, not /volume",
+     .needs = "truth"},
     {0}};
+
+/* Settings that say how the recording is read. */
+static const char *const of_recordings[] = {"input.dataset", "input.offset",     "input.views",
+                                            "input.stride",  "input.first_view", "input.layout",
+                                            "psf.normalize"};
+enum { OF_RECORDINGS = sizeof of_recordings / sizeof *of_recordings };
 
 /* Do the words fit together? Local: the same on all ranks. */
 static enum v2v_status check_words(const struct arguments *given)
 {
     enum v2v_status rc = V2V_OK;
-    if ((given->psf == NULL) != (given->input == NULL)) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--psf and --input go together"));
-    }
     if (given->truth == NULL && given->psf == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--truth FILE, or --psf FILE and --input FILE, is missing"));
     }
-    if (given->input == NULL && v2v_options_set(&given->common, "input.dataset")) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--dataset is of the recording: --input FILE is missing; of "
-                                      "volumes there are --volume-dataset and --truth-dataset"));
+    for (int i = 0; given->input == NULL && i < OF_RECORDINGS; i++) {
+        if (v2v_options_set(&given->common, of_recordings[i])) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s is of the recording: --input FILE is missing",
+                             of_recordings[i]));
+        }
     }
-    if (given->psf == NULL && given->weights != NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--weights needs --psf and --input"));
-    }
-    if (given->truth == NULL && (given->fit_scale || given->truth_dataset != NULL)) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s needs --truth",
-                         given->fit_scale ? "--fit-scale" : "--truth-dataset"));
-    }
-    if (given->uncertainty != NULL && (given->psf == NULL || given->frames == 0)) {
-        V2V_TRY(
-            V2V_FAIL(V2V_E_USAGE, "--uncertainty needs --psf and --input, and --frames above 0"));
+    if (given->uncertainty != NULL && given->frames == 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs --frames above 0"));
     }
     if (given->uncertainty != NULL && v2v_file_kind_of_name(given->uncertainty) != V2V_FILE_HDF5) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--uncertainty needs an HDF5 output (.h5), not %s",

@@ -17,11 +17,13 @@ struct arguments {
 static const struct v2v_option options[] = {
     V2V_OPTION_PSF(struct arguments, psf, 1),
     V2V_OPTION_FILE(struct arguments, volume, "volume", 0, "volume to project"),
-    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --adjoint: recording"),
+    V2V_OPTION_FILE(struct arguments, input, "input", 0, "with --adjoint: recording",
+                    .needs = "adjoint"),
     V2V_OPTION_OUTPUT(struct arguments, output, "recording (with --adjoint: volume) to write"),
     V2V_OPTION_SWITCH(struct arguments, adjoint, "adjoint", "back-project a recording instead"),
     V2V_OPTION_SET("offset", "input.offset", "none|auto|N",
-                   "with --adjoint: subtracted from the counts; auto: as the file states"),
+                   "with --adjoint: subtracted from the counts; auto: as the file states",
+                   .needs = "adjoint"),
     V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
@@ -161,9 +163,6 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     const char *recording = given->input != NULL ? given->input : given->volume;
     if (given->adjoint ? recording == NULL : given->volume == NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--%s FILE is missing", given->adjoint ? "input" : "volume"));
-    }
-    if (!given->adjoint && given->input != NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--input goes with --adjoint"));
     }
     V2V_TRY(v2v_step_output(
         session, given->output,

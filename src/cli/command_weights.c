@@ -1,4 +1,5 @@
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
@@ -64,9 +65,12 @@ static enum v2v_status init(const void *arguments, struct v2v_session *session)
     const struct init_arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
+    const struct v2v_network_ops *network = NULL;
     V2V_TRY(v2v_step_output(session, given->output, &given->psf, 1));
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+    V2V_TRY(v2v_network_find(&network, session->config.model.method));
     if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn_training(network, session);
         rc = write_weights(given, &session->config, &psf);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));

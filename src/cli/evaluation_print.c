@@ -10,6 +10,15 @@ const char *const v2v_view_figure_names[V2V_VIEW_FIGURE_COUNT] = {
     "residual",       "residual_sigmas", "flux",   "heldout_residual",
     "heldout_sigmas", "shift_y",         "shift_x"};
 
+enum { CELL = 32 };
+
+/* A figure; of one that isn't known a dash. */
+static const char *text_of(char cell[CELL], double figure, int digits)
+{
+    snprintf(cell, CELL, "%.*g", digits, figure);
+    return isnan(figure) ? "-" : cell;
+}
+
 /* Figures of the views left out come after the others. */
 static int view_figures(const struct v2v_evaluation *evaluation)
 {
@@ -21,6 +30,7 @@ static int view_figures(const struct v2v_evaluation *evaluation)
 static void print_views(const struct v2v_evaluation *evaluation)
 {
     const int figures = view_figures(evaluation);
+    char cell[CELL];
     printf("\n view");
     for (int f = 0; f < figures; f++) {
         printf("  %16s", v2v_view_figure_names[f]);
@@ -29,7 +39,7 @@ static void print_views(const struct v2v_evaluation *evaluation)
     for (int64_t v = 0; v < evaluation->views; v++) {
         printf("%5" PRId64, v);
         for (int f = 0; f < figures; f++) {
-            printf("  %16.4g", evaluation->of_view[f][v]);
+            printf("  %16s", text_of(cell, evaluation->of_view[f][v], 4));
         }
         printf("\n");
     }
@@ -39,20 +49,23 @@ static void print_views(const struct v2v_evaluation *evaluation)
 static void print_consistency(const struct v2v_evaluation *evaluation)
 {
     const struct v2v_consistency *found = &evaluation->consistency;
+    char residual[CELL], sigmas[CELL], halves[CELL], pixels[CELL];
     printf("\nslice  disagreement\n");
     for (int64_t z = 0; z < evaluation->slices; z++) {
-        printf("%5" PRId64 "  %12.4g\n", z, evaluation->disagreement_slices[z]);
+        printf("%5" PRId64 "  %12s\n", z, text_of(halves, evaluation->disagreement_slices[z], 4));
     }
     printf("\nframe");
     for (int64_t i = 0; i < found->frames; i++) {
         printf(" %" PRId64, found->frame[i]);
     }
-    printf(", by total variation%s of some of its views:\n"
-           "held-out residual %.4g, %.4g of the noise\n"
-           "disagreement of the halves %.4g\n"
-           "lateral resolution %.3g pixels",
-           evaluation->is_corrected ? ", corrected by the network," : "", evaluation->heldout,
-           evaluation->heldout_sigmas, evaluation->disagreement, evaluation->resolution);
+    printf(
+        ", by total variation%s of some of its views:\n"
+        "held-out residual %s, %s of the noise\n"
+        "disagreement of the halves %s\n"
+        "lateral resolution %s pixels",
+        evaluation->is_corrected ? ", corrected by the network," : "",
+        text_of(residual, evaluation->heldout, 4), text_of(sigmas, evaluation->heldout_sigmas, 4),
+        text_of(halves, evaluation->disagreement, 4), text_of(pixels, evaluation->resolution, 3));
     if (!isnan(evaluation->resolution_um)) {
         printf(", %.4g um", evaluation->resolution_um);
     }
@@ -61,6 +74,7 @@ static void print_consistency(const struct v2v_evaluation *evaluation)
 
 void v2v_evaluation_print(const struct v2v_evaluation *evaluation, int fit_scale)
 {
+    char cell[CELL];
     printf("frame");
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         if (evaluation->value[f] != NULL) {
@@ -76,8 +90,9 @@ void v2v_evaluation_print(const struct v2v_evaluation *evaluation, int fit_scale
             printf("%5" PRId64, t);
         }
         for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
-            if (evaluation->value[f] != NULL) {
-                printf("  %17.6g", is_mean ? evaluation->mean[f] : evaluation->value[f][t]);
+            const double *value = evaluation->value[f];
+            if (value != NULL) {
+                printf("  %17s", text_of(cell, is_mean ? evaluation->mean[f] : value[t], 6));
             }
         }
         printf("\n");

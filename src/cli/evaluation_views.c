@@ -37,6 +37,8 @@ struct work {
     struct v2v_match *here;    /* [v]: .. and of the one at hand */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
+    double off_light;               /* times that light is most out of proportion, .. */
+    int64_t off_frame;              /* .. and where, of frames that show something */
     double deficit;                 /* what views lie below zero by where they are dark */
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
     struct v2v_scaling trained_by;  /* .. the recording are taken by */
@@ -113,6 +115,20 @@ static void match(struct work *work, int64_t t)
     evaluation->value[V2V_FIGURE_FLUX][t] = v2v_match_flux(&all);
 }
 
+/* Local: is the light of frame t that which is most out of proportion so far? The sum of noise
+ * alone is no measure. */
+static void judge_flux(struct work *work, int64_t t)
+{
+    const double flux = work->evaluation->value[V2V_FIGURE_FLUX][t];
+    const double off = flux <= 0.0 ? INFINITY : flux < 1.0 ? 1.0 / flux : flux; /* NaN stays */
+    if (off > work->off_light &&
+        (!v2v_structure_can_be_seen(work->height, work->width) ||
+         v2v_structure_is_seen(work->views, work->psf.views, work->height, work->width))) {
+        work->off_light = off;
+        work->off_frame = t;
+    }
+}
+
 /* The views again from the volume, compared with those of the recording less its offset.
  * Collective. */
 static enum v2v_status project(struct work *work, struct v2v_volume *volume)
@@ -136,6 +152,7 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
                                                       work->height, work->width));
         V2V_TRY(v2v_projection_forward(p));
         match(work, t);
+        judge_flux(work, t);
     }
 done:
     v2v_projection_fini(p);
@@ -234,26 +251,14 @@ static void warn(struct work *work, const char *text)
              used > 0 ? "; " : "", text);
 }
 
-/* The frame whose light is most out of proportion: what is trained at another brightness, too few
- * iterations, a pedestal of noise, a wrong offset. */
-static void judge_flux(struct work *work)
+/* What is trained at another brightness, too few iterations, noise that is left, a wrong offset. */
+static void warn_of_flux(struct work *work)
 {
-    const struct v2v_evaluation *evaluation = work->evaluation;
-    const double *flux = evaluation->value[V2V_FIGURE_FLUX];
-    double most = out_of_flux;
     char text[128];
-    for (int64_t t = 0; t < evaluation->frames; t++) {
-        const double off = flux[t] <= 0.0  ? INFINITY
-                           : flux[t] < 1.0 ? 1.0 / flux[t]
-                                           : flux[t]; /* NaN stays */
-        if (off > most) {
-            most = off;
-            snprintf(text, sizeof text,
-                     "the volume has %.3g times the light of its views in frame %" PRId64, flux[t],
-                     t);
-        }
-    }
-    if (most > out_of_flux) {
+    if (work->off_light > out_of_flux) {
+        snprintf(text, sizeof text,
+                 "the volume has %.3g times the light of its views in frame %" PRId64,
+                 work->evaluation->value[V2V_FIGURE_FLUX][work->off_frame], work->off_frame);
         warn(work, text);
     }
 }
@@ -352,7 +357,7 @@ static void find_faults(struct work *work)
 {
     const struct v2v_evaluation *evaluation = work->evaluation;
     char text[128];
-    judge_flux(work);
+    warn_of_flux(work);
     judge_light(work);
     if (work->saturated > 0) {
         snprintf(text, sizeof text, "%" PRId64 " pixels of the views are saturated",

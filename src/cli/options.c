@@ -59,9 +59,11 @@ struct parser {
     const struct v2v_option *table;
     int argc;
     char *const *argv;
-    int next;                      /* the next word to look at */
-    const struct v2v_option *list; /* the LIST that free words go to, NULL: none is open */
-    int options_ended;             /* after "--" */
+    int next;                        /* the next word to look at */
+    const struct v2v_option *list;   /* the LIST that free words go to, NULL: none is open */
+    const struct v2v_option **given; /* in their order */
+    int given_count;
+    int options_ended; /* after "--" */
 };
 
 /* Operands have a name for the table only. */
@@ -222,34 +224,47 @@ static enum v2v_status free_word(struct parser *parser, const char *word)
     return V2V_FAIL(V2V_E_USAGE, "'%s' is one word too many", word);
 }
 
-/* One option with its value, which may hang on the same word: --name=value, -ovalue. */
-static enum v2v_status option_word(struct parser *parser, const char *word)
+/* Where an option's name ends, and its value on the same word: --name=value, -ovalue. */
+static enum v2v_status find_option(const struct v2v_option **option, const char **value,
+                                   const struct parser *parser, const char *word)
 {
-    int is_long = word[1] == '-';
+    const int is_long = word[1] == '-';
     const char *name = word + 2;
-    const char *value = is_long ? strchr(name, '=') : word[2] != '\0' ? word + 2 : NULL;
-    size_t length = value != NULL && is_long ? (size_t)(value - name) : strlen(name);
-    const struct v2v_option *option =
+    const char *rest = is_long ? strchr(name, '=') : word[2] != '\0' ? word + 2 : NULL;
+    const size_t length = rest != NULL && is_long ? (size_t)(rest - name) : strlen(name);
+    *value = rest != NULL && is_long ? rest + 1 : rest;
+    *option =
         is_long ? find(parser->table, name, length, 0) : find(parser->table, NULL, 0, word[1]);
-    parser->list = NULL;
-    if (option == NULL) {
+    if (*option == NULL) {
         return is_long ? unknown_option(parser->table, name, length)
                        : V2V_FAIL(V2V_E_USAGE, "unknown option -%c", word[1]);
     }
-    if (value != NULL && is_long) {
-        value++;
-    }
+    return V2V_OK;
+}
+
+/* One option with its value, which may be the next word. */
+static enum v2v_status option_word(struct parser *parser, const char *word)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_option *option = NULL;
+    const char *value = NULL;
+    parser->list = NULL;
+    V2V_TRY(find_option(&option, &value, parser, word));
     if (option->kind == V2V_OPTION_FLAG || option->value == NULL) {
-        return value == NULL ? store(parser, option, "true")
-                             : V2V_FAIL(V2V_E_USAGE, "--%s takes no value", option->name);
-    }
-    if (value == NULL) {
+        if (value != NULL) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--%s takes no value", option->name));
+        }
+        value = "true";
+    } else if (value == NULL) {
         if (parser->next >= parser->argc || strncmp(parser->argv[parser->next], "--", 2) == 0) {
-            return V2V_FAIL(V2V_E_USAGE, "--%s needs a value: %s", option->name, option->value);
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--%s needs a value: %s", option->name, option->value));
         }
         value = parser->argv[parser->next++];
     }
-    return store(parser, option, value);
+    V2V_TRY(store(parser, option, value));
+    parser->given[parser->given_count++] = option;
+done:
+    return rc;
 }
 
 /* Required options are numbers above 0, pointers, or what starts with a pointer. */
@@ -266,6 +281,26 @@ static enum v2v_status check_required(const struct parser *parser)
             return is_named(o) ? V2V_FAIL(V2V_E_USAGE, "--%s %s is missing", o->name, o->value)
                                : V2V_FAIL(V2V_E_USAGE, "%s%s is missing",
                                           o->kind == V2V_OPTION_REST ? "-- " : "", o->value);
+        }
+    }
+    return V2V_OK;
+}
+
+static int is_given(const struct parser *parser, const char *name)
+{
+    int i = 0;
+    while (i < parser->given_count && strcmp(parser->given[i]->name, name) != 0) {
+        i++;
+    }
+    return i < parser->given_count;
+}
+
+static enum v2v_status check_needs(const struct parser *parser)
+{
+    for (int i = 0; i < parser->given_count; i++) {
+        const struct v2v_option *o = parser->given[i];
+        if (o->needs != NULL && !is_given(parser, o->needs)) {
+            return V2V_FAIL(V2V_E_USAGE, "--%s needs --%s", o->name, o->needs);
         }
     }
     return V2V_OK;
@@ -289,6 +324,7 @@ enum v2v_status v2v_options_parse(void *arguments, const struct v2v_option *tabl
     enum v2v_status rc = V2V_OK;
     struct parser parser = {.arguments = arguments, .table = table, .argc = argc, .argv = argv};
     const struct v2v_common *common = arguments;
+    V2V_TRY(V2V_ALLOC(parser.given, "cli.words", argc));
     for (const struct v2v_option *o = table; o->kind != V2V_OPTION_END; o++) {
         if (o->initial != NULL) {
             V2V_TRY(store(&parser, o, o->initial));
@@ -307,8 +343,10 @@ enum v2v_status v2v_options_parse(void *arguments, const struct v2v_option *tabl
     }
     if (!common->help) {
         V2V_TRY(check_required(&parser));
+        V2V_TRY(check_needs(&parser));
     }
 done:
+    v2v_mem_free(parser.given);
     return rc;
 }
 

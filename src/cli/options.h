@@ -45,6 +45,7 @@ struct v2v_option {
     int required;        /**< bool; then `least` of an INTEGER is above 0 */
     const char *initial; /**< taken when it is not given; NULL: zero */
     const char *key;     /**< SETTING: the configuration's key */
+    const char *needs;   /**< name of the option without which it means nothing; NULL: none */
     double least, most;  /**< of INTEGER and NUMBER */
 };
 

@@ -1,5 +1,6 @@
 #include "cli/unused_settings.h"
 
+#include "cli/volumes.h"
 #include "v2v3d/base/log.h"
 #include <string.h>
 
@@ -68,6 +69,10 @@ void v2v_unused_settings_warn(const struct v2v_estimator_ops *ops,
                     ops->is_learned ? "this network" : "--method ",
                     ops->is_learned ? "" : ops->name);
         }
+    }
+    if (v2v_options_set(common, "recon.refresh") &&
+        !(v2v_volumes_skip(&session->config.recon.skip, ops, NULL) > 0.0)) {
+        v2v_log(V2V_LOG_WARNING, "recon.refresh is of skipping over time, which is off (--skip)");
     }
 }
 

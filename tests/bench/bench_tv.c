@@ -1,5 +1,6 @@
 /* An iteration of total variation beside its floor: the transforms of its slices, and one reading
- * of the OTFs and of the inverses from memory; both with the threads of the iteration.
+ * of the OTFs and of the inverses from memory; both with the threads of the iteration. The
+ * transforms are those of the iteration, and for a second floor FFTW's, planned by measuring.
  *   bench_tv PSF [SIDE [TURNS]] */
 #include "method/tv_planes.h"
 #include "v2v3d/base/clock.h"
@@ -9,6 +10,7 @@
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/tensor/statistics.h"
+#include <fftw3.h>
 #include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,14 +20,15 @@ enum {
     EXTEND,
     PLANES,
     TRANSFORMS,
+    FFTW,
     READING,
     PARTS,
     MOST_TURNS = 101,
     EXTEND_EVERY = 2,
     SUMS = 128
 };
-static const char *const names[PARTS] = {"data step", "views beyond the frame", "differences",
-                                         "transforms", "one reading"};
+static const char *const names[PARTS] = {"data step",  "views beyond the frame", "differences",
+                                         "transforms", "transforms by FFTW",     "one reading"};
 
 struct bench {
     struct v2v_psf_file psf;
@@ -33,6 +36,7 @@ struct bench {
     struct v2v_data_step *step;
     struct v2v_tv_planes planes;
     struct v2v_fft_slabs *fft;
+    fftwf_plan forward, inverse; /* of a slice */
     struct v2v_complex *spectra;
     float *views, *factors;
     int64_t stride, factor_floats;
@@ -75,6 +79,11 @@ static enum v2v_status prepare(struct bench *bench, int64_t side)
     V2V_TRY(v2v_fft_slabs_create(&bench->fft, &shape, NULL));
     bench->stride = (height * (width / 2 + 1) + 7) / 8 * 8;
     V2V_TRY(V2V_ALLOC(bench->spectra, "bench", psf->slices * bench->stride));
+    fftwf_complex *spectrum = (void *)bench->spectra;
+    bench->forward = fftwf_plan_dft_r2c_2d((int)height, (int)width, bench->planes.volume, spectrum,
+                                           FFTW_MEASURE);
+    bench->inverse = fftwf_plan_dft_c2r_2d((int)height, (int)width, spectrum, bench->planes.volume,
+                                           FFTW_MEASURE);
     const int64_t pairs = psf->views * (psf->views + 1) / 2;
     bench->factor_floats = 2 * bench->stride * (psf->views * psf->slices + pairs);
     V2V_TRY(V2V_ALLOC(bench->factors, "bench", bench->factor_floats));
@@ -114,6 +123,22 @@ static void read_factors(struct bench *bench)
     bench->sink += sum;
 }
 
+/* A slice a thread; rounded up to 8 numbers, slices and spectra are aligned as planned. */
+static void transform_by_fftw(struct bench *bench)
+{
+    const int64_t pixels = bench->torus.height * bench->torus.width;
+#pragma omp parallel for schedule(dynamic)
+    for (int64_t z = 0; z < bench->psf.slices; z++) {
+        fftwf_complex *spectrum = (void *)(bench->spectra + z * bench->stride);
+        fftwf_execute_dft_r2c(bench->forward, bench->planes.volume + z * pixels, spectrum);
+    }
+#pragma omp parallel for schedule(dynamic)
+    for (int64_t z = 0; z < bench->psf.slices; z++) {
+        fftwf_complex *spectrum = (void *)(bench->spectra + z * bench->stride);
+        fftwf_execute_dft_c2r(bench->inverse, spectrum, bench->planes.volume + z * pixels);
+    }
+}
+
 static void run(struct bench *bench, int part)
 {
     switch (part) {
@@ -131,6 +156,9 @@ static void run(struct bench *bench, int part)
                               bench->psf.slices);
         v2v_fft_slabs_inverse(bench->fft, bench->planes.volume, 1e-6f, bench->spectra,
                               bench->stride, bench->psf.slices);
+        break;
+    case FFTW:
+        transform_by_fftw(bench);
         break;
     default:
         read_factors(bench);
@@ -152,9 +180,11 @@ static enum v2v_status report(struct bench *bench, int64_t side, int turns)
         printf("%-24s %8.1f\n", names[part], 1e3 * of[part]);
     }
     const double iteration = of[DATA_STEP] + of[PLANES] + of[EXTEND] / EXTEND_EVERY;
-    const double floor_s = of[TRANSFORMS] + of[READING];
-    printf("an iteration %.1f, its floor %.1f: %.2f; inverses, once: %.1f\n", 1e3 * iteration,
-           1e3 * floor_s, iteration / floor_s, 1e3 * bench->factor_s);
+    const double floor_s = of[TRANSFORMS] + of[READING], fftw_s = of[FFTW] + of[READING];
+    printf("an iteration %.1f, its floor %.1f: %.2f; by FFTW's transforms %.1f: %.2f; inverses, "
+           "once: %.1f\n",
+           1e3 * iteration, 1e3 * floor_s, iteration / floor_s, 1e3 * fftw_s, iteration / fftw_s,
+           1e3 * bench->factor_s);
 done:
     return rc;
 }
@@ -176,6 +206,12 @@ done:
     v2v_data_step_destroy(&bench->step);
     v2v_tv_planes_fini(&bench->planes);
     v2v_fft_slabs_destroy(&bench->fft);
+    if (bench->forward != NULL) {
+        fftwf_destroy_plan(bench->forward);
+    }
+    if (bench->inverse != NULL) {
+        fftwf_destroy_plan(bench->inverse);
+    }
     v2v_mem_free(bench->spectra);
     v2v_mem_free(bench->factors);
     v2v_mem_free(bench->views);

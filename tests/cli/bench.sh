@@ -84,11 +84,11 @@ works bench --methods --psf own/psf.h5 --input own/recording.h5 --set deconv.ele
     --only tv-5e-2 tv-neighbours rl-10
 says '^tv-5e-2 '
 grep -q 'tv-neighbours' stdout && fail "a row that is refused: $(cat stdout)"
-refuses 2 '--methods needs --psf FILE and --input FILE' bench --methods --psf own/psf.h5
+refuses 2 '--methods needs --input' bench --methods --psf own/psf.h5
 : >.v2v3d-part
 refuses 2 "--only: there is no row 'tv'" "${methods[@]}" --input one.h5 --only tv
 [ -e .v2v3d-part ] || fail "a file that is not the bench's was removed"
-refuses 2 'go with --methods' bench --input one.h5
+refuses 2 '--input needs --methods' bench --input one.h5
 
 refuses 78 "there is no network 'another'" bench --set model.method=another
 refuses 2 '--repeat: ' bench --repeat 0

@@ -64,6 +64,8 @@ sane deconvolve --psf psf.h5 --input fitting.h5
 grep -q 'saturated' stderr && fail "a false warning: $(cat stderr)"
 
 works deconvolve --psf psf.h5 --input recording_dark.h5 -o dark.h5
+works evaluate --volume dark.h5 --psf psf.h5 --input recording_dark.h5
+grep -qwiE 'nan|inf' stdout && fail "the table of what is dark: $(cat stdout)"
 works evaluate --volume dark.h5 --psf psf.h5 --input recording_dark.h5 --json
 says '"residual": null, "flux": null'
 

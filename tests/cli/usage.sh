@@ -37,7 +37,7 @@ refuses 2 'unknown option --vloume; did you mean --volume.*see v2v3d project --h
 # What follows happens on every rank alike, before anything is communicated.
 [ "$ranks" -eq 1 ] || finish
 refuses 2 'unknown option -x' project -x
-refuses 2 '--fit-scale goes with --truth' bench --methods --psf p.h5 --input r.h5 --fit-scale
+refuses 2 '--fit-scale needs --truth' bench --methods --psf p.h5 --input r.h5 --fit-scale
 refuses 2 '--psf FILE is missing' project --volume v.h5 -o out.h5
 refuses 2 '--volume FILE is missing' project --psf p.h5 -o out.h5
 refuses 2 '--output FILE is missing' project --psf p.h5 --volume v.h5
@@ -85,16 +85,30 @@ refuses 2 '--output-peak needs --output-type uint16' \
 refuses 2 "--output-type: 'uint8' is none of" \
     deconvolve --psf p --input r -o out.h5 --output-type uint8
 refuses 2 '--truth FILE.* is missing' evaluate --volume v.h5
-refuses 2 '--psf and --input go together' evaluate --volume v.h5 --psf p
-for words in --dataset=views '--set input.dataset=views'; do
+refuses 2 '--psf needs --input' evaluate --volume v.h5 --psf p
+refuses 2 '--input needs --psf' evaluate --volume v.h5 --input r.h5
+for words in --dataset=views '--set input.dataset=views' --offset=100 --views=9 --normalize=none; do
     # shellcheck disable=SC2086
-    refuses 2 '--dataset is of the recording: --input FILE is missing' \
+    refuses 2 '[a-z]*[.][a-z]* is of the recording: --input FILE is missing' \
         evaluate --volume v.h5 --truth t.h5 $words
 done
-refuses 2 '--weights needs --psf and --input' evaluate --volume v.h5 --truth t.h5 --weights w.h5
+refuses 2 '--weights needs --psf' evaluate --volume v.h5 --truth t.h5 --weights w.h5
 refuses 2 '--fit-scale needs --truth' evaluate --volume v.h5 --psf p --input r.h5 --fit-scale
 refuses 2 '--truth-dataset needs --truth' evaluate --volume v.h5 --psf p --input r.h5 --truth-dataset x
 refuses 2 '--uncertainty needs --psf' evaluate --volume v.h5 --truth t.h5 --uncertainty u.h5
+refuses 2 '--uncertainty needs --frames above 0' \
+    evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.h5 --frames 0
+for words in '--frames 1' '--lambda 0.1' '--calibration c.yaml'; do
+    # shellcheck disable=SC2086
+    refuses 2 "${words% *} needs --psf" evaluate --volume v.h5 --truth t.h5 $words
+done
+for words in '--input r.h5' '--truth t.h5' '--weights w.h5' '--only tv'; do
+    # shellcheck disable=SC2086
+    refuses 2 "${words% *} needs --methods" bench --psf p $words
+done
+refuses 2 '--methods needs --input' bench --psf p --methods
+refuses 2 '--input needs --adjoint' project --psf p --volume v.h5 --input r.h5 -o out.h5
+refuses 2 '--offset needs --adjoint' project --psf p --volume v.h5 --offset 100 -o out.h5
 refuses 2 '--uncertainty needs an HDF5' evaluate --volume v.h5 --psf p --input r.h5 --uncertainty u.tif
 refuses 2 'end in .h5, .tif, .xml or .safetensors' convert --input a.tif -o out.xyz
 touch there.bdv.h5
