@@ -27,12 +27,15 @@ static const double certain = 8.0;
 
 /* Of every frame; ranks fill in theirs, the rest is 0, and all know all of it then. */
 struct judged {
-    double *unseen; /* 1: shows nothing */
-    double *odd;    /* 1 + the view that is of another brightness; 0: none is .. */
-    double *times;  /* .. times that of the reference */
+    double *unseen;  /* 1: shows nothing */
+    double *odd;     /* 1 + the view that is of another brightness; 0: none is .. */
+    double *times;   /* .. times that of the reference */
+    double *above;   /* its dark lies so much above the offset .. */
+    double *below;   /* .. or below */
+    double *clipped; /* part of its samples that is saturated, where that is much */
 };
 
-enum { OF_A_FRAME = 3 };
+enum { OF_A_FRAME = 6 };
 
 /* Frames whose volumes tell how well they explain their views. */
 struct explained {
@@ -41,16 +44,36 @@ struct explained {
     int64_t moved, first; /* how many are worse than that, and the first of them */
 };
 
-static enum v2v_status read_frame(float *views, const struct v2v_volumes_made *made, int64_t t)
+/* @param clipped out: part of its samples that is saturated; NULL: not asked for */
+static enum v2v_status read_frame(float *views, double *clipped,
+                                  const struct v2v_volumes_made *made, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int64_t samples = info->views * info->height * info->width;
     struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
     offset.gain = 1.0;
     V2V_TRY(v2v_recording_read_seen(made->recording, views, offset.offset, NULL, t));
-    v2v_scaling_apply(&offset, views, info->views * info->height * info->width);
+    if (clipped != NULL) {
+        *clipped = (double)v2v_saturated_pixels(views, samples) / (double)samples;
+    }
+    v2v_scaling_apply(&offset, views, samples);
 done:
     return rc;
+}
+
+/* How far a frame's dark lies above zero, where nothing was said of the offset, or below; 0, 0: it
+ * does not. */
+static void judge_zero(double *above, double *below, const float *views, float *scratch,
+                       const struct v2v_volumes_made *made, const struct v2v_session *session)
+{
+    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
+    const int is_told =
+        session->config.input.offset.mode == V2V_NUMBER_NONE || made->scaling->pedestal > 0.0;
+    *above = is_told
+                 ? 0.0
+                 : v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+    *below = v2v_deficit_of_images(scratch, views, info->views, info->height, info->width);
 }
 
 /* Frame t, beside the reference. Local. */
@@ -96,7 +119,8 @@ static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *be
 /* Frames of which something else was told count for nothing. */
 static int is_known(const struct judged *judged, const struct v2v_misfit *misfit, int64_t t)
 {
-    return misfit[t].coarse > 0.0 && judged->unseen[t] == 0.0 && judged->odd[t] == 0.0;
+    return misfit[t].coarse > 0.0 && judged->unseen[t] == 0.0 && judged->odd[t] == 0.0 &&
+           judged->above[t] + judged->below[t] + judged->clipped[t] == 0.0;
 }
 
 static struct explained judge_explained(const struct judged *judged,
@@ -150,10 +174,34 @@ static void warn_of_moved(const struct judged *judged, int64_t frames,
     }
 }
 
-/* @param before frames before the cut */
-static void warn(const struct judged *judged, int64_t frames, int64_t shown, int64_t before)
+/* @param such how many of all frames are; 0: not looked at */
+static void warn_of_zero(double above, double below, int64_t t, int64_t such,
+                         const struct v2v_volumes_made *made)
+{
+    const double offset = made->scaling->offset;
+    char others[64] = "";
+    if (such > 0) {
+        snprintf(others, sizeof others, " %lld of %lld frames are such", (long long)such,
+                 (long long)v2v_recording_info(made->recording)->frames);
+    }
+    if (above > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light of "
+                "the background, or another zero of the camera (--offset %.6g)?%s",
+                (long long)(made->first + t), above, offset, offset + above, others);
+    } else if (below > 0.0) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld is %.4g below its offset %.4g where it is dark, as no light is: is the "
+                "camera's zero lower (--offset %.6g)?%s",
+                (long long)(made->first + t), below, offset, offset - below, others);
+    }
+}
+
+static void warn(const struct judged *judged, int64_t frames, int64_t shown,
+                 const struct v2v_volumes_made *made)
 {
     int64_t first = 0;
+    const int64_t before = made->first;
     const int64_t unseen = count(&first, judged->unseen, frames);
     if (unseen > 0) {
         v2v_log(V2V_LOG_WARNING,
@@ -169,37 +217,57 @@ static void warn(const struct judged *judged, int64_t frames, int64_t shown, int
                 judged->times[first], (long long)(before + shown), (long long)odd,
                 (long long)frames);
     }
+    const int64_t above = count(&first, judged->above, frames);
+    warn_of_zero(above > 0 ? judged->above[first] : 0.0, 0.0, first, above, made);
+    const int64_t below = count(&first, judged->below, frames);
+    warn_of_zero(0.0, below > 0 ? judged->below[first] : 0.0, first, below, made);
+    const int64_t clipped = count(&first, judged->clipped, frames);
+    if (clipped > 0) {
+        v2v_log(
+            V2V_LOG_WARNING,
+            "frame %lld: %.2g %% of its pixels are saturated: what they lack, the volume lacks; "
+            "%lld of %lld frames are such",
+            (long long)(before + first), 100.0 * judged->clipped[first], (long long)clipped,
+            (long long)frames);
+    }
 }
 
 /* Local. */
 static enum v2v_status judge_own(struct judged *judged, const float *reference, int64_t shown,
-                                 const struct v2v_volumes_made *made,
+                                 int is_zero_open, const struct v2v_volumes_made *made,
                                  const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const struct v2v_part mine =
         v2v_par_part(info->frames, v2v_comm_size(session->world), v2v_comm_rank(session->world));
+    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     struct v2v_match *of_view = NULL;
-    float *views = NULL;
+    float *views = NULL, *scratch = NULL;
     V2V_TRY(V2V_ALLOC(of_view, "cli.frames", info->views));
-    V2V_TRY(
-        V2V_ALLOC(views, "cli.frames", v2v_mem_product(info->views, info->height, info->width)));
+    V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
+    V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
     for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
         v2v_watchdog_beat("looking at the frames");
         if (t != shown) {
-            V2V_TRY(read_frame(views, made, t));
+            double clipped = 0.0;
+            V2V_TRY(read_frame(views, &clipped, made, t));
+            judged->clipped[t] = clipped > V2V_MUCH_SATURATED ? clipped : 0.0;
+            if (is_zero_open) {
+                judge_zero(judged->above + t, judged->below + t, views, scratch, made, session);
+            }
             v2v_blind_fill(views, info->views, info->height * info->width);
             judge(judged, t, of_view, views, reference, info);
         }
     }
 done:
+    v2v_mem_free(scratch);
     v2v_mem_free(views);
     v2v_mem_free(of_view);
     return rc;
 }
 
-enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
+enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown, int is_zero_open,
                                          const struct v2v_volumes_made *made,
                                          const struct v2v_session *session)
 {
@@ -208,12 +276,17 @@ enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown,
     double *of_frames = NULL;
     V2V_TRY(v2v_par_agree(session->world, V2V_ALLOC(of_frames, "cli.frames",
                                                     v2v_mem_product(OF_A_FRAME, frames, 1))));
-    struct judged judged = {of_frames, of_frames + frames, of_frames + 2 * frames};
-    rc = judge_own(&judged, reference, shown, made, session);
+    struct judged judged = {of_frames,
+                            of_frames + frames,
+                            of_frames + 2 * frames,
+                            of_frames + 3 * frames,
+                            of_frames + 4 * frames,
+                            of_frames + 5 * frames};
+    rc = judge_own(&judged, reference, shown, is_zero_open, made, session);
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_sum_f64(session->world, of_frames, OF_A_FRAME * frames);
     if (v2v_step_on_root(session)) {
-        warn(&judged, frames, shown, made->first);
+        warn(&judged, frames, shown, made);
         warn_of_moved(&judged, frames, made);
     }
 done:
@@ -221,59 +294,45 @@ done:
     return rc;
 }
 
-/* Is a frame's dark above zero, where nothing was said of the offset, or below? */
-static int is_offset_odd(const float *views, float *scratch, int is_told, int64_t t,
-                         const struct v2v_volumes_made *made)
-{
-    const struct v2v_recording_info *info = v2v_recording_info(made->recording);
-    const double offset = made->scaling->offset;
-    const double above =
-        is_told ? 0.0
-                : v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
-    const double below =
-        v2v_deficit_of_images(scratch, views, info->views, info->height, info->width);
-    if (above > 0.0) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light of "
-                "the background, or another zero of the camera (--offset %.6g)?",
-                (long long)(made->first + t), above, offset, offset + above);
-    } else if (below > 0.0) {
-        v2v_log(V2V_LOG_WARNING,
-                "frame %lld is %.4g below its offset %.4g where it is dark, as no light is: is the "
-                "camera's zero lower (--offset %.6g)?",
-                (long long)(made->first + t), below, offset, offset - below);
-    }
-    return above > 0.0 || below > 0.0;
-}
-
-/* Rank 0. */
-static enum v2v_status judge_offset(const float *reference, int64_t shown, int is_told,
-                                    const struct v2v_volumes_made *made)
+/* Rank 0: of the frame that is shown, else of the last one. */
+static enum v2v_status find_zero(int *is_odd, const float *reference, int64_t shown,
+                                 const struct v2v_volumes_made *made,
+                                 const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     const int64_t last = info->frames - 1;
+    double above = 0.0, below = 0.0;
     float *scratch = NULL, *views = NULL;
     V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
     V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
-    if (!is_offset_odd(reference, scratch, is_told, shown, made) && last != shown) {
-        V2V_TRY(read_frame(views, made, last));
-        (void)is_offset_odd(views, scratch, is_told, last, made);
+    judge_zero(&above, &below, reference, scratch, made, session);
+    if (above + below > 0.0) {
+        warn_of_zero(above, below, shown, 0, made);
+    } else if (last != shown) {
+        V2V_TRY(read_frame(views, NULL, made, last));
+        judge_zero(&above, &below, views, scratch, made, session);
+        warn_of_zero(above, below, last, 0, made);
     }
+    *is_odd = above + below > 0.0;
 done:
     v2v_mem_free(views);
     v2v_mem_free(scratch);
     return rc;
 }
 
-enum v2v_status v2v_volumes_judge_offset(const float *reference, int64_t shown,
+enum v2v_status v2v_volumes_judge_offset(int *is_odd, const float *reference, int64_t shown,
                                          const struct v2v_volumes_made *made,
                                          const struct v2v_session *session)
 {
-    const int is_told =
-        session->config.input.offset.mode == V2V_NUMBER_NONE || made->scaling->pedestal > 0.0;
-    return v2v_par_agree(session->world, v2v_step_on_root(session)
-                                             ? judge_offset(reference, shown, is_told, made)
-                                             : V2V_OK);
+    enum v2v_status rc = V2V_OK;
+    *is_odd = 0;
+    if (v2v_step_on_root(session)) {
+        rc = find_zero(is_odd, reference, shown, made, session);
+    }
+    V2V_TRY(v2v_par_agree(session->world, rc));
+    v2v_par_broadcast(session->world, is_odd, (int64_t)sizeof *is_odd, 0);
+done:
+    return rc;
 }

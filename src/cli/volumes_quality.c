@@ -269,13 +269,9 @@ static void warn_of_odd_view(const struct found *found, const struct v2v_volumes
     }
 }
 
-/* Of the views' pixels. 3 % of fibres cost total variation 3 dB; some 10 pixels, as of vessels9,
- * nothing. */
-static const double much_saturated = 1e-3;
-
 static void warn_of_saturation(const struct found *found)
 {
-    if (found->saturated > much_saturated) {
+    if (found->saturated > V2V_MUCH_SATURATED) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: %.2g %% of the views' pixels are saturated: what they lack, the "
                 "volume lacks",
@@ -315,6 +311,7 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
                               const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
+    int is_zero_odd = 0;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     V2V_TRY(match_frame(found, made, session));
     if (v2v_step_on_root(session)) { /* all ranks know it */
@@ -327,10 +324,11 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
         warn_of_camera(found, made, session);
         warn_of_darkness(found, info);
     }
-    V2V_TRY(v2v_volumes_judge_offset(found->recorded, found->shown, made, session));
+    V2V_TRY(v2v_volumes_judge_offset(&is_zero_odd, found->recorded, found->shown, made, session));
     if (found->is_seen) { /* on all ranks alike */
         v2v_blind_fill(found->recorded, found->views, info->height * info->width);
-        V2V_TRY(v2v_volumes_judge_frames(found->recorded, found->shown, made, session));
+        V2V_TRY(
+            v2v_volumes_judge_frames(found->recorded, found->shown, !is_zero_odd, made, session));
     }
 done:
     return rc;

@@ -16,8 +16,13 @@
  * in it and keeps its value; one that no view sees is 0. Near the border voxels of slices out of
  * focus contribute little, which counts all the same (2psam: 6e-6 at least; of 39 slices, an even
  * share is 2.6e-2). Transforms round by some 1e-9 of the largest ratio: a spot 3000 times as bright
- * as the mean leaves the outermost voxels 2e-4 of round-off (rld), 1e-2 (frl). */
-static const double voxel_floor = 1e-6;
+ * as the mean leaves the outermost voxels 2e-4 of round-off. Where the denominator is a
+ * transform's, too, the quotient is one of round-off there: of PSFs that end steeply such voxels
+ * took 1e32 within ten iterations, and the volume with them. */
+static double voxel_floor_of(const struct v2v_richardson_lucy_variant *variant)
+{
+    return variant->has_denominator ? 1e-4 : 1e-6;
+}
 
 /* A pixel is unlit that would see less than this fraction of a volume of ones: near the border of a
  * tilted view all of its voxels may lie beyond the frame. Its ratio is recorded light over round-
@@ -218,7 +223,7 @@ static void add_sensitivities(struct v2v_richardson_lucy *self, const struct v2v
     for (int64_t i = 0; i < list->count; i++) {
         total += self->sensitivity.total[list->view[i]];
     }
-    const double floor = voxel_floor * total / (double)list->count;
+    const double floor = voxel_floor_of(self->variant) * total / (double)list->count;
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;
@@ -253,7 +258,7 @@ static void start(const struct v2v_richardson_lucy *self, float *volume)
                 row[x] = 0;
             }
             for (int64_t v = 0; v < self->views; v++) {
-                double floor = voxel_floor * self->sensitivity.total[v];
+                const double floor = voxel_floor_of(self->variant) * self->sensitivity.total[v];
                 v2v_sensitivity_row(&self->sensitivity, seen, v, z, self->share.rows.first + y);
                 for (int64_t x = 0; x < self->width; x++) {
                     row[x] = seen[x] > floor ? value : row[x];
@@ -293,7 +298,7 @@ static void multiply_row(float *restrict volume, const float *numerator, const f
 
 static void multiply(const struct v2v_richardson_lucy *self, float *volume, int64_t v)
 {
-    const double floor = voxel_floor * self->sensitivity.total[v];
+    const double floor = voxel_floor_of(self->variant) * self->sensitivity.total[v];
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < self->share.slices.count; z++) {
         double *seen = self->seen + z * self->width;

@@ -103,6 +103,9 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
         recon->misfit[t] = recon->estimator->misfit;
     } else if (t != recon->key) {
         V2V_TRY(run_rest(recon, &part, t));
+        recon->misfit[t] = recon->estimator->misfit;
+    } else {
+        recon->misfit[t] = recon->key_misfit;
     }
     recon->parts[0] += part;
     recon->parts[1] += 1.0;
@@ -149,6 +152,7 @@ static enum v2v_status make_key(struct v2v_recon *recon, int64_t t)
         recon->key = NO_FRAME;
         V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, fusion, key)));
         V2V_TRY(v2v_par_agree(recon->grid.sample, run_whole(recon, key)));
+        recon->key_misfit = recon->estimator->misfit;
         v2v_still_keep(recon->still, recon->padded, recon->output[0]);
         recon->key = key;
     }

@@ -47,6 +47,7 @@ struct v2v_recon {
     int branches;              /* are written, too */
     int64_t *todo;             /* [frames] those that are not done yet, in order */
     struct v2v_misfit *misfit; /* [the recording's frames] of those that this rank computed */
+    struct v2v_misfit key_misfit;
     int64_t frames;
 };
 

@@ -34,6 +34,9 @@ enum { MARGIN = 8 };
 /* A frame of which more is to be computed is computed whole. */
 static const double most_part = 0.8;
 
+/* What more than this part of a frame misses of its views tells of the frame. */
+static const double telling_part = 0.25;
+
 struct v2v_still {
     struct v2v_estimator *whole;  /* borrowed */
     struct v2v_estimator *window; /* of the last window's size; NULL: none yet */
@@ -347,12 +350,23 @@ done:
     return rc;
 }
 
+/** Local: to what windows miss of their views, with a weight. */
+static void add_misfit(struct v2v_misfit *sum, const struct v2v_misfit *of, double weight)
+{
+    sum->missed += weight * of->missed * of->missed;
+    sum->coarse += weight * of->coarse * of->coarse;
+    sum->noise_of_coarse = of->noise_of_coarse; /* of the whole frame */
+}
+
 enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
                               const float *views, const float *recorded)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_estimator *whole = still->whole;
     struct v2v_core_window windows[V2V_WINDOWS_MOST];
+    struct v2v_misfit squares = {0};
+    double pixels = 0.0;
+    whole->misfit = squares;
     rc = v2v_estimator_check_views(whole, views, still->problem.psf->views);
     V2V_TRY(v2v_par_agree(whole->shard, rc));
     const double left = find_changed(still, recorded != NULL ? recorded : views);
@@ -373,7 +387,15 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
         whole->ops->measure(whole, views);
     }
     for (int64_t i = 0; i < count; i++) {
+        const double own = (double)(windows[i].rows.count * windows[i].columns.count);
         V2V_TRY(fill(still, volume, views, &windows[i]));
+        add_misfit(&squares, &still->window->misfit, own);
+        pixels += own;
+    }
+    if (*part > telling_part) {
+        whole->misfit = (struct v2v_misfit){.missed = sqrt(squares.missed / pixels),
+                                            .coarse = sqrt(squares.coarse / pixels),
+                                            .noise_of_coarse = squares.noise_of_coarse};
     }
 done:
     return rc;

@@ -95,6 +95,31 @@ tells 'did views move, or change places? 2 of 4 frames looked at are such'
 [ "$(grep -c warning stderr)" -eq 1 ] || fail "not that alone: $(cat stderr)"
 works deconvolve --psf psf.h5 --input moved -o moved.h5 --frames 0:2 --force
 misses warning
+works deconvolve --psf psf.h5 --input moved -o moved.h5 --skip auto --refresh 2 --force
+tells 'did views move, or change places? 1 of 2 frames looked at are such'
+
+# Another zero, and saturation, of frames that are neither the first nor the last.
+mkdir zero clipped
+for kind in 1:100 1:140 600:100; do
+    works "${scene[@]}" --noise camera:200:$kind -o counts.h5 --force
+    works convert --input counts.h5 -o "counts_${kind/:/_}.tif"
+done
+for frame in 0 3; do
+    cp counts_1_100.tif zero/frame_$frame.tif
+    cp counts_1_100.tif clipped/frame_$frame.tif
+done
+for frame in 1 2; do
+    cp counts_1_140.tif zero/frame_$frame.tif
+    cp counts_600_100.tif clipped/frame_$frame.tif
+done
+works deconvolve --psf psf.h5 --input zero --offset 100 -o zero.h5
+tells 'frame 1 is hardly anywhere darker than [34][0-9.]* above its offset 100: .* 2 of 4 frames are such'
+[ "$(grep -c warning stderr)" -eq 1 ] || fail "not that alone: $(cat stderr)"
+works deconvolve --psf psf.h5 --input zero --offset 140 -o zero.h5 --force
+tells 'frame 0 is [34][0-9.]* below its offset 140'
+works deconvolve --psf psf.h5 --input clipped --offset 100 -o clipped.h5
+tells 'frame 1: [0-9.]* % of its pixels are saturated: .* 2 of 4 frames are such'
+[ "$(grep -c warning stderr)" -eq 1 ] || fail "not that alone: $(cat stderr)"
 
 # Noise that total variation leaves in the dark as light, and slices that lie elsewhere.
 works "${scene[@]}" --noise gaussian:1 -o grainy.h5 --truth grainy_truth.h5
