@@ -37,8 +37,8 @@ struct work {
     struct v2v_match *here;    /* [v]: .. and of the one at hand */
     int64_t *known;            /* [figure,v]: frames, of the figures that are no held-out views' */
     int64_t height, width, saturated;
-    double off_light;               /* times that light is most out of proportion, .. */
-    int64_t off_frame;              /* .. and where, of frames that show something */
+    double off_light;               /* times that light is most out of proportion; 0: nowhere */
+    int64_t off_frame;              /* where that is, of frames that show something */
     double deficit;                 /* what views lie below zero by where they are dark */
     struct v2v_level_range trained; /* with weights: levels of the training, and what those of .. */
     struct v2v_scaling trained_by;  /* .. the recording are taken by */
@@ -121,7 +121,7 @@ static void judge_flux(struct work *work, int64_t t)
 {
     const double flux = work->evaluation->value[V2V_FIGURE_FLUX][t];
     const double off = flux <= 0.0 ? INFINITY : flux < 1.0 ? 1.0 / flux : flux; /* NaN stays */
-    if (off > work->off_light &&
+    if (off > fmax(work->off_light, out_of_flux) &&
         (!v2v_structure_can_be_seen(work->height, work->width) ||
          v2v_structure_is_seen(work->views, work->psf.views, work->height, work->width))) {
         work->off_light = off;
@@ -255,7 +255,7 @@ static void warn(struct work *work, const char *text)
 static void warn_of_flux(struct work *work)
 {
     char text[128];
-    if (work->off_light > out_of_flux) {
+    if (work->off_light > 0.0) {
         snprintf(text, sizeof text,
                  "the volume has %.3g times the light of its views in frame %" PRId64,
                  work->evaluation->value[V2V_FIGURE_FLUX][work->off_frame], work->off_frame);

@@ -72,26 +72,15 @@ double v2v_comm_median_s(void (*run)(const void *context), const void *context,
     return taken[turns / 2];
 }
 
-static void give_back(struct trial *trial)
-{
-    v2v_mem_free(trial->from);
-    v2v_mem_free(trial->to);
-    v2v_mem_free(trial->received);
-    v2v_mem_free(trial->sent);
-}
-
-/** Collective(comm). */
-static enum v2v_status take_memory(struct trial *trial, const struct v2v_comm *comm)
+static enum v2v_status take_memory(struct trial *trial, int size)
 {
     enum v2v_status rc = V2V_OK;
-    const int size = v2v_comm_size(comm);
-    *trial = (struct trial){.comm = comm};
     V2V_TRY(V2V_ALLOC(trial->sent, "par.cost", WORDS));
     V2V_TRY(V2V_ALLOC(trial->received, "par.cost", WORDS));
     V2V_TRY(V2V_ALLOC(trial->to, "par.cost", size));
     V2V_TRY(V2V_ALLOC(trial->from, "par.cost", size));
 done:
-    return v2v_par_agree(comm, rc);
+    return rc;
 }
 
 /** What is left of `whole` without `fixed`: never less than nothing on a noisy machine. */
@@ -100,42 +89,53 @@ static double rest(double whole, double fixed)
     return fmax(whole - fixed, 0.01 * whole);
 }
 
-enum v2v_status v2v_comm_cost_measure(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
+static void measure_exchanges(struct v2v_comm_cost *cost, struct trial *trial)
+{
+    cut(trial, cost->ranks - 1);
+    const double empty = v2v_comm_median_s(exchange, trial, trial->comm);
+    cost->message_s = empty / (double)(cost->ranks - 1);
+    cut(trial, WORDS);
+    cost->byte_s = rest(v2v_comm_median_s(exchange, trial, trial->comm), empty) / LARGE;
+}
+
+static void measure_sums(struct v2v_comm_cost *cost, struct trial *trial)
+{
+    const double sent = 2.0 * LARGE * (cost->ranks - 1) / cost->ranks;
+    trial->words = 1;
+    const double nothing = v2v_comm_median_s(sum, trial, trial->comm);
+    cost->sum_step_s = nothing / (2 * log2(cost->ranks));
+    trial->words = WORDS;
+    cost->sum_byte_s = rest(v2v_comm_median_s(sum, trial, trial->comm), nothing) / sent;
+}
+
+/** Collective(comm): figures that one rank alone doesn't have. */
+static enum v2v_status measure(struct v2v_comm_cost *cost, const struct v2v_comm *comm,
+                               void (*figures)(struct v2v_comm_cost *cost, struct trial *trial))
 {
     enum v2v_status rc = V2V_OK;
-    const int size = v2v_comm_size(comm);
-    struct trial trial;
-    *cost = (struct v2v_comm_cost){.ranks = size};
-    V2V_TRY(take_memory(&trial, comm));
-    if (size > 1) {
-        cut(&trial, size - 1);
-        const double empty = v2v_comm_median_s(exchange, &trial, comm);
-        cost->message_s = empty / (double)(size - 1);
-        cut(&trial, WORDS);
-        cost->byte_s = rest(v2v_comm_median_s(exchange, &trial, comm), empty) / LARGE;
+    struct trial trial = {.comm = comm};
+    cost->ranks = v2v_comm_size(comm);
+    V2V_TRY(v2v_par_agree(comm, take_memory(&trial, cost->ranks)));
+    if (cost->ranks > 1) {
+        figures(cost, &trial);
     }
 done:
-    give_back(&trial);
+    v2v_mem_free(trial.from);
+    v2v_mem_free(trial.to);
+    v2v_mem_free(trial.received);
+    v2v_mem_free(trial.sent);
     return rc;
+}
+
+enum v2v_status v2v_comm_cost_measure(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
+{
+    *cost = (struct v2v_comm_cost){0};
+    return measure(cost, comm, measure_exchanges);
 }
 
 enum v2v_status v2v_comm_cost_measure_sums(struct v2v_comm_cost *cost, const struct v2v_comm *comm)
 {
-    enum v2v_status rc = V2V_OK;
-    const int size = v2v_comm_size(comm);
-    struct trial trial;
-    V2V_TRY(take_memory(&trial, comm));
-    if (size > 1) {
-        trial.words = 1;
-        const double nothing = v2v_comm_median_s(sum, &trial, comm);
-        cost->sum_step_s = nothing / (2 * log2(size));
-        trial.words = WORDS;
-        cost->sum_byte_s =
-            rest(v2v_comm_median_s(sum, &trial, comm), nothing) / (2.0 * LARGE * (size - 1) / size);
-    }
-done:
-    give_back(&trial);
-    return rc;
+    return measure(cost, comm, measure_sums);
 }
 
 double v2v_comm_exchange_s(const struct v2v_comm_cost *cost, int ranks, double bytes, double times)

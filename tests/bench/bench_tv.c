@@ -84,6 +84,9 @@ static enum v2v_status prepare(struct bench *bench, int64_t side)
                                            FFTW_MEASURE);
     bench->inverse = fftwf_plan_dft_c2r_2d((int)height, (int)width, spectrum, bench->planes.volume,
                                            FFTW_MEASURE);
+    if (bench->forward == NULL || bench->inverse == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "no room to plan FFTW's transforms"));
+    }
     const int64_t pairs = psf->views * (psf->views + 1) / 2;
     bench->factor_floats = 2 * bench->stride * (psf->views * psf->slices + pairs);
     V2V_TRY(V2V_ALLOC(bench->factors, "bench", bench->factor_floats));
@@ -123,7 +126,7 @@ static void read_factors(struct bench *bench)
     bench->sink += sum;
 }
 
-/* A slice a thread; rounded up to 8 numbers, slices and spectra are aligned as planned. */
+/* A slice a thread. A torus has even sides: slices are aligned to 16 bytes, as planned. */
 static void transform_by_fftw(struct bench *bench)
 {
     const int64_t pixels = bench->torus.height * bench->torus.width;
