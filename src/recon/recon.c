@@ -105,6 +105,7 @@ static enum v2v_status compute(struct v2v_recon *recon, int64_t t)
         V2V_TRY(run_rest(recon, &part, t));
         recon->misfit[t] = recon->estimator->misfit;
     } else {
+        v2v_still_recall(recon->still, recon->output[0]);
         recon->misfit[t] = recon->key_misfit;
     }
     recon->parts[0] += part;
@@ -140,20 +141,28 @@ static const float *make_slices(struct v2v_recon *recon, const float *rows)
     return recon->whole;
 }
 
-/** Collective(sample): the key frame of frame t: the first of its `refresh` frames, counted from
- *  the recording's first, so that a range has the bits of the whole. */
+/** Collective(sample): the key frame of frame t: of its `refresh` frames, counted from the
+ *  recording's first, so that a range has the bits of the whole. */
 static enum v2v_status make_key(struct v2v_recon *recon, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_comm *sample = recon->grid.sample;
     const int64_t before = v2v_recording_info(recon->recording)->before;
-    const int64_t key = t - (t + before) % recon->refresh;
+    const int64_t group = t - (t + before) % recon->refresh;
     struct v2v_fusion *fusion = recon->of_key != NULL ? recon->of_key : recon->fusion;
-    if (key != recon->key) {
-        recon->key = NO_FRAME;
-        V2V_TRY(v2v_par_agree(recon->grid.sample, load(recon, fusion, key)));
-        V2V_TRY(v2v_par_agree(recon->grid.sample, run_whole(recon, key)));
+    if (group != recon->group) {
+        int64_t key = group;
+        recon->group = NO_FRAME;
+        rc = v2v_key_frames_choose(recon->keys, &key, recon->recorded, recon->recording,
+                                   recon->scaling, group, recon->refresh);
+        V2V_TRY(v2v_par_agree(sample, rc));
+        /* one answer for all: ranks on other processors may round another way */
+        v2v_par_broadcast(sample, &key, (int64_t)sizeof key, 0);
+        V2V_TRY(v2v_par_agree(sample, load(recon, fusion, key)));
+        V2V_TRY(v2v_par_agree(sample, run_whole(recon, key)));
         recon->key_misfit = recon->estimator->misfit;
         v2v_still_keep(recon->still, recon->padded, recon->output[0]);
+        recon->group = group;
         recon->key = key;
     }
 done:
@@ -346,6 +355,7 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
     recon->writer = writer;
     recon->branches = branches;
     recon->monitor = monitor;
+    recon->group = NO_FRAME;
     recon->key = NO_FRAME;
     if (recon->estimator != NULL) {
         recon->estimator->units = 1 / scaling->gain;

@@ -83,7 +83,8 @@ static void give_share(struct v2v_problem *problem, const struct v2v_recon *reco
     problem->floats_a_row = images * recon->slices * padded_width;
 }
 
-/** Local: floats that averages with neighbouring frames take, of whole frames on every rank. */
+/** Local: floats that averages with neighbouring frames take, of whole frames on every rank, and
+ *  the choice of key frames. */
 static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
 {
     const int64_t neighbours = problem->config->recon.neighbours, views = problem->psf->views;
@@ -91,7 +92,8 @@ static int64_t fusion_floats(const struct v2v_problem *problem, int is_still)
     const int64_t of_key = is_still && neighbours < NEIGHBOURS_OF_KEY
                                ? v2v_fusion_floats(NEIGHBOURS_OF_KEY, views, height, width)
                                : 0;
-    return v2v_fusion_floats(neighbours, views, height, width) + of_key;
+    const int64_t keys = is_still ? v2v_key_frames_floats(views, height, width) : 0;
+    return v2v_fusion_floats(neighbours, views, height, width) + of_key + keys;
 }
 
 /** Local: what frames need beside the method. */
@@ -142,6 +144,9 @@ static enum v2v_status equip(struct v2v_recon *recon, const struct v2v_estimator
     if (rc == V2V_OK && is_still && neighbours < NEIGHBOURS_OF_KEY) {
         rc = v2v_fusion_create(&recon->of_key, NEIGHBOURS_OF_KEY, recon->views, recon->height,
                                recon->width, ops->leaves_blind);
+    }
+    if (rc == V2V_OK && is_still) {
+        rc = v2v_key_frames_create(&recon->keys, recon->views, recon->height, recon->width);
     }
     V2V_TRY(v2v_par_agree(recon->grid.shard, rc));
     if (recon->outputs > 1) {
@@ -228,6 +233,7 @@ void v2v_recon_destroy(struct v2v_recon **recon)
     v2v_mem_free(old->todo);
     v2v_mem_free(old->misfit);
     v2v_still_destroy(&old->still);
+    v2v_key_frames_destroy(&old->keys);
     v2v_estimator_destroy(&old->estimator);
     v2v_grid_destroy(&old->grid);
     v2v_mem_free(old);

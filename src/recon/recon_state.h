@@ -3,6 +3,7 @@
 #define RECON_RECON_STATE_H
 
 #include "recon/combination.h"
+#include "recon/key_frame.h"
 #include "recon/still.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/par/agreement.h"
@@ -27,17 +28,18 @@ struct v2v_recon {
     float *padded;             /* [v,y,x] what the method takes */
     float *output[V2V_ESTIMATOR_MOST_OUTPUTS]; /* [z,rows,x] padded; NULL for one not held */
     float *cut[V2V_ESTIMATOR_MOST_OUTPUTS]; /* [z,own rows,x] in the recording's units; NULL so */
-    float *mean;                     /* [z,own rows,x]; the cut output itself where there is one */
-    struct v2v_slicing *slicing;     /* rows of all ranks of the shard and whole slices; NULL: the
+    float *mean;                 /* [z,own rows,x]; the cut output itself where there is one */
+    struct v2v_slicing *slicing; /* rows of all ranks of the shard and whole slices; NULL: the
                                     method's slices are whole */
-    float *whole;                    /* [z of this rank,y,x], in an output that was cut already */
-    int is_homogeneous;              /* every frame has a level of its own */
-    double level;                    /* what the frame at hand was multiplied by for that */
-    double parts[2];                 /* computed of the frames so far, and how many */
-    int64_t rounds;                  /* done: every attempt gets one further */
-    struct v2v_still *still;         /* what did not change is taken over; NULL: nothing is */
-    int64_t refresh;                 /* frames from one key frame to the next; 1: there are none */
-    int64_t key;                     /* the key frame at hand; may lie before a cut */
+    float *whole;                /* [z of this rank,y,x], in an output that was cut already */
+    int is_homogeneous;          /* every frame has a level of its own */
+    double level;                /* what the frame at hand was multiplied by for that */
+    double parts[2];             /* computed of the frames so far, and how many */
+    int64_t rounds;              /* done: every attempt gets one further */
+    struct v2v_still *still;     /* what did not change is taken over; NULL: nothing is */
+    struct v2v_key_frames *keys; /* with that */
+    int64_t refresh;             /* frames that share a key frame; 1: none do */
+    int64_t group, key; /* the first of these at hand, and their key frame; may lie before a cut */
     struct v2v_agreement *agreement; /* of all ranks, on the rounds */
     /* of the run under way */
     struct v2v_recording *recording;

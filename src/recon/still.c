@@ -226,6 +226,11 @@ void v2v_still_keep(struct v2v_still *still, const float *views, const float *vo
     still->brightest = fmax(0.0, (double)v2v_select(still->change, still->tiles, bright));
 }
 
+void v2v_still_recall(const struct v2v_still *still, float *volume)
+{
+    memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
+}
+
 /* ---- what changed ---- */
 
 static void subtract(struct v2v_still *still, const float *from, const float *what)
@@ -382,7 +387,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
         goto done;
     }
     still->left = fmax(still->left, left);
-    memcpy(volume, still->key, (size_t)voxels_of(still) * sizeof *volume);
+    v2v_still_recall(still, volume);
     if (count > 0) {
         whole->ops->measure(whole, views);
     }

@@ -30,8 +30,11 @@ int64_t v2v_still_planned(const struct v2v_still *still);
  *  @kind Collective(shard), no allocation. */
 void v2v_still_keep(struct v2v_still *still, const float *views, const float *volume);
 
-/** The volume of a frame after a key frame. @kind Collective(shard); a window of a size unlike the
- *  last one's is allocated anew
+/** The key frame's volume [slices,y,x] once more. @kind Local. */
+void v2v_still_recall(const struct v2v_still *still, float *volume);
+
+/** The volume of a frame of a key frame's group. @kind Collective(shard); a window of a size unlike
+ *  the last one's is allocated anew
  *  @param  part out: computed of the frame, 0 .. 1 @param volume [slices,y,x] out
  *  @param  views [v,y,x] @param recorded those of the frame alone, whose noise is even, to tell by
  *          what changed; NULL: views are
