@@ -1,4 +1,5 @@
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/method/networks.h"
@@ -32,21 +33,27 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     const struct v2v_network_ops *network = NULL;
     const char *const inputs[] = {given->weights, given->input, given->clean};
     struct v2v_recording *recording = NULL, *clean = NULL;
-    struct v2v_scaling scaling;
+    struct v2v_scaling scaling, of_clean = {0};
     struct v2v_denoise_report report;
     V2V_TRY(v2v_step_output(session, given->output, inputs,
                             (int64_t)(sizeof inputs / sizeof inputs[0])));
     V2V_TRY(v2v_step_network(session, &network, given->weights, 1));
     V2V_TRY(v2v_step_recording(session, &recording, given->input, &any));
+    V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
     if (given->clean != NULL) {
         V2V_TRY(v2v_step_recording(session, &clean, given->clean, &any));
+        V2V_TRY(v2v_scaling_decide(&of_clean, clean, &session->config.input, session->world));
     }
-    V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
+    v2v_scaling_warn(&scaling, given->input, session->world);
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn_command("denoise", session);
+    }
     const struct v2v_denoise_job job = {.config = &session->config,
                                         .weights = given->weights,
                                         .recording = recording,
                                         .scaling = &scaling,
                                         .clean = clean,
+                                        .zero_of_clean = of_clean.offset,
                                         .output = given->output};
     v2v_step_announce(session);
     V2V_TRY(v2v_denoise_run(&job, &report, session->world));

@@ -38,7 +38,7 @@ static enum v2v_status check_left(const char *path)
     V2V_TRY(v2v_file_check_idle(path));
     rc = V2V_FAIL(V2V_E_USAGE,
                   "%s: an interrupted run left %" PRId64 " of %" PRId64
-                  " frames; --resume goes on with them, --force discards them",
+                  " frames; its command goes on with --resume, --force discards them",
                   path, left.done, left.frames);
 done:
     return rc;

@@ -10,15 +10,22 @@ static const char *const gain[] = {"input.gain", NULL}, *const method[] = {"deco
 static const char *const of_some[] = {"recon.strength", "recon.combine", "recon.refresh",
                                       "recon.precision", NULL};
 
+/* Keys, and whole sections, which end in a point. */
 static int is_among(const char *const *keys, const char *key, int length)
 {
-    while (*keys != NULL && (strncmp(*keys, key, (size_t)length) != 0 || (*keys)[length] != '\0')) {
-        keys++;
+    for (; *keys != NULL; keys++) {
+        const int known = (int)strlen(*keys);
+        const int is_section = known > 0 && (*keys)[known - 1] == '.';
+        if (length >= known && strncmp(*keys, key, (size_t)known) == 0 &&
+            (is_section || length == known)) {
+            return 1;
+        }
     }
-    return *keys != NULL;
+    return 0;
 }
 
-/* What calibrate decides itself, and evaluate where it leaves views out; both go by tv. */
+/* What calibrate decides itself, and evaluate where it leaves views out (both go by tv), and what
+ * is of volumes. */
 static const struct {
     const char *command;
     const char *const *keys;
@@ -28,6 +35,7 @@ static const struct {
                            "deconv.lambda", "deconv.noise", "deconv.curvature", "deconv.sparsity",
                            "deconv.electrons_per_count", "deconv.read_noise", "recon.neighbours",
                            NULL}},
+    {"denoise", (const char *const[]){"deconv.", "recon.", NULL}},
     {"evaluate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
                                        "deconv.weight", NULL}}};
 

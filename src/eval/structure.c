@@ -262,7 +262,8 @@ double v2v_structure_brightness(const struct v2v_structure *view,
     const double variance = variance_in_light(view, scale);
     const double missed = squares_missed(view, scale) - view->squares * variance_of(view, scale);
     const double by_brightness = (own - scale) * (own - scale) * view->pp;
-    const int is_odd = scale > 0.0 && fmax(times, 1.0 / times) > least_odd &&
+    const double least = certain * sqrt(variance_of(others, scale) / others->pp); /* else noise */
+    const int is_odd = scale > fmax(least, 0.0) && fmax(times, 1.0 / times) > least_odd &&
                        by_brightness > certain * certain * variance &&
                        by_brightness > most_of_it * missed;
     return is_odd ? times : 1.0;

@@ -285,11 +285,12 @@ done:
 
 /* ---- what comes of it ---- */
 
-static double squares(const float *a, const float *b, int64_t count)
+/* @param apart of the zeros of a and b */
+static double squares(const float *a, const float *b, int64_t count, double apart)
 {
     double sum = 0.0;
     for (int64_t i = 0; i < count; i++) {
-        const double difference = (double)a[i] - (double)b[i];
+        const double difference = (double)a[i] - (double)b[i] - apart;
         sum += difference * difference;
     }
     return sum;
@@ -303,16 +304,17 @@ static enum v2v_status compare(struct denoiser *self, const float *after, int64_
     enum v2v_status rc = V2V_OK;
     const int64_t pixels = self->info->height * self->info->width;
     const int64_t at = views.first * pixels, count = views.count * pixels;
+    const double zero = self->job->zero_of_clean, apart = self->job->scaling->offset - zero;
     if (self->clean == NULL || views.count == 0) {
         return V2V_OK;
     }
     V2V_TRY(v2v_recording_read(self->job->clean, self->clean, t));
-    self->errors[1] += squares(after, self->clean + at, count);
+    self->errors[1] += squares(after, self->clean + at, count, apart);
     for (int64_t i = 0; i < count; i++) {
-        self->peak = fmax(self->peak, (double)self->clean[at + i]);
+        self->peak = fmax(self->peak, (double)self->clean[at + i] - zero);
     }
     V2V_TRY(v2v_recording_read(self->job->recording, self->frames, t)); /* read anew, unscaled */
-    self->errors[0] += squares(self->frames + at, self->clean + at, count);
+    self->errors[0] += squares(self->frames + at, self->clean + at, count, apart);
 done:
     return rc;
 }
@@ -348,8 +350,7 @@ static void report(struct v2v_denoise_report *report, struct denoiser *self)
     if (self->job->clean != NULL) {
         v2v_par_sum_f64(self->comm, self->errors, 2);
         v2v_par_max_f64(self->comm, &self->peak, 1);
-        const double peak = self->peak - self->job->scaling->offset; /* of light */
-        const double most = peak * peak * samples;
+        const double most = self->peak * self->peak * samples;
         report->psnr_before = 10.0 * log10(most / self->errors[0]);
         report->psnr_after = 10.0 * log10(most / self->errors[1]);
     }
@@ -390,9 +391,7 @@ enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
     v2v_stop_heed_ending();
     written.before = written.after = 0;
     written.is_uint16 = 0;
-    if (written.offset == 0.0) { /* one that was guessed */
-        written.offset = job->scaling->offset;
-    }
+    written.offset = job->scaling->offset;
     rc = check(&self);
     if (rc == V2V_OK) {
         rc = create_network(&self);

@@ -92,7 +92,7 @@ grep -q 'long.h5: 2 of 3 frames are done; --resume goes on' stderr ||
 cp long.h5.v2v3d-part left
 for words in '' '--iterations 3 --resume' '--frames 0:2 --resume' '--resume'; do
     case $words in
-    '') code=2 pattern='2 of 3 frames; --resume goes on with them, --force discards' ;;
+    '') code=2 pattern='2 of 3 frames; its command goes on with --resume, --force discards' ;;
     *) code=65 pattern='2 of 3 frames .*another task.*--force discards' ;;
     esac
     # shellcheck disable=SC2086
@@ -103,7 +103,7 @@ timed "$limit" "${common[@]}" --input broken.h5 -o long.h5 --resume
 [ $? -eq 65 ] || fail "resumed, a NaN is no exit code 65: $(cat stderr)"
 grep -q 'resuming: 2 of 3 frames are done' stderr || fail "nothing was gone on with: $(cat stderr)"
 grep -q '^deconvolve [01]/1 ' stderr || fail "the progress did not end with the failure: $(cat stderr)"
-refuses 2 '2 of 3 frames; --resume' project --psf psf.h5 --input rec.h5 --adjoint -o long.h5
+refuses 2 '2 of 3 frames; its command' project --psf psf.h5 --input rec.h5 --adjoint -o long.h5
 works "${common[@]}" --input rec.h5 -o long.h5 --force
 same long.h5 whole.h5 /volume
 [ ! -e long.h5.v2v3d-part ] || fail 'something is left behind'

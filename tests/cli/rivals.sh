@@ -48,6 +48,20 @@ for zero in 0 400; do
     cp stdout zero_$zero.txt
 done
 cmp -s zero_0.txt zero_400.txt || fail "the zero counts as light: $(cat zero_0.txt zero_400.txt)"
+# The zero that was subtracted is what the file states; a clean recording may have another one.
+zero=(denoise --weights frames/weights.h5 --input zero_400.h5)
+works "${zero[@]}" --clean clean_0.h5 -o other_zero.h5 --set recon.neighbours=2
+cmp -s stdout zero_0.txt || fail "another zero of the clean views counts as noise: $(cat stdout)"
+grep -q 'recon.neighbours is not a setting of denoise' stderr || fail "not told: $(cat stderr)"
+works "${zero[@]}" -o told_zero.h5 --offset 300
+works info told_zero.h5
+says 'offset: 300'
+works "${zero[@]}" -o no_zero.h5 --offset none
+works info no_zero.h5
+grep -q 'offset:' stdout && fail "a zero that was not subtracted: $(cat stdout)"
+works denoise --weights frames/weights.h5 --input no_zero.h5 -o out.h5
+grep -q 'hardly anywhere darker than' stderr || fail "no word of another zero: $(cat stderr)"
+rm out.h5
 works info denoised.h5
 says 'recording, 11 frames, 5 views of 40 x 48'
 works deconvolve --psf psf.h5 --input denoised.h5 -o rld.h5 --method rld --iterations 1 --frames 0:1

@@ -46,8 +46,8 @@ int v2v_structure_lacks_view(const float *views, int64_t count, int64_t height, 
 int v2v_structure_can_be_seen(int64_t height, int64_t width);
 
 /** How many times as bright as the volume has it a view's structure is, beside the other views:
- *  1 unless that is known, beyond 5 % and the noise where the light is, and most of what the volume
- *  misses of the view. As of one that was blocked, or of another gain.
+ *  1 unless that is known, of the others too, beyond 5 % and the noise where the light is, and most
+ *  of what the volume misses of the view. As of one that was blocked, or of another gain.
  *  @kind Local. @param others their sum */
 double v2v_structure_brightness(const struct v2v_structure *view,
                                 const struct v2v_structure *others);

@@ -36,13 +36,14 @@ struct v2v_denoise_job {
     struct v2v_recording *recording;   /**< to denoise */
     const struct v2v_scaling *scaling; /**< what the network sees of it; undone in the output */
     struct v2v_recording *clean;       /**< the same without noise, to compare with; NULL: none */
+    double zero_of_clean;              /**< counts of it without light */
     const char *output;                /**< recording to write, in the units of the input */
 };
 
 struct v2v_denoise_report {
     double seconds; /**< of the whole run, with the making of the network */
     /** With a clean recording: peak signal-to-noise ratio of all samples before and after, dB; the
-     *  peak is the largest clean sample, less the offset. Else NaN. */
+     *  peak is the largest clean sample; both count from their own zero. Else NaN. */
     double psnr_before, psnr_after;
 };
 

@@ -79,6 +79,7 @@ static enum v2v_status header_example(struct v2v_denoise_report *report, const c
                                         .recording = recording,
                                         .scaling = &scaling,
                                         .clean = clean,
+                                        .zero_of_clean = scaling.offset,
                                         .output = path};
     V2V_TRY(v2v_denoise_run(&job, report, comm));
 done:

@@ -116,6 +116,8 @@ static void another_brightness_is_told_beyond_the_noise(void **state)
     }
     const struct v2v_structure here = structure(0.0, 3.6, 0.0), none = {0};
     assert_true(v2v_structure_brightness(&here, &none) == 1.0);
+    const struct v2v_structure noise = structure(0.0, 0.3, 5.0);
+    assert_true(noise.yp > 0.0 && v2v_structure_brightness(&here, &noise) == 1.0);
     assert_true(v2v_structure_brightness(&none, &none) == 1.0);
 }
 
