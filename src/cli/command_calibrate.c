@@ -7,6 +7,7 @@
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
 #include "v2v3d/method/fusion.h"
+#include "v2v3d/tensor/saturation.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -162,6 +163,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct v2v_calibration_report report;
     float *views = NULL;
     struct v2v_fusion *fusion = NULL; /* of the frame alone */
+    int64_t saturated = 0;
     V2V_TRY(v2v_step_output(session, given->output, (const char *const[]){given->psf, given->input},
                             2));
     if (v2v_step_on_root(session)) {
@@ -181,10 +183,16 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (rc == V2V_OK) {
         rc = v2v_fusion_read(fusion, views, recording, &scaling, 0);
+        saturated = v2v_saturated_leave(views, info->views, info->height * info->width);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_scaling_warn(&scaling, given->input, session->world);
     v2v_step_announce(session);
+    if (saturated > 0) {
+        v2v_log(V2V_LOG_INFO,
+                "saturated samples, up to %.2g %% of a view, are left out: they hide its gain",
+                100.0 * (double)saturated / (double)(info->height * info->width));
+    }
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
     if (v2v_step_on_root(session)) {
         V2V_TRY(write_file(&calibration, given->output));

@@ -10,6 +10,7 @@
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <math.h>

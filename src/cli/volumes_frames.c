@@ -9,6 +9,7 @@
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/statistics.h"
 #include <math.h>
 
@@ -223,12 +224,12 @@ static void warn(const struct judged *judged, int64_t frames, int64_t shown,
     warn_of_zero(0.0, below > 0 ? judged->below[first] : 0.0, first, below, made);
     const int64_t clipped = count(&first, judged->clipped, frames);
     if (clipped > 0) {
-        v2v_log(
-            V2V_LOG_WARNING,
-            "frame %lld: %.2g %% of its pixels are saturated: what they lack, the volume lacks; "
-            "%lld of %lld frames are such",
-            (long long)(before + first), 100.0 * judged->clipped[first], (long long)clipped,
-            (long long)frames);
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: %.2g %% of its pixels are saturated: how bright its volume is there "
+                "they don't tell; "
+                "%lld of %lld frames are such",
+                (long long)(before + first), 100.0 * judged->clipped[first], (long long)clipped,
+                (long long)frames);
     }
 }
 

@@ -8,6 +8,7 @@
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/io/volume.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -273,8 +274,8 @@ static void warn_of_saturation(const struct found *found)
 {
     if (found->saturated > V2V_MUCH_SATURATED) {
         v2v_log(V2V_LOG_WARNING,
-                "frame %lld: %.2g %% of the views' pixels are saturated: what they lack, the "
-                "volume lacks",
+                "frame %lld: %.2g %% of the views' pixels are saturated: how bright the volume is "
+                "there they don't tell",
                 (long long)found->frame, 100.0 * found->saturated);
     }
 }

@@ -7,9 +7,6 @@
 
 #include <math.h>
 
-/* Of pixels at the highest value: so many, and so many times those at the next one. */
-enum { LEAST_SATURATED = 10, TIMES_NEXT = 2 };
-
 struct v2v_match v2v_match_of(float *scratch, const float *recorded, const float *projected,
                               int64_t height, int64_t width)
 {
@@ -119,30 +116,6 @@ int64_t v2v_match_odd_view(double *times, const struct v2v_match *of_view, int64
         }
     }
     return odd;
-}
-
-int64_t v2v_saturated_pixels(const float *views, int64_t count)
-{
-    float highest = -INFINITY, next = -INFINITY;
-    int64_t at_highest = 0, at_next = 0;
-    for (int64_t i = 0; i < count; i++) {
-        if (views[i] > highest) {
-            next = highest;
-            at_next = at_highest;
-            highest = views[i];
-            at_highest = 1;
-        } else if (views[i] == highest) {
-            at_highest++;
-        } else if (views[i] > next) {
-            next = views[i];
-            at_next = 1;
-        } else if (views[i] == next) {
-            at_next++;
-        }
-    }
-    return at_next > 0 && at_highest >= LEAST_SATURATED && at_highest / TIMES_NEXT >= at_next
-               ? at_highest
-               : 0;
 }
 
 double v2v_mean_of_known(const double *x, int64_t count, int64_t stride)

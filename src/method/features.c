@@ -5,7 +5,7 @@
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/psf.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 
 #include <math.h>
 #include <string.h>
@@ -21,8 +21,9 @@ struct v2v_features {
     struct v2v_torus torus;
     int64_t views, slices, height, width;
     double light;
-    float *volume; /* [z,torus] */
-    float *image;  /* [v,torus] */
+    float *volume;  /* [z,torus] */
+    float *image;   /* [v,torus] */
+    float *highest; /* [v]: of the views at hand, as v2v_saturated_value says */
 };
 
 enum v2v_status v2v_features_create(struct v2v_features **features,
@@ -43,6 +44,7 @@ enum v2v_status v2v_features_create(struct v2v_features **features,
                       v2v_mem_product(self->slices, self->torus.height, self->torus.width)));
     V2V_TRY(V2V_ALLOC(self->image, "features.views",
                       v2v_mem_product(self->views, self->torus.height, self->torus.width)));
+    V2V_TRY(V2V_ALLOC(self->highest, "features.views", self->views));
 done:
     if (rc != V2V_OK) {
         v2v_features_destroy(&self);
@@ -59,6 +61,7 @@ void v2v_features_destroy(struct v2v_features **features)
         v2v_estimator_destroy(&self->estimator);
         v2v_mem_free(self->volume);
         v2v_mem_free(self->image);
+        v2v_mem_free(self->highest);
         v2v_mem_free(self);
     }
 }
@@ -113,7 +116,7 @@ static void project(const struct v2v_features *self, const float *volume)
     }
 }
 
-/* image = y - image where views are known, 0 elsewhere and where they are blind. */
+/* image = y - image where views are known, 0 elsewhere. */
 static void miss(const struct v2v_features *self, const float *views)
 {
     const struct v2v_torus *torus = &self->torus;
@@ -121,6 +124,11 @@ static void miss(const struct v2v_features *self, const float *views)
     const struct v2v_part rows = around != NULL ? around->rows : (struct v2v_part){0, self->height};
     const struct v2v_part columns =
         around != NULL ? around->columns : (struct v2v_part){0, self->width};
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < self->views; v++) {
+        const int64_t pixels = self->height * self->width;
+        self->highest[v] = v2v_saturated_value(views + v * pixels, pixels);
+    }
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < self->views; v++) {
         for (int64_t y = 0; y < torus->height; y++) {
@@ -128,10 +136,11 @@ static void miss(const struct v2v_features *self, const float *views)
             const int64_t first = is_known ? columns.first : torus->width;
             const int64_t end = is_known ? first + columns.count : torus->width;
             const float *recorded = views + (v * self->height + y) * self->width;
+            const float highest = self->highest[v];
             float *row = self->image + (v * torus->height + y) * torus->width;
             memset(row, 0, (size_t)first * sizeof *row);
             for (int64_t x = first; x < end; x++) {
-                row[x] = recorded[x] != V2V_BLIND ? recorded[x] - row[x] : 0.0f;
+                row[x] = v2v_rest_of(recorded[x], row[x], highest);
             }
             memset(row + end, 0, (size_t)(torus->width - end) * sizeof *row);
         }

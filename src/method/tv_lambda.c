@@ -7,7 +7,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -118,10 +118,11 @@ static void miss(float *samples, const struct chooser *self, const struct v2v_le
     for (int64_t i = fold->used; i < fold->views; i++) {
         const float *predicted = self->predicted + (i - fold->used) * pixels;
         const float *recorded = self->square.views + fold->view[i] * pixels;
+        const float highest = v2v_saturated_value(recorded, pixels);
         for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
             for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
                 const int64_t at = y * width + x;
-                *samples++ = recorded[at] != V2V_BLIND ? recorded[at] - predicted[at] : 0.0f;
+                *samples++ = v2v_rest_of(recorded[at], predicted[at], highest);
             }
         }
     }

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 
 #include <math.h>
 #include <string.h>
@@ -23,6 +24,7 @@ enum v2v_status v2v_torus_views_init(struct v2v_torus_views *views, int64_t coun
         (struct v2v_torus_views){.views = count, .height = height, .width = width, .torus = *torus};
     V2V_TRY(V2V_ALLOC(views->recorded, "data_step.views", v2v_torus_views_samples(views)));
     V2V_TRY(V2V_ALLOC(views->missed, "data_step.views", v2v_torus_views_samples(views)));
+    V2V_TRY(V2V_ALLOC(views->highest, "data_step.views", count));
 done:
     return rc;
 }
@@ -32,6 +34,7 @@ void v2v_torus_views_fini(struct v2v_torus_views *views)
     struct v2v_view_weights *weights = &views->weights;
     v2v_mem_free(views->recorded);
     v2v_mem_free(views->missed);
+    v2v_mem_free(views->highest);
     v2v_mem_free(views->around);
     v2v_mem_free(weights->kept);
     v2v_mem_free(weights->light);
@@ -83,11 +86,25 @@ static void torus_row(const struct v2v_torus_views *views, float *row, const flo
     bridge(row, width, views->torus.width);
 }
 
+/* @return bool: are there samples that aren't known? */
+static int find_unknown(struct v2v_torus_views *views, const float *frame)
+{
+    const int64_t pixels = views->height * views->width;
+    int64_t unknown = 0;
+#pragma omp parallel for schedule(static) reduction(+ : unknown)
+    for (int64_t v = 0; v < views->views; v++) {
+        const float *view = frame + v * pixels;
+        views->highest[v] = v2v_saturated_value(view, pixels);
+        unknown += v2v_blind_count(view, pixels) + isfinite(views->highest[v]);
+    }
+    return unknown > 0;
+}
+
 void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, double scale)
 {
     const struct v2v_torus *torus = &views->torus;
-    const int64_t samples = views->views * views->height * views->width;
-    views->frame = v2v_blind_count(frame, samples) > 0 ? frame : NULL;
+    views->frame = find_unknown(views, frame) ? frame : NULL;
+    views->scale = (float)scale;
     views->weights.is_on = 0;
     views->known_rows = (struct v2v_part){0, views->height};
     views->known_columns = (struct v2v_part){0, views->width};
@@ -189,9 +206,20 @@ static const float *frames_of(const struct v2v_torus_views *views, int64_t v, in
     return frames == NULL ? NULL : frames + (v * views->height + whole) * views->width;
 }
 
-/* Likewise with weights, which make other samples of them. */
+/* Saturated samples follow a volume that is brighter. @param highest of the torus, in units of y */
+static void follow_brighter(const struct v2v_torus_views *views, int64_t at, float highest,
+                            int64_t first, int64_t end)
+{
+    for (int64_t x = at + first; x < at + end; x++) {
+        const float around = views->around != NULL ? views->around[x] : 0.0f;
+        views->recorded[x] = fmaxf(highest - around, views->recorded[x] - views->missed[x]);
+    }
+}
+
+/* Likewise with weights, which make other samples of them.
+ * @param is_saturated bool: a volume that is brighter is not answered */
 static double weigh_row(const struct v2v_torus_views *views, int64_t at, const float *frames,
-                        int64_t first, int64_t end)
+                        int64_t first, int64_t end, int is_saturated)
 {
     const struct v2v_view_weights *weights = &views->weights;
     const float part_of_frames = frames != NULL ? 1.0f / weights->frames_unit : 1.0f;
@@ -206,8 +234,10 @@ static double weigh_row(const struct v2v_torus_views *views, int64_t at, const f
         const float light = fmaxf(projected + around[x], 0.0f);
         lights[x] = part < 1.0f ? lights[x] + part * (light - lights[x]) : light;
         const float averaged = frames != NULL ? sqrtf(part_of_frames * frames[x]) : 1.0f;
-        const float weight = averaged / (weights->gain * lights[x] + weights->floor);
         const float moved = projected + split[x];
+        const float weight = is_saturated && moved > kept[x]
+                                 ? 0.0f
+                                 : averaged / (weights->gain * lights[x] + weights->floor);
         const float between = (weight * kept[x] + moved) / (weight + 1.0f);
         const double d = (double)kept[x] - (double)projected;
         squares += d * d;
@@ -217,37 +247,63 @@ static double weigh_row(const struct v2v_torus_views *views, int64_t at, const f
     return squares;
 }
 
-/* Row `whole` of a view as taken, where samples are blind; NULL: it has none. */
+/* Row `whole` of a view as taken, where samples aren't known; NULL: there are none such. */
 static const float *frame_row(const struct v2v_torus_views *views, int64_t v, int64_t whole)
 {
     return views->frame == NULL ? NULL : views->frame + (v * views->height + whole) * views->width;
 }
 
-/* Samples from `x` on to `end` at most that are all blind, or none. @return the end of them */
-static int64_t end_of_alike(const float *row, int64_t x, int64_t end)
+enum knowledge { KNOWN, BLIND, SATURATED };
+
+static enum knowledge knowledge_of(float sample, float highest)
 {
-    const int is_blind = row != NULL && row[x] == V2V_BLIND;
-    while (row != NULL && x < end && (row[x] == V2V_BLIND) == is_blind) {
-        x++;
-    }
-    return row != NULL ? x : end;
+    return sample == V2V_BLIND ? BLIND : sample == highest ? SATURATED : KNOWN;
 }
 
-/* Likewise of what is known of a row but for blind samples, which follow the volume. */
+/* Samples from `x` on to `end` at most that are alike known. @return the end of them */
+static int64_t end_of_alike(const float *row, float highest, int64_t x, int64_t end)
+{
+    const enum knowledge first = knowledge_of(row[x], highest);
+    while (x < end && knowledge_of(row[x], highest) == first) {
+        x++;
+    }
+    return x;
+}
+
+/* Samples first .. end, known alike, of a row of the frame. @return squares of those that are
+ * known */
+static double answer(const struct v2v_torus_views *views, int64_t at, enum knowledge knowledge,
+                     float highest, const float *frames, int64_t first, int64_t end)
+{
+    const int is_on = views->weights.is_on, is_saturated = knowledge == SATURATED;
+    double squares = 0.0;
+    if (knowledge == BLIND) {
+        follow(views->recorded + at, views->missed + at, first, end);
+    } else if (is_on) {
+        squares = weigh_row(views, at, frames, first, end, is_saturated);
+    } else if (is_saturated) {
+        follow_brighter(views, at, highest, first, end);
+    } else {
+        squares = squares_of(views->missed + at, first, end);
+    }
+    return is_saturated ? 0.0 : squares;
+}
+
+/* What of a row of the torus lies in the frame. @return squares of what is known */
 static double answer_row(const struct v2v_torus_views *views, int64_t v, int64_t at, int64_t whole,
                          const struct v2v_part *columns)
 {
     const int64_t end = columns->first + columns->count;
     const float *row = frame_row(views, v, whole), *frames = frames_of(views, v, whole);
+    const float highest = views->highest[v];
     double squares = 0.0;
+    if (row == NULL) {
+        return answer(views, at, KNOWN, highest, frames, columns->first, end);
+    }
     for (int64_t x = columns->first, next = x; x < end; x = next) {
-        next = end_of_alike(row, x, end);
-        if (row != NULL && row[x] == V2V_BLIND) {
-            follow(views->recorded + at, views->missed + at, x, next);
-        } else {
-            squares += views->weights.is_on ? weigh_row(views, at, frames, x, next)
-                                            : squares_of(views->missed + at, x, next);
-        }
+        next = end_of_alike(row, highest, x, end);
+        squares += answer(views, at, knowledge_of(row[x], highest), highest * views->scale, frames,
+                          x, next);
     }
     return squares;
 }
@@ -291,12 +347,15 @@ static double left_at(const struct v2v_torus_views *views, int64_t at)
 int64_t v2v_torus_views_known(const struct v2v_torus_views *views)
 {
     const struct v2v_part *rows = &views->known_rows, *columns = &views->known_columns;
-    int64_t blind = 0;
+    int64_t unknown = 0;
     for (int64_t i = 0; views->frame != NULL && i < views->views * rows->count; i++) {
-        const float *row = frame_row(views, i / rows->count, rows->first + i % rows->count);
-        blind += v2v_blind_count(row + columns->first, columns->count);
+        const int64_t v = i / rows->count;
+        const float *row = frame_row(views, v, rows->first + i % rows->count);
+        for (int64_t x = columns->first; x < columns->first + columns->count; x++) {
+            unknown += knowledge_of(row[x], views->highest[v]) != KNOWN;
+        }
     }
-    return views->views * rows->count * columns->count - blind;
+    return views->views * rows->count * columns->count - unknown;
 }
 
 int64_t v2v_torus_views_squares(const struct v2v_torus_views *views)
@@ -322,8 +381,9 @@ void v2v_torus_views_coarse(const struct v2v_torus_views *views, double *sums)
             const int64_t at = (v * torus->rows.count + y - torus->rows.first) * torus->width;
             const float *frame = frame_row(views, v, y);
             for (int64_t x = 0; x < across * SIDE; x++) {
-                const int is_blind = frame != NULL && frame[columns->first + x] == V2V_BLIND;
-                row[x / SIDE] += is_blind ? (double)NAN : left_at(views, at + columns->first + x);
+                const int is_known = frame == NULL || knowledge_of(frame[columns->first + x],
+                                                                   views->highest[v]) == KNOWN;
+                row[x / SIDE] += is_known ? left_at(views, at + columns->first + x) : (double)NAN;
             }
         }
     }

@@ -21,7 +21,9 @@ struct v2v_torus_views {
     int64_t views, height, width; /* of a frame */
     struct v2v_torus torus;
     struct v2v_part known_rows, known_columns; /* of the torus */
-    const float *frame; /* [v,height,width]: as taken, lent; NULL: none of it is blind */
+    const float *frame; /* [v,height,width]: as taken, lent; NULL: all of it is known */
+    float *highest;     /* [v]: of the frame, where it is saturated; INFINITY: nowhere */
+    float scale;        /* of y over the frame */
     float *recorded;    /* [v,rows,torus width]: y */
     float *missed;      /* likewise: y - A x */
     float *around;      /* likewise: views of light that isn't in x; NULL: weights have no room */
@@ -60,8 +62,8 @@ int64_t v2v_torus_views_known(const struct v2v_torus_views *views);
 /** Squares of v2v_data_step_coarse. */
 int64_t v2v_torus_views_squares(const struct v2v_torus_views *views);
 
-/** Sums over what this rank has of each of them, [v2v_torus_views_squares]; NaN where it has blind
- *  samples. */
+/** Sums over what this rank has of each of them, [v2v_torus_views_squares]; NaN where some
+ *  aren't known. */
 void v2v_torus_views_coarse(const struct v2v_torus_views *views, double *sums);
 
 #endif

@@ -51,11 +51,6 @@ double v2v_match_flux(const struct v2v_match *match);
  *  @return the view; -1: none is */
 int64_t v2v_match_odd_view(double *times, const struct v2v_match *of_view, int64_t views);
 
-/** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
- *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
- *  @kind Local. */
-int64_t v2v_saturated_pixels(const float *views, int64_t count);
-
 /** Mean of x[0], x[stride] .. that are not NaN; NaN when none is. @kind Local. */
 double v2v_mean_of_known(const double *x, int64_t count, int64_t stride);
 

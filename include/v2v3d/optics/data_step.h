@@ -80,9 +80,10 @@ struct v2v_penalty {
 void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty);
 
 /** Take the views of a frame, times `scale`; beyond it they go from edge to opposite edge in a
- *  straight line. Blind samples (tensor/blind.h) are unknown as those beyond the frame are.
+ *  straight line. Blind samples (tensor/blind.h) are unknown as those beyond the frame are;
+ *  saturated ones (tensor/saturation.h, of each view) say what A x is at least.
  *  @kind Collective(comm), no allocation. @param views [v,height,width], whole; where any is blind
- *  borrowed until the next begin */
+ *  or saturated borrowed until the next begin */
 void v2v_data_step_begin(struct v2v_data_step *step, const float *views, double scale);
 
 /** Take views that are known on all of the torus, [v, torus rows of this rank, torus width].

@@ -182,27 +182,6 @@ static void a_projection_that_is_no_number_has_no_residual(void **state)
     assert_true(isnan(v2v_match_flux(&match)));
 }
 
-static void views_cut_off_are_saturated(void **state)
-{
-    (void)state;
-    static float views[SAMPLES];
-    int64_t above = 0;
-    for (int i = 0; i < SAMPLES; i++) { /* counts of light: few at the end */
-        views[i] = (float)v2v_random_poisson(9, 0, (uint64_t)i, 40.0);
-        above += views[i] >= 50.0f;
-    }
-    assert_true(v2v_saturated_pixels(views, SAMPLES) == 0);
-    for (int i = 0; i < SAMPLES; i++) {
-        views[i] = fminf(views[i], 50.0f);
-    }
-    assert_true(above >= 10);
-    assert_true(v2v_saturated_pixels(views, SAMPLES) == above);
-    for (int i = 0; i < SAMPLES; i++) {
-        views[i] = 3.0f;
-    }
-    assert_true(v2v_saturated_pixels(views, SAMPLES) == 0); /* flat */
-}
-
 static void unknown_figures_are_left_out_of_the_mean(void **state)
 {
     (void)state;
@@ -295,7 +274,6 @@ int main(void)
         cmocka_unit_test(dark_views_have_no_flux),
         cmocka_unit_test(the_oddest_view_is_told),
         cmocka_unit_test(a_projection_that_is_no_number_has_no_residual),
-        cmocka_unit_test(views_cut_off_are_saturated),
         cmocka_unit_test(unknown_figures_are_left_out_of_the_mean),
         cmocka_unit_test(uncertainty_is_the_standard_error_of_the_mean),
         cmocka_unit_test(uncertainty_scales_with_the_volumes),

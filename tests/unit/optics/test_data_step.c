@@ -514,6 +514,103 @@ static void views_alike_and_dark_slices_are_no_matter(void **state)
     v2v_data_step_destroy(&step);
 }
 
+/* Views that end at HIGHEST: two fifths of their samples have it. */
+#define HIGHEST 0.3f
+
+static void saturate(void)
+{
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        views[i] = fminf(views[i], HIGHEST);
+    }
+}
+
+static int is_saturated(int64_t i)
+{
+    const int64_t v = i / pixels, row = i % pixels / torus.width, column = i % torus.width;
+    return is_in_frame(i) && views[(v * HEIGHT + row) * WIDTH + column] == HIGHEST;
+}
+
+static void a_saturated_sample_bounds_the_volume_from_below(void **state)
+{
+    (void)state;
+    static float v[SLICES * MOST], x[SLICES * MOST];
+    static double image[VIEWS * MOST], volume[SLICES * MOST];
+    const double tau = 1.0, scale = 50.0;
+    double squares = 0.0;
+    int64_t known = 0, above = 0, below = 0;
+    saturate();
+    struct v2v_data_step *step = make(tau, scale);
+    random_volume(v);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        v[i] *= (float)scale / 4.0f;
+    }
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    for (int64_t i = 0; i < SLICES * pixels; i++) {
+        volume[i] = (double)x[i];
+    }
+    project(image, volume);
+    const double found = v2v_data_step_extend(step);
+    for (int64_t i = 0; i < VIEWS * pixels; i++) {
+        if (is_saturated(i)) {
+            above += image[i] > y[i];
+            below += image[i] < y[i];
+            y[i] = fmax(y[i], image[i]);
+        } else if (is_in_frame(i)) {
+            squares += (image[i] - y[i]) * (image[i] - y[i]);
+            known++;
+        } else {
+            y[i] = image[i];
+        }
+    }
+    print_message("%lld above, %lld below\n", (long long)above, (long long)below);
+    assert_true(above > 50 && below > 50);
+    assert_int_equal(v2v_data_step_known(step), known);
+    assert_true(fabs(found / squares - 1.0) < 1e-4);
+    memcpy(x, v, sizeof v);
+    v2v_data_step_run(step, x);
+    assert_true(gradient_of(x, v, tau) < bound_of(tau));
+    v2v_data_step_destroy(&step);
+}
+
+/* @param x [slices,torus] out: where runs and extends end @param is_weighed by weights of 1 */
+static void run_saturated(float *x, int is_weighed)
+{
+    enum { TIMES = 300 };
+    struct v2v_data_step *step = make(3.0, 1.0);
+    if (is_weighed) {
+        assert_ok(v2v_data_step_take_weights(step));
+        v2v_data_step_begin(step, views, 1.0);
+        v2v_data_step_weigh(step, 0.0, 1.0);
+    }
+    for (int i = 0; i < TIMES; i++) {
+        random_volume(x);
+        v2v_data_step_run(step, x);
+        (void)v2v_data_step_extend(step);
+    }
+    v2v_data_step_destroy(&step);
+}
+
+static void weights_of_one_end_where_none_do(void **state)
+{
+    (void)state;
+    static float with[SLICES * MOST], without[SLICES * MOST], as_light[SLICES * MOST];
+    saturate();
+    run_saturated(without, 0);
+    run_saturated(with, 1);
+    views[0] = HIGHEST + 1e-6f; /* the highest, alone: now HIGHEST is light */
+    for (int64_t v = 1; v < VIEWS; v++) {
+        views[v * HEIGHT * WIDTH] = HIGHEST + 1e-6f;
+    }
+    run_saturated(as_light, 0);
+    const double size = v2v_sum_of_squares(without, SLICES * pixels);
+    print_message("%g apart; %g with samples that are no bounds\n",
+                  sqrt(distance_of(with, without) / size),
+                  sqrt(distance_of(as_light, without) / size));
+    assert_true(distance_of(with, without) < 1e-8 * size);
+    assert_true(distance_of(as_light, without) > 1e-4 * size);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -525,6 +622,9 @@ int main(void)
         cmocka_unit_test_setup_teardown(weights_give_the_minimum_of_weighted_squares, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(views_alike_and_dark_slices_are_no_matter, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_saturated_sample_bounds_the_volume_from_below, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(weights_of_one_end_where_none_do, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

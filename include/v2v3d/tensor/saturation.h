@@ -1,0 +1,37 @@
+#ifndef V2V3D_TENSOR_SATURATION_H
+#define V2V3D_TENSOR_SATURATION_H
+
+#include "v2v3d/tensor/blind.h"
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
+ *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
+ *  @kind Local. */
+int64_t v2v_saturated_pixels(const float *views, int64_t count);
+
+/** Their value: the light was that or more. INFINITY where there are none. @kind Local. */
+float v2v_saturated_value(const float *views, int64_t count);
+
+/** Saturated samples of each view become V2V_BLIND. @kind Local. @param views [count,pixels]
+ *  @return how many of the view that has most */
+int64_t v2v_saturated_leave(float *views, int64_t count, int64_t pixels);
+
+/** What a prediction leaves of a sample: nothing of a blind one (tensor/blind.h), nor of a
+ *  saturated one that it is above. @kind Local. @param highest as v2v_saturated_value says */
+static inline float v2v_rest_of(float recorded, float predicted, float highest)
+{
+    if (recorded == V2V_BLIND || (recorded == highest && predicted > recorded)) {
+        return 0.0f;
+    }
+    return recorded - predicted;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
