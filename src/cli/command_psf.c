@@ -30,8 +30,33 @@ static enum v2v_status simulate_alone(void *context)
     struct simulated *simulated = context;
     V2V_TRY(v2v_psf_simulate(&simulated->psf, simulated->optics));
     V2V_TRY(v2v_psf_file_write(&simulated->psf, simulated->output));
+    V2V_TRY(v2v_psf_report_warnings(stderr, &simulated->psf));
 done:
     return rc;
+}
+
+/* Settings that are of others, which aren't given. Rank 0. */
+static void warn_of_optics(const struct v2v_session *session)
+{
+    const struct v2v_optics_settings *optics = &session->config.optics;
+    const int has_rings = v2v_options_set(session->common, "optics.rings") ||
+                          v2v_options_set(session->common, "optics.views_per_ring");
+    const struct {
+        int is_vain;
+        const char *of;
+    } rows[] = {
+        {optics->pinhole_um == 0.0 && optics->pinhole_defocus_um != 0.0,
+         "pinhole_defocus_um is of a pinhole, which there is none of (optics.pinhole_um)"},
+        {optics->immersion_index == 0.0 && optics->depth_um != 0.0,
+         "depth_um is of an interface, which there is none of (optics.immersion_index)"},
+        {optics->tilts[0] != '\0' && has_rings, "tilts say where views are, and how many: "
+                                                "rings and views_per_ring are left aside"},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        if (rows[i].is_vain) {
+            v2v_log(V2V_LOG_WARNING, "optics.%s", rows[i].of);
+        }
+    }
 }
 
 static enum v2v_status simulate(const void *arguments, struct v2v_session *session)
@@ -41,6 +66,9 @@ static enum v2v_status simulate(const void *arguments, struct v2v_session *sessi
     struct simulated simulated = {.optics = &session->config.optics, .output = given->output};
     const struct v2v_psf_file *psf = &simulated.psf;
     V2V_TRY(v2v_step_output(session, given->output, NULL, 0));
+    if (v2v_step_on_root(session)) {
+        warn_of_optics(session);
+    }
     V2V_TRY(v2v_agreement_alone(session->world, simulate_alone, &simulated));
     v2v_log(V2V_LOG_INFO,
             "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels",

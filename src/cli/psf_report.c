@@ -119,6 +119,10 @@ static void print_warnings(FILE *stream, const struct v2v_slice_figures *figures
         fprintf(stream, "warning: %.2g of the energy lies on the border: the PSFs are cut off\n",
                 border / energy);
     }
+}
+
+static void print_notes(FILE *stream, const struct v2v_psf_file *psf)
+{
     if (psf->height % 2 == 0 || psf->width % 2 == 0) {
         fprintf(stream, "note: an even side; its centre is pixel ceil(K/2)-1\n");
     }
@@ -137,16 +141,36 @@ static void print_length(FILE *stream, const char *name, double length_um, const
     }
 }
 
+static enum v2v_status make_figures(struct v2v_slice_figures **figures,
+                                    const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const int64_t pixels = psf->height * psf->width;
+    V2V_TRY(V2V_ALLOC(*figures, "psf.figures", psf->views * psf->slices));
+    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
+        (*figures)[i] = v2v_slice_figures_of(psf->data + i * pixels, psf->height, psf->width);
+    }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_psf_report_warnings(FILE *stream, const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_slice_figures *figures = NULL;
+    V2V_TRY(make_figures(&figures, psf));
+    print_warnings(stream, figures, psf);
+done:
+    v2v_mem_free(figures);
+    return rc;
+}
+
 enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_psf_file *psf,
                                const struct v2v_shifts *shifts)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_slice_figures *figures = NULL;
-    int64_t pixels = psf->height * psf->width;
-    V2V_TRY(V2V_ALLOC(figures, "psf.figures", psf->views * psf->slices));
-    for (int64_t i = 0; i < psf->views * psf->slices; i++) {
-        figures[i] = v2v_slice_figures_of(psf->data + i * pixels, psf->height, psf->width);
-    }
+    V2V_TRY(make_figures(&figures, psf));
     fprintf(stream,
             "%s: %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64 " pixels\n", name,
             psf->views, psf->slices, psf->height, psf->width);
@@ -157,6 +181,7 @@ enum v2v_status v2v_psf_report(FILE *stream, const char *name, const struct v2v_
     print_views(stream, figures, psf->views, psf->slices, shifts);
     print_slices(stream, figures, psf->views, psf->slices);
     print_warnings(stream, figures, psf);
+    print_notes(stream, psf);
 done:
     v2v_mem_free(figures);
     return rc;

@@ -33,8 +33,8 @@ static const struct {
     {"calibrate",
      (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop", "deconv.weight",
                            "deconv.lambda", "deconv.noise", "deconv.curvature", "deconv.sparsity",
-                           "deconv.electrons_per_count", "deconv.read_noise", "recon.neighbours",
-                           NULL}},
+                           "deconv.electrons_per_count", "deconv.read_noise", "recon.",
+                           "input.gain", "psf.reduce", NULL}},
     {"denoise", (const char *const[]){"deconv.", "recon.", NULL}},
     {"evaluate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
                                        "deconv.weight", NULL}}};

@@ -1,6 +1,7 @@
 #include "optics/zernike.h"
 
 #include "v2v3d/base/text.h"
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -8,6 +9,7 @@
 enum v2v_status v2v_zernike_parse(struct v2v_zernike *zernike, const char *text)
 {
     enum v2v_status rc = V2V_OK;
+    uint8_t given[V2V_ZERNIKE_MOST + 1] = {0};
     *zernike = (struct v2v_zernike){0};
     while (text[strspn(text, " ,")] != '\0') {
         char mode[32] = "", waves[32] = "";
@@ -20,6 +22,10 @@ enum v2v_status v2v_zernike_parse(struct v2v_zernike *zernike, const char *text)
         }
         V2V_TRY(v2v_text_to_i64(&j, mode, 1, V2V_ZERNIKE_MOST, "optics.zernike, Noll's index",
                                 V2V_E_CONFIG));
+        if (given[j]) {
+            V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "optics.zernike: mode %" PRId64 " is given twice", j));
+        }
+        given[j] = 1;
         V2V_TRY(v2v_text_to_f64(&zernike->waves[j], waves, -100.0, 100.0, "optics.zernike, waves",
                                 V2V_E_CONFIG));
         zernike->last = j > zernike->last && zernike->waves[j] != 0.0 ? j : zernike->last;

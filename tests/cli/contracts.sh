@@ -29,6 +29,12 @@ works psf info one/fitted.h5
 says '5 views, 7 slices of 31 x 31 pixels'
 refuses 2 '--modes: 99 is outside' psf fit --psf one/psf.h5 --modes 99 -o other.yaml
 refuses 78 'optics.tilts: view 1 is not a pair' psf simulate --set 'optics.tilts=0 0, 1' -o other.h5
+refuses 78 'optics.zernike: mode 4 is given twice' psf simulate --set 'optics.zernike=4:0.1, 4:0.3' -o other.h5
+works psf simulate -c tiny.yaml --set optics.size=9 --set optics.slice_spacing_um=8 -o one/cut.h5 \
+    --set optics.depth_um=5 --set optics.pinhole_defocus_um=2
+for word in 'the PSFs are cut off' 'depth_um is of an interface' 'pinhole_defocus_um is of a pinhole'; do
+    grep -q "warning: .*$word" stderr || fail "no word of \"$word\": $(cat stderr)"
+done
 refuses 78 'lies outside the pupil' psf simulate --set 'optics.tilts=0.9 0.9' -o other.h5
 
 works project --psf one/psf.h5 --volume one/truth.h5 -o lfi.h5 --reduce sum --normalize none
