@@ -10,6 +10,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/bulk.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/statistics.h"
 #include <math.h>
 #include <string.h>
@@ -483,6 +484,22 @@ static void find_shared_noise(struct v2v_fusion *fusion, const float *views)
     }
 }
 
+/* What the camera cut off of frame t, `moved`, stays where it ends, which no mean is above: it has
+ * to be found there. */
+static void keep_saturated(const struct v2v_fusion *fusion, float *views)
+{
+    const int64_t pixels = fusion->height * fusion->width;
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < fusion->views; v++) {
+        const float *recorded = fusion->moved + v * pixels;
+        const float highest = v2v_saturated_value(recorded, pixels);
+        for (int64_t i = 0; isfinite(highest) && i < pixels; i++) {
+            float *mean = &views[v * pixels + i];
+            *mean = recorded[i] == highest || *mean > highest ? highest : *mean; /* NaN stays */
+        }
+    }
+}
+
 void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
 {
     const int64_t samples = fusion->views * fusion->height * fusion->width;
@@ -491,6 +508,7 @@ void v2v_fusion_end(struct v2v_fusion *fusion, float *views)
         fusion->moved[i] = views[i];
         views[i] = fusion->sum[i] / fusion->weight[i];
     }
+    keep_saturated(fusion, views);
     if (fusion->has_blind) {
         v2v_blind_leave(views, fusion->blind, samples);
     }

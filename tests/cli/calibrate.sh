@@ -36,6 +36,14 @@ works simulate --psf few.h5 --scene neurons --size 128 -o few_rec.h5 --noise gau
     --calibration few.yaml
 works calibrate --psf few.h5 --input few_rec.h5 -o few_cal.yaml
 grep -q '3 views: by so few others' stderr || fail "what is said of three views: $(cat stderr)"
+works simulate --psf few.h5 --scene neurons --size 48 -o small.h5 --noise gaussian:0.02 \
+    --calibration few.yaml
+works calibrate --psf few.h5 --input small.h5 -o small.yaml
+grep -q '48 x 48 pixels: by so few' stderr || fail "what is said of a small frame: $(cat stderr)"
+works simulate --psf few.h5 --scene neurons --size 128 -o cut_off.h5 --noise camera:600:100 \
+    --calibration few.yaml
+works calibrate --psf few.h5 --input cut_off.h5 -o cut_off.yaml
+grep -q 'saturated samples, up to [0-9.]* % of a view, are left out' stderr || fail "$(cat stderr)"
 works simulate --psf psf.h5 --scene neurons --size 64 -o seen.h5 --noise gaussian:0.05 \
     --calibration spoil.yaml
 works deconvolve --psf psf.h5 --input seen.h5 -o dim.h5

@@ -8,6 +8,7 @@
 #include "v2v3d/method/fusion.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { VIEWS = 2, HEIGHT = 60, WIDTH = 71, PIXELS = HEIGHT * WIDTH, SAMPLES = VIEWS * PIXELS };
 enum { FRAMES = 5 };
@@ -43,6 +44,7 @@ static void fuse_frames(float *to, float (*of)[SAMPLES], int count, int is_align
     for (int u = 1; u <= count; u++) {
         v2v_fusion_add(fusion, of[0], is_aligned ? v2v_fusion_align(fusion, of[0], of[u]) : of[u]);
     }
+    memcpy(to, of[0], sizeof *of);
     v2v_fusion_end(fusion, to);
     v2v_fusion_destroy(&fusion);
 }

@@ -531,6 +531,26 @@ static void what_flashes_moves_nothing(void **state)
     }
 }
 
+/* A spot that the camera cuts off is found there in the mean, and the mean is nowhere above. */
+static void what_is_cut_off_stays_cut_off(void **state)
+{
+    (void)state;
+    const float most = 150.0f;
+    int64_t saturated = 0;
+    make_spots(60.0, 0.0, 0.0, 0);
+    for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
+        float *sample = &frames[i / SAMPLES][i % SAMPLES];
+        *sample = fminf(*sample, most);
+    }
+    fuse(fused, frames, FRAMES - 1);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        saturated += frames[0][i] == most;
+        assert_true(fused[i] <= most && (frames[0][i] < most || fused[i] == most));
+    }
+    assert_true(saturated > 100);
+    assert_true(sigma_of(fused) < 0.7 * sigma_of(frames[0]));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -545,6 +565,7 @@ int main(void)
         cmocka_unit_test(what_flashes_moves_nothing),
         cmocka_unit_test(samples_say_how_many_frames_they_are_of),
         cmocka_unit_test(weights_do_not_depend_on_the_unit),
+        cmocka_unit_test(what_is_cut_off_stays_cut_off),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
