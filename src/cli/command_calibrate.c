@@ -194,6 +194,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     }
     if (rc == V2V_OK) {
         rc = v2v_fusion_read(fusion, views, recording, &scaling, 0);
+    }
+    if (rc == V2V_OK) {
         saturated = v2v_saturated_leave(views, info->views, info->height * info->width);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));

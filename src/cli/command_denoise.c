@@ -34,6 +34,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     const char *const inputs[] = {given->weights, given->input, given->clean};
     struct v2v_recording *recording = NULL, *clean = NULL;
     struct v2v_scaling scaling, of_clean = {0};
+    struct v2v_input_settings clean_input = session->config.input; /* whose gain doesn't matter */
     struct v2v_denoise_report report;
     V2V_TRY(v2v_step_output(session, given->output, inputs,
                             (int64_t)(sizeof inputs / sizeof inputs[0])));
@@ -42,7 +43,11 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_scaling_decide(&scaling, recording, &session->config.input, session->world));
     if (given->clean != NULL) {
         V2V_TRY(v2v_step_recording(session, &clean, given->clean, &any));
-        V2V_TRY(v2v_scaling_decide(&of_clean, clean, &session->config.input, session->world));
+        clean_input.gain.mode = V2V_NUMBER_NONE;
+        if (v2v_recording_info(clean)->offset != 0.0) { /* it has a zero of its own */
+            clean_input.offset.mode = V2V_NUMBER_AUTO;
+        }
+        V2V_TRY(v2v_scaling_decide(&of_clean, clean, &clean_input, session->world));
     }
     v2v_scaling_warn(&scaling, given->input, session->world);
     if (v2v_step_on_root(session)) {

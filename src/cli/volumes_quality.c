@@ -139,6 +139,7 @@ static enum v2v_status match_views(struct found *found, const struct v2v_recordi
     float *views = NULL;
     V2V_TRY(V2V_ALLOC(views, "cli.quality", samples));
     memcpy(views, found->recorded, (size_t)samples * sizeof *views);
+    v2v_saturated_cap(found->projected, views, found->views, info->height * info->width);
     V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, views,
                             found->projected, found->views, info->height, info->width));
 done:

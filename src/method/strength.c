@@ -7,6 +7,7 @@
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/smooth.h"
 
 #include <math.h>
@@ -55,8 +56,11 @@ static void add(const struct chooser *self, struct v2v_strength_sums *sums, cons
 /* One view left out: what was missed of it before, and what the correction does about it. */
 static void judge(struct chooser *self, const float *recorded, float *missed, float *correction)
 {
-    for (int64_t i = 0; i < self->square.height * self->square.width; i++) {
-        const int is_seen = recorded[i] != V2V_BLIND;
+    const int64_t pixels = self->square.height * self->square.width;
+    const float highest = v2v_saturated_value(recorded, pixels);
+    for (int64_t i = 0; i < pixels; i++) {
+        const int is_above = recorded[i] == highest && missed[i] > highest;
+        const int is_seen = recorded[i] != V2V_BLIND && !is_above;
         correction[i] = is_seen ? correction[i] - missed[i] : 0.0f;
         missed[i] = is_seen ? recorded[i] - missed[i] : 0.0f;
     }

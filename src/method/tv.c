@@ -428,7 +428,8 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         v2v_watchdog_beat("an iteration of total variation");
         v2v_data_step_advance(self->step, self->planes.volume, relax);
         if (i % EXTEND_EVERY == 0) {
-            estimator->misfit.missed = sqrt(v2v_data_step_extend(self->step) / variance);
+            const double squares = v2v_data_step_extend(self->step);
+            estimator->misfit.missed = variance > 0.0 ? sqrt(squares / variance) : 0.0;
             tolerance = tolerance_of(self, estimator->misfit.missed);
         }
         v2v_tv_planes_step(&self->planes, &self->steps);

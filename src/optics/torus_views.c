@@ -127,10 +127,21 @@ void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samp
     memcpy(views->recorded, samples, (size_t)v2v_torus_views_samples(views) * sizeof *samples);
 }
 
+/* Bounds without the light around are not kept: what is saturated is light then. */
+static void forget_saturated(const struct v2v_torus_views *views)
+{
+    for (int64_t v = 0; v < views->views; v++) {
+        views->highest[v] = INFINITY;
+    }
+}
+
 void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen)
 {
     const int64_t samples = v2v_torus_views_samples(views);
     const float *inside = views->missed;
+    if (views->around == NULL) {
+        forget_saturated(views);
+    }
     float *around = views->around != NULL ? views->around : views->missed;
     float *recorded = views->recorded;
 #pragma omp parallel for simd schedule(static)

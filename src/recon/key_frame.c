@@ -11,6 +11,9 @@
 /* Pixels of a square's side; frames that are compared, and that may become the key frame. */
 enum { SIDE = 8, COMPARED = 3, LOOKED_AT = 4 };
 
+/* One is fewer than half of them. */
+enum { LEAST_VIEWS = 3 };
+
 /* What a view differs by is more than noise makes, in standard deviations, more than this part of
  * its light, and so many times what half of the views change by. */
 static const double certain = 5.0, least_part = 0.1, unlike_others = 2.0;
@@ -159,6 +162,9 @@ enum v2v_status v2v_key_frames_choose(struct v2v_key_frames *keys, int64_t *key,
     const int64_t apart = v2v_larger(info->apart, 1); /* frames that share no pages */
     const int64_t end = info->frames + info->after;
     *key = first;
+    if (count < 2 || keys->views < LEAST_VIEWS) {
+        return V2V_OK;
+    }
     for (int64_t i = 0; i < v2v_smaller(count, LOOKED_AT); i++) {
         const int64_t t = first + i;
         const int64_t later = v2v_smaller((end - 1 - t) / apart, COMPARED - 1);

@@ -2,15 +2,17 @@
 
 #include <math.h>
 
-/* Pixels of a plateau at least, and times those of the value below it. */
-enum { LEAST = 10, TIMES_NEXT = 2 };
+/* Pixels of a plateau at least, times those of the value below it, and the part of all that is no
+ * plateau but a level of coarse counts. */
+enum { LEAST = 10, TIMES_NEXT = 2, MOST_PART = 2 };
 
 /* @param value out: the highest @return how many have it, if it is where the camera ends; else 0 */
 static int64_t count_of(float *value, const float *views, int64_t count)
 {
     float highest = -INFINITY, next = -INFINITY;
-    int64_t at_highest = 0, at_next = 0;
+    int64_t at_highest = 0, at_next = 0, seen = 0;
     for (int64_t i = 0; i < count; i++) {
+        seen += views[i] != V2V_BLIND;
         if (views[i] > highest) {
             next = highest;
             at_next = at_highest;
@@ -26,8 +28,9 @@ static int64_t count_of(float *value, const float *views, int64_t count)
         }
     }
     *value = highest;
-    return at_next > 0 && at_highest >= LEAST && at_highest / TIMES_NEXT >= at_next ? at_highest
-                                                                                    : 0;
+    const int is_plateau = next > V2V_BLIND && at_highest >= LEAST &&
+                           at_highest / TIMES_NEXT >= at_next && at_highest < seen / MOST_PART;
+    return is_plateau ? at_highest : 0;
 }
 
 int64_t v2v_saturated_pixels(const float *views, int64_t count)
@@ -48,6 +51,19 @@ int64_t v2v_saturated_leave(float *views, int64_t count, int64_t pixels)
         most = saturated > most ? saturated : most;
     }
     return most;
+}
+
+void v2v_saturated_cap(float *projected, const float *views, int64_t count, int64_t pixels)
+{
+#pragma omp parallel for schedule(static)
+    for (int64_t v = 0; v < count; v++) {
+        const float *view = views + v * pixels;
+        const float highest = v2v_saturated_value(view, pixels);
+        float *seen = projected + v * pixels;
+        for (int64_t i = 0; isfinite(highest) && i < pixels; i++) {
+            seen[i] = view[i] == highest && seen[i] > highest ? highest : seen[i];
+        }
+    }
 }
 
 float v2v_saturated_value(const float *views, int64_t count)

@@ -52,7 +52,8 @@ const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views,
  *  @source REFERENCE.md 12 */
 void v2v_fusion_add(struct v2v_fusion *fusion, const float *views, const float *neighbour);
 
-/** The weighted mean. @kind Local, no allocation. @param views [v,y,x] in: the frame's; out */
+/** The weighted mean; saturated samples of the frame (tensor/saturation.h) stay, and none is above.
+ *  @kind Local, no allocation. @param views [v,y,x] in: the frame's; out */
 void v2v_fusion_end(struct v2v_fusion *fusion, float *views);
 
 /** Of the views that _end or _read gave last, until the next begin or read; NULL: they are of one

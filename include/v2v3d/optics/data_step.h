@@ -162,7 +162,7 @@ void v2v_data_step_gather(struct v2v_data_step *step, float *whole, const float 
  *  y as recorded: without weights */
 double v2v_data_step_extend(struct v2v_data_step *step);
 
-/** Samples that are known, all views, of all ranks. @kind Local. */
+/** Samples that are known, all views, of all ranks; saturated ones are not. @kind Local. */
 int64_t v2v_data_step_known(const struct v2v_data_step *step);
 
 /** Pixels of the side of a square of v2v_data_step_coarse. */

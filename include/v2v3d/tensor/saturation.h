@@ -9,7 +9,8 @@ extern "C" {
 #endif
 
 /** Pixels that the camera cut off: those at the highest value, if they are at least 10 and two
- *  times as many as at the next lower one; else 0. Counts of light thin out towards their end.
+ *  times as many as at the next lower one, and less than half of all; else 0. Counts of light thin
+ *  out towards their end. Blind samples (tensor/blind.h) are none.
  *  @kind Local. */
 int64_t v2v_saturated_pixels(const float *views, int64_t count);
 
@@ -19,6 +20,10 @@ float v2v_saturated_value(const float *views, int64_t count);
 /** Saturated samples of each view become V2V_BLIND. @kind Local. @param views [count,pixels]
  *  @return how many of the view that has most */
 int64_t v2v_saturated_leave(float *views, int64_t count, int64_t pixels);
+
+/** What a camera that ends where these views do shows of their projections: no more than they have
+ *  where they are saturated. @kind Local. @param projected, views [count,pixels] */
+void v2v_saturated_cap(float *projected, const float *views, int64_t count, int64_t pixels);
 
 /** What a prediction leaves of a sample: nothing of a blind one (tensor/blind.h), nor of a
  *  saturated one that it is above. @kind Local. @param highest as v2v_saturated_value says */
