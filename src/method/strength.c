@@ -6,7 +6,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/par/watchdog.h"
-#include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/smooth.h"
 
@@ -59,10 +58,9 @@ static void judge(struct chooser *self, const float *recorded, float *missed, fl
     const int64_t pixels = self->square.height * self->square.width;
     const float highest = v2v_saturated_value(recorded, pixels);
     for (int64_t i = 0; i < pixels; i++) {
-        const int is_above = recorded[i] == highest && missed[i] > highest;
-        const int is_seen = recorded[i] != V2V_BLIND && !is_above;
-        correction[i] = is_seen ? correction[i] - missed[i] : 0.0f;
-        missed[i] = is_seen ? recorded[i] - missed[i] : 0.0f;
+        const int tells = v2v_sample_tells(recorded[i], missed[i], highest);
+        correction[i] = tells ? correction[i] - missed[i] : 0.0f;
+        missed[i] = tells ? recorded[i] - missed[i] : 0.0f;
     }
     add(self, &self->all, missed, correction);
     keep_fine(self, missed);

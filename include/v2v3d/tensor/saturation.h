@@ -25,14 +25,17 @@ int64_t v2v_saturated_leave(float *views, int64_t count, int64_t pixels);
  *  where they are saturated. @kind Local. @param projected, views [count,pixels] */
 void v2v_saturated_cap(float *projected, const float *views, int64_t count, int64_t pixels);
 
-/** What a prediction leaves of a sample: nothing of a blind one (tensor/blind.h), nor of a
- *  saturated one that it is above. @kind Local. @param highest as v2v_saturated_value says */
+/** Does a sample tell against a prediction? A blind one (tensor/blind.h) doesn't, nor a saturated
+ *  one that it is above. @kind Local. @param highest as v2v_saturated_value says */
+static inline int v2v_sample_tells(float recorded, float predicted, float highest)
+{
+    return recorded != V2V_BLIND && !(recorded == highest && predicted > recorded);
+}
+
+/** What a prediction leaves of a sample, 0 of one that doesn't tell. @kind Local. */
 static inline float v2v_rest_of(float recorded, float predicted, float highest)
 {
-    if (recorded == V2V_BLIND || (recorded == highest && predicted > recorded)) {
-        return 0.0f;
-    }
-    return recorded - predicted;
+    return v2v_sample_tells(recorded, predicted, highest) ? recorded - predicted : 0.0f;
 }
 
 #ifdef __cplusplus
