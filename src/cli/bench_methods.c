@@ -84,8 +84,8 @@ struct row {
     struct v2v_heldout heldout;
 };
 
-/* Is there a row of this name? */
-static enum v2v_status check_row(const char *name)
+/* Is there a row of this name? @param weights files of networks that there are */
+static enum v2v_status check_row(const char *name, int64_t weights)
 {
     char rows[512] = "";
     for (int i = 0; i < DECONVOLVERS + NETWORKS; i++) {
@@ -93,7 +93,9 @@ static enum v2v_status check_row(const char *name)
             i < DECONVOLVERS ? &deconvolvers[i] : &networks[i - DECONVOLVERS];
         const size_t used = strlen(rows);
         if (strcmp(name, method->name) == 0) {
-            return V2V_OK;
+            return i < DECONVOLVERS || weights > 0
+                       ? V2V_OK
+                       : V2V_FAIL(V2V_E_USAGE, "--only %s needs --weights", name);
         }
         snprintf(rows + used, sizeof rows - used, "%s%s", i > 0 ? ", " : "", method->name);
     }
@@ -231,7 +233,7 @@ static enum v2v_status prepare(struct bench *bench)
     struct v2v_psf_file psf = {0};
     struct v2v_recording *recording = NULL;
     for (int64_t i = 0; i < given->only.count; i++) {
-        V2V_TRY(check_row(given->only.item[i]));
+        V2V_TRY(check_row(given->only.item[i], given->weights.count));
     }
     V2V_TRY(v2v_step_psf(bench->session, &psf, given->psf));
     V2V_TRY(v2v_step_recording(bench->session, &recording, given->input, &psf));

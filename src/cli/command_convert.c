@@ -11,11 +11,13 @@
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 
+#include <math.h>
+
 struct arguments {
     struct v2v_common common;
-    const char *input, *output;
-    int kind;                           /* enum v2v_content */
-    struct v2v_storage_options storage; /* of volumes */
+    const char *input, *output, *frames; /* FIRST:COUNT; NULL: all */
+    int kind;                            /* enum v2v_content */
+    struct v2v_storage_options storage;  /* of volumes */
 };
 
 static const struct v2v_option options[] = {
@@ -30,12 +32,34 @@ static const struct v2v_option options[] = {
      .help = "of the content; a TIFF stack with --views, or with channels and no slices, is a "
              "recording, else a volume",
      .initial = "auto"},
+    V2V_OPTION_FRAMES(struct arguments, frames,
+                      "these of a volume or recording, from 0; fewer where they end"),
     V2V_OPTIONS_STORAGE(struct arguments, storage),
     V2V_OPTIONS_PAGES,
     V2V_OPTION_SLICES,
     V2V_OPTIONS_INPUT,
     V2V_OPTIONS_SIZES,
     {0}};
+
+/* The frames that are asked for. Collective(world). */
+static enum v2v_status open_volume(struct v2v_volume **volume, const struct arguments *given,
+                                   const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    struct v2v_part frames;
+    V2V_TRY(v2v_step_frames(&frames, given->frames));
+    V2V_TRY(v2v_volume_open(volume, given->input, &session->config.input, session->world));
+    V2V_TRY(v2v_volume_cut(*volume, frames.first, frames.count));
+    for (int64_t t = 0; t < v2v_volume_info(*volume)->frames; t++) {
+        if (!v2v_volume_has(*volume, t)) {
+            V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                             "%s: frame %lld was never finished; --frames FIRST:COUNT takes others",
+                             given->input, (long long)(frames.first + t)));
+        }
+    }
+done:
+    return rc;
+}
 
 /* What rank 0 converts while the others hear its beats. */
 struct bdv {
@@ -60,7 +84,7 @@ static enum v2v_status convert_to_bdv(const struct arguments *given,
     V2V_TRY(v2v_bdv_data_name(data, given->output));
     V2V_TRY(v2v_storage_settle(&bdv.storage, &given->storage, given->output));
     V2V_TRY(v2v_step_output(session, data, &given->input, 1));
-    V2V_TRY(v2v_volume_open(&bdv.volume, given->input, &session->config.input, session->world));
+    V2V_TRY(open_volume(&bdv.volume, given, session));
     V2V_TRY(v2v_agreement_alone(session->world, write_bdv, &bdv));
 done:
     v2v_volume_close(&bdv.volume);
@@ -75,14 +99,17 @@ static enum v2v_status convert_volume(const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     float *slices = NULL;
     struct v2v_origin origin;
+    struct v2v_part frames;
     struct v2v_attribute attributes[2 + V2V_ORIGIN_ATTRIBUTES] = {
         {.name = "program", .text = "v2v3d " V2V_VERSION},
         {.name = "command_line", .text = session->command_line}};
     if (v2v_bdv_is_name(given->output)) {
         return convert_to_bdv(given, session);
     }
-    V2V_TRY(v2v_volume_open(&volume, given->input, &session->config.input, session->world));
+    V2V_TRY(open_volume(&volume, given, session));
     V2V_TRY(v2v_origin_read(&origin, given->input, session));
+    V2V_TRY(v2v_step_frames(&frames, given->frames));
+    origin.first_frame += origin.first_frame >= 0 ? frames.first : 0;
     const int64_t described = 2 + v2v_origin_attributes(attributes + 2, &origin);
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     struct v2v_volume_info written = *info;
@@ -180,11 +207,14 @@ static enum v2v_status convert_recording(const struct arguments *given,
     enum v2v_status rc = V2V_OK;
     struct v2v_recording *recording = NULL;
     float *views = NULL;
+    struct v2v_part frames;
+    V2V_TRY(v2v_step_frames(&frames, given->frames));
     if (v2v_bdv_is_name(given->output)) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: only volumes are written for BigDataViewer (.xml)",
                          given->output));
     }
     V2V_TRY(v2v_recording_open(&recording, given->input, &session->config.input, session->world));
+    V2V_TRY(v2v_recording_cut(recording, frames.first, frames.count));
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     rc = V2V_ALLOC(views, "convert.views", v2v_mem_product(info->views, info->height, info->width));
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -193,7 +223,7 @@ static enum v2v_status convert_recording(const struct arguments *given,
     } else {
         struct recording_tiff tiff = {given->output, recording, views};
         V2V_TRY(v2v_agreement_alone(session->world, recording_to_tiff, &tiff));
-        if (info->offset != 0.0 && v2v_step_on_root(session)) {
+        if (isfinite(info->offset) && info->offset != 0.0 && v2v_step_on_root(session)) {
             v2v_log(V2V_LOG_WARNING, "%s cannot say that its zero is %g: read it with --offset %g",
                     given->output, info->offset, info->offset);
         }
@@ -254,6 +284,30 @@ done:
     return rc;
 }
 
+/* Options of contents that this one isn't would do nothing. */
+static enum v2v_status refuse_others(const struct arguments *given, enum v2v_content content)
+{
+    static const char *const of_recordings[] = {"input.views", "input.first_view", "input.stride",
+                                                "input.layout"};
+    enum v2v_status rc = V2V_OK;
+    for (size_t i = 0; i < sizeof of_recordings / sizeof *of_recordings; i++) {
+        if ((content == V2V_CONTENT_VOLUME || content == V2V_CONTENT_PSF) &&
+            v2v_options_set(&given->common, of_recordings[i])) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: %s is of recordings (--kind recording)",
+                             given->input, of_recordings[i]));
+        }
+    }
+    if (content != V2V_CONTENT_RECORDING && content != V2V_CONTENT_VOLUME &&
+        given->frames != NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--frames: %s has none", given->input));
+    }
+    if (content != V2V_CONTENT_VOLUME) {
+        V2V_TRY(v2v_storage_refuse(&given->storage, given->input));
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
@@ -282,9 +336,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(has_views(&is_recording, given, session));
         content = is_recording ? V2V_CONTENT_RECORDING : V2V_CONTENT_VOLUME;
     }
-    if (content != V2V_CONTENT_VOLUME) {
-        V2V_TRY(v2v_storage_refuse(&given->storage, given->input));
-    }
+    V2V_TRY(refuse_others(given, content));
     switch (content) {
     case V2V_CONTENT_VOLUME:
         V2V_TRY(convert_volume(given, session));

@@ -10,6 +10,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 struct arguments {
     struct v2v_common common;
@@ -70,6 +71,33 @@ done:
     return rc;
 }
 
+static const char *const made[] = {"config.yaml", "psf.h5",       "truth.h5",      "recording.h5",
+                                   "run",         "volume.h5",    "rld.h5",        "rld_best.h5",
+                                   "results.txt", "results.json", "comparison.png"};
+
+/* None of what a demo makes may be there. Rank 0. */
+static enum v2v_status check_folder(const struct v2v_demo *demo)
+{
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    if (strstr(demo->folder, "%n") != NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                         "%s: in names of outputs %%n stands for that of a recording; choose "
+                         "another folder",
+                         demo->folder));
+    }
+    for (size_t i = 0; i < sizeof made / sizeof made[0] && !demo->session->force; i++) {
+        V2V_TRY(v2v_demo_path(path, demo, made[i]));
+        if (v2v_file_exists(path)) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE,
+                             "%s: holds a demo already, or another %s; --force makes it anew",
+                             demo->folder, made[i]));
+        }
+    }
+done:
+    return rc;
+}
+
 /* Others may not make a demo there meanwhile. */
 static enum v2v_status open_folder(struct v2v_demo *demo)
 {
@@ -81,10 +109,7 @@ static enum v2v_status open_folder(struct v2v_demo *demo)
         V2V_TRY(v2v_file_make_folder(demo->folder));
         V2V_TRY(v2v_demo_path(path, demo, "config.yaml"));
         V2V_TRY(v2v_file_lock_output(&demo->lock, demo->lock_name, path));
-        if (v2v_file_exists(path) && !session->force) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: holds a demo already; --force makes it anew",
-                             demo->folder));
-        }
+        V2V_TRY(check_folder(demo));
         V2V_TRY(v2v_config_text(&text, &session->config, NULL, 0));
         V2V_TRY(v2v_file_write_text(path, text));
     }

@@ -5,6 +5,7 @@
 #include "v2v3d/method/networks.h"
 #include "v2v3d/recon/denoise.h"
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 
 struct arguments {
@@ -44,7 +45,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (given->clean != NULL) {
         V2V_TRY(v2v_step_recording(session, &clean, given->clean, &any));
         clean_input.gain.mode = V2V_NUMBER_NONE;
-        if (v2v_recording_info(clean)->offset != 0.0) { /* it has a zero of its own */
+        if (!isnan(v2v_recording_info(clean)->offset)) { /* it has a zero of its own */
             clean_input.offset.mode = V2V_NUMBER_AUTO;
         }
         V2V_TRY(v2v_scaling_decide(&of_clean, clean, &clean_input, session->world));

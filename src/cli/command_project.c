@@ -8,6 +8,8 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/statistics.h"
 
+#include <math.h>
+
 struct arguments {
     struct v2v_common common;
     const char *psf, *calibration, *volume, *input, *output;
@@ -103,7 +105,8 @@ static double stated_offset(const struct v2v_session *session,
 {
     const struct v2v_number *offset = &session->config.input.offset;
     if (offset->mode == V2V_NUMBER_AUTO) {
-        return v2v_recording_info(recording)->offset;
+        const double stated = v2v_recording_info(recording)->offset;
+        return isnan(stated) ? 0.0 : stated;
     }
     return offset->mode == V2V_NUMBER_GIVEN ? offset->value : 0.0;
 }

@@ -104,15 +104,11 @@ static enum v2v_status check_plain(const char *option, const char *text)
 
 static enum v2v_status check_array(const struct arguments *given)
 {
-    int has_pattern = 0;
     for (int i = 0; i < given->words.count; i++) {
-        const char *word = given->words.item[i];
-        if (strpbrk(word, "\r\n") != NULL) {
+        if (strpbrk(given->words.item[i], "\r\n") != NULL) {
             return V2V_FAIL(V2V_E_USAGE,
                             "an argument holds a line break, which no script can hand on");
         }
-        has_pattern |=
-            strstr(word, "%a") != NULL || (given->list != NULL && strstr(word, "%n") != NULL);
     }
     if (!is_array(given)) {
         return given->array != NULL || given->each > 0 || given->list != NULL
@@ -128,11 +124,6 @@ static enum v2v_status check_array(const struct arguments *given)
     }
     if ((given->each > 0) == (given->list != NULL)) {
         return V2V_FAIL(V2V_E_USAGE, "an array needs --each N or --list FILE, one of them");
-    }
-    if (!has_pattern) {
-        return V2V_FAIL(V2V_E_USAGE,
-                        "all tasks would write one file: the output's name needs %%a "
-                        "(the task's number) or %%n (of --list: the recording's name)");
     }
     return V2V_OK;
 }
@@ -155,17 +146,47 @@ done:
     return rc;
 }
 
-/* The file that `command` writes by these arguments, or NULL. */
-static const char *output_of(const struct v2v_command *command, const struct v2v_common *parsed)
+/* Where `command` keeps an option of these arguments, or NULL. */
+static const void *value_of(const struct v2v_command *command, const struct v2v_common *parsed,
+                            const char *name)
 {
     for (const struct v2v_option *o = command->options; o->kind != V2V_OPTION_END; o++) {
-        if (o->name != NULL && strcmp(o->name, "output") == 0) {
-            const char *path = NULL;
-            memcpy(&path, (const char *)parsed + o->at, sizeof path);
-            return path;
+        if (o->name != NULL && strcmp(o->name, name) == 0) {
+            return (const char *)parsed + o->at;
         }
     }
     return NULL;
+}
+
+static const char *text_of(const struct v2v_command *command, const struct v2v_common *parsed,
+                           const char *name)
+{
+    const void *value = value_of(command, parsed, name);
+    return value != NULL ? *(const char *const *)value : NULL;
+}
+
+/* What a task is told last would be all that counts of frames, and is added to inputs. */
+static enum v2v_status check_tasks(const struct arguments *given, const struct v2v_command *command,
+                                   const struct v2v_common *parsed)
+{
+    const char *output = text_of(command, parsed, "output");
+    const struct v2v_words *inputs = value_of(command, parsed, "input");
+    if (!is_array(given)) {
+        return V2V_OK;
+    }
+    if (strstr(output, "%a") == NULL && (given->list == NULL || strstr(output, "%n") == NULL)) {
+        return V2V_FAIL(V2V_E_USAGE,
+                        "%s: all tasks would write one file: the output's name needs %%a "
+                        "(the task's number) or %%n (of --list: the recording's name)",
+                        output);
+    }
+    if (given->each > 0 && text_of(command, parsed, "frames") != NULL) {
+        return V2V_FAIL(V2V_E_USAGE, "--frames: each task has its own, by --each");
+    }
+    if (given->list != NULL && inputs->count > 1) {
+        return V2V_FAIL(V2V_E_USAGE, "--input: each task has its own, by --list");
+    }
+    return V2V_OK;
 }
 
 /* What the job would say to its arguments, before it waits in a queue. Rank 0.
@@ -196,7 +217,8 @@ static enum v2v_status check_words(const struct arguments *given, struct v2v_con
         V2V_TRY(v2v_config_load(of_job, parsed->config));
     }
     V2V_TRY(v2v_options_apply(parsed, of_job));
-    const char *output = output_of(command, parsed);
+    V2V_TRY(check_tasks(given, command, parsed));
+    const char *output = text_of(command, parsed, "output");
     if (output != NULL && v2v_file_kind_of_name(output) == V2V_FILE_TIFF) {
         V2V_TRY(
             V2V_FAIL(V2V_E_USAGE,

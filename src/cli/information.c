@@ -156,7 +156,7 @@ enum v2v_status v2v_inform_recording(struct v2v_report *report, const char *path
     v2v_report_count(report, "height", info->height);
     v2v_report_count(report, "width", info->width);
     add_lengths(report, info->pixel_size_um, 0.0, info->frame_interval_s);
-    if (info->offset != 0.0) {
+    if (!isnan(info->offset)) {
         v2v_report_number(report, "offset", info->offset, "");
     }
     V2V_TRY(figures_of_recording(report, file, frame));

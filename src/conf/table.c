@@ -108,7 +108,7 @@ const struct v2v_key v2v_key_table[] = {
     REAL(input, slice_spacing_um, 0.0, 1e6, 0.0, "um; 0: as the file says, or the PSFs"),
     REAL(input, frame_interval_s, 0.0, 1e9, 0.0, "s; 0: as the file says"),
     NUMBER(input, offset, offset, V2V_NUMBER_AUTO, -1e9, 1e9,
-           "subtracted; auto: as the file states, else 32767 when the mean is above"),
+           "subtracted; auto: as the file states, else 32767 of what looks like signed counts"),
     NUMBER(input, gain, gain, V2V_NUMBER_AUTO, 1e-12, 1e12,
            "multiplied on; auto: the recording's mean becomes 0.2"),
     WORD(input, hot_pixels, V2V_HOT_PIXELS_MEND,

@@ -8,6 +8,7 @@
 #include "v2v3d/tensor/hot_pixels.h"
 #include "v2v3d/tensor/warp.h"
 
+#include <math.h>
 #include <string.h>
 
 /* A view with distortion and without, and what taking it out needs. */
@@ -106,7 +107,7 @@ static enum v2v_status read_metadata(struct v2v_recording *recording,
     const struct v2v_stack *stack = &recording->stack;
     const hid_t set = stack->array.set;
     int64_t pages_per_step = stack->images;
-    int found = 0;
+    int has_offset = 0;
     if (stack->is_tiff) {
         info->pixel_size_um = stack->pixel_size_um;
         info->frame_interval_s = stack->frame_interval_s;
@@ -114,8 +115,9 @@ static enum v2v_status read_metadata(struct v2v_recording *recording,
     } else {
         V2V_TRY(v2v_h5_get_length(&info->pixel_size_um, set, stack->path, "pixel_size_um"));
         V2V_TRY(v2v_h5_get_length(&info->frame_interval_s, set, stack->path, "frame_interval_s"));
-        V2V_TRY(v2v_h5_get_numbers(&info->offset, &found, set, stack->path, "offset", 1));
+        V2V_TRY(v2v_h5_get_numbers(&info->offset, &has_offset, set, stack->path, "offset", 1));
     }
+    info->offset = has_offset ? info->offset : (double)NAN;
     /* Of a row of slices alone the interval is that of frames which the row does not show. */
     const int is_known = recording->stride == pages_per_step || stack->axes.frames > 1;
     info->frame_interval_s *= is_known ? (double)recording->stride / (double)pages_per_step : 0.0;

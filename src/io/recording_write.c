@@ -4,6 +4,8 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/recording.h"
 
+#include <math.h>
+
 struct v2v_recording_writer {
     struct v2v_h5_writer *h5;
 };
@@ -15,14 +17,15 @@ static enum v2v_status describe(hid_t file, const char *path, const void *contex
     const struct {
         const char *name;
         double value;
-    } stated[] = {{"pixel_size_um", info->pixel_size_um},
-                  {"frame_interval_s", info->frame_interval_s},
-                  {"offset", info->offset}};
+        int is_stated; /* bool */
+    } attributes[] = {{"pixel_size_um", info->pixel_size_um, info->pixel_size_um != 0.0},
+                      {"frame_interval_s", info->frame_interval_s, info->frame_interval_s != 0.0},
+                      {"offset", info->offset, !isnan(info->offset)}};
     hid_t set = H5Dopen2(file, v2v_h5_views.dataset, H5P_DEFAULT);
     V2V_TRY(v2v_h5_set_text(set, path, "axes", v2v_h5_views.axes));
-    for (size_t i = 0; i < sizeof stated / sizeof stated[0]; i++) {
-        if (stated[i].value != 0.0) {
-            V2V_TRY(v2v_h5_set_numbers(set, path, stated[i].name, &stated[i].value, 1));
+    for (size_t i = 0; i < sizeof attributes / sizeof attributes[0]; i++) {
+        if (attributes[i].is_stated) {
+            V2V_TRY(v2v_h5_set_numbers(set, path, attributes[i].name, &attributes[i].value, 1));
         }
     }
 done:

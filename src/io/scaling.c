@@ -18,6 +18,10 @@
 #define LARGEST_COUNT 65535.0
 #define TARGET_MEAN 0.2
 
+/* Of the brightest light, that dark signed counts may lie below their zero, as they do where a
+ * background was subtracted. */
+#define MOST_BELOW 0.1
+
 /* A mean that is less than this part of the samples' root mean square is what a subtracted
  * background left: rounding would decide its sign. Light in a millionth of dark samples, less than
  * the PSFs of one point take of a frame, is as much. */
@@ -108,6 +112,14 @@ done:
     return rc;
 }
 
+/* What is that far below their zero was never dark. */
+static int are_signed(const struct statistics *statistics)
+{
+    const double brightest = statistics->largest - SIGNED_ZERO, dark = statistics->pedestal;
+    const int is_far_below = dark > 0.0 && SIGNED_ZERO - dark > MOST_BELOW * brightest;
+    return statistics->mean > SIGNED_ZERO && statistics->largest <= LARGEST_COUNT && !is_far_below;
+}
+
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm)
@@ -117,14 +129,16 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     *scaling = (struct v2v_scaling){.calibration = v2v_recording_calibration(recording)};
     scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
     scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
-    if (settings->offset.mode == V2V_NUMBER_AUTO) {
-        scaling->offset = v2v_recording_info(recording)->offset;
+    const double stated = v2v_recording_info(recording)->offset;
+    const int guess = settings->offset.mode == V2V_NUMBER_AUTO && isnan(stated);
+    if (settings->offset.mode == V2V_NUMBER_AUTO && !guess) {
+        scaling->offset = stated;
     }
-    const int guess = settings->offset.mode == V2V_NUMBER_AUTO && scaling->offset == 0.0;
     if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
         V2V_TRY(measure(&statistics, recording, scaling->offset, comm));
     }
-    if (guess && statistics.mean > SIGNED_ZERO && statistics.largest <= LARGEST_COUNT) {
+    scaling->is_guessed = guess && are_signed(&statistics);
+    if (scaling->is_guessed) {
         scaling->offset = SIGNED_ZERO;
     } else if (guess) {
         scaling->pedestal = statistics.pedestal;
@@ -149,7 +163,16 @@ done:
 void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording,
                       const struct v2v_comm *comm)
 {
-    if (scaling->pedestal > 0.0 && v2v_comm_rank(comm) == 0) {
+    if (v2v_comm_rank(comm) != 0) {
+        return;
+    }
+    if (scaling->is_guessed) {
+        v2v_log(V2V_LOG_WARNING,
+                "%s: %g is subtracted, the zero of signed counts, which most are above; "
+                "--offset none says that it is light",
+                recording, scaling->offset);
+    }
+    if (scaling->pedestal > 0.0) {
         v2v_log(V2V_LOG_WARNING,
                 "%s is hardly anywhere darker than %.4g: if that is the camera's zero, subtract it "
                 "(--offset %.4g); --offset none says that it is light",

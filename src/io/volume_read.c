@@ -1,6 +1,7 @@
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "io/stack.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/volume.h"
@@ -9,6 +10,7 @@
 struct v2v_volume {
     struct v2v_volume_info info;
     struct v2v_stack stack;
+    int64_t before;     /* frames that a cut left out */
     float scale;        /* of integers: the step that a TIFF states, or 1 / their maximum */
     uint8_t *done;      /* [t]; NULL: the file doesn't say, all frames count */
     uint64_t *checksum; /* [t]; NULL: the file has none */
@@ -168,7 +170,20 @@ done:
 
 int v2v_volume_has(const struct v2v_volume *volume, int64_t t)
 {
-    return volume->done == NULL || volume->done[t] != 0;
+    return volume->done == NULL || volume->done[volume->before + t] != 0;
+}
+
+enum v2v_status v2v_volume_cut(struct v2v_volume *volume, int64_t first, int64_t count)
+{
+    struct v2v_volume_info *info = &volume->info;
+    V2V_ASSERT(first >= 0 && count > 0);
+    if (first >= info->frames) {
+        return V2V_FAIL(V2V_E_INPUT, "%s: there is no frame %lld: it has %lld, from 0",
+                        volume->stack.path, (long long)first, (long long)info->frames);
+    }
+    info->frames = v2v_smaller(count, info->frames - first);
+    volume->before += first;
+    return V2V_OK;
 }
 
 const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume)
@@ -201,14 +216,15 @@ enum v2v_status v2v_volume_read(struct v2v_volume *volume, float *out, int64_t t
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_volume_info *info = &volume->info;
+    const int64_t frame = volume->before + t;
     V2V_ASSERT(t >= 0 && t < info->frames && first >= 0 && count >= 0 &&
                first + count <= info->slices);
-    if (volume->done != NULL && volume->done[t] == 0) {
+    if (!v2v_volume_has(volume, t)) {
         V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: /done: frame %lld was never finished",
-                         volume->stack.path, (long long)t));
+                         volume->stack.path, (long long)frame));
     }
-    V2V_TRY(verify(volume, t));
-    V2V_TRY(v2v_stack_read(&volume->stack, out, t * info->slices + first, count));
+    V2V_TRY(verify(volume, frame));
+    V2V_TRY(v2v_stack_read(&volume->stack, out, frame * info->slices + first, count));
     if (volume->scale != 1.0f) {
         const int64_t elements = count * info->height * info->width;
         for (int64_t i = 0; i < elements; i++) {

@@ -375,6 +375,14 @@ done:
     return rc;
 }
 
+/* What is written has the zero that was subtracted; what nothing tells stays untold. */
+static double zero_of(const struct v2v_denoise_job *job)
+{
+    const int is_stated = !isnan(v2v_recording_info(job->recording)->offset);
+    const int is_auto = job->config->input.offset.mode == V2V_NUMBER_AUTO;
+    return !is_auto || is_stated || job->scaling->is_guessed ? job->scaling->offset : (double)NAN;
+}
+
 enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
                                 struct v2v_denoise_report *result, const struct v2v_comm *comm)
 {
@@ -391,7 +399,7 @@ enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
     v2v_stop_heed_ending();
     written.before = written.after = 0;
     written.is_uint16 = 0;
-    written.offset = job->scaling->offset;
+    written.offset = zero_of(job);
     rc = check(&self);
     if (rc == V2V_OK) {
         rc = create_network(&self);

@@ -102,6 +102,25 @@ works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
 
+# Some frames of a recording or a volume; what does not apply to it is refused.
+for of in moving:/views moving_truth:/volume; do
+    name=${of%%:*}
+    works convert --input "$name.h5" --frames 1:3 -o "${name}_three.h5"
+    works convert --input "${name}_three.h5" --frames 1:9 -o "${name}_two.h5"
+    works convert --input "$name.h5" --frames 2:2 -o "${name}_last.h5"
+    same "${name}_two.h5" "${name}_last.h5" "${of#*:}"
+    works info "${name}_two.h5"
+    says ' 2 frames'
+    refuses 65 'there is no frame 4: it has 4' convert --input "$name.h5" --frames 4:1 -o none.h5
+done
+refuses 2 '--frames: one/psf.h5 has none' convert --input one/psf.h5 --frames 0:1 -o none.h5
+refuses 2 'moving_truth.h5: input.stride is of recordings' convert --input moving_truth.h5 --stride 1 -o none.h5
+
+# A zero of 0 is stated too, so that none is guessed.
+works simulate --scene neurons --psf one/psf.h5 --noise camera:500:1:0 --size 64 -o zero.h5
+works info zero.h5
+says '^offset: 0$'
+
 # In a sliding window neighbours share no page: every fifth frame is one of those of whole frames.
 works convert --input still.h5 -o still.tif
 works deconvolve --psf one/psf.h5 --input still.h5 -o whole_frame.h5 --frames 1:1 --neighbours 1 --offset none

@@ -70,8 +70,12 @@ refuses 2 'needs --array TASKS' slurm array --each 3 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 --each 3 --list l -- -o v_%a.h5
 refuses 2 "'foo' is none such as" slurm array --array foo --each 3 -- -o v_%a.h5
-refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v.h5
-refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- -o v_%n.h5
+task=(--psf p --weights w)
+refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- "${task[@]}" --input r_%a.h5 -o v.h5
+refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- "${task[@]}" --input r.h5 -o v_%n.h5
+refuses 2 '--frames: each task has its own' slurm array --array 1 --each 3 -- "${task[@]}" --input r.h5 \
+    --frames 2:7 -o v_%a.h5
+refuses 2 '--input: each task has its own' slurm array --array 1 --list l -- "${task[@]}" --input r.h5 -o v_%n.h5
 refuses 2 'holds a line break' slurm train -- "${train[@]}" --psf $'two\nlines'
 # The arguments of the job itself.
 refuses 2 'v.tif: a job that its time limit ends' slurm reconstruct -- --psf p --weights w \

@@ -86,7 +86,7 @@ struct v2v_input_settings {
     char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
     int64_t slices; /**< of a frame of a TIFF volume that does not say; 0: all pages */
     double pixel_size_um, slice_spacing_um, frame_interval_s; /**< 0: as the file says */
-    /** Subtracted from the counts; auto: as the file states, else 32767 when the mean is above. */
+    /** Subtracted from the counts; auto: as the file states, else a guess (io/scaling.h). */
     struct v2v_number offset;
     struct v2v_number gain; /**< multiplied on; auto: the recording's mean becomes 0.2 */
     int hot_pixels;         /**< enum v2v_hot_pixels */

@@ -17,7 +17,7 @@ struct v2v_recording_info {
     int64_t apart; /**< of one that is read: frames that share no page lie so many apart: 1, more
                         in a sliding window */
     double pixel_size_um, frame_interval_s; /**< 0: not stated */
-    double offset;                          /**< counts at no light; 0: none, or not stated */
+    double offset;                          /**< counts at no light; NaN: not stated */
     int is_uint16;  /**< of one to write: whole numbers 0 .. 65535; of one that is read: 0 */
     int is_one_row; /**< of one that is read: nothing tells a frame's views, all pages are one's */
 };

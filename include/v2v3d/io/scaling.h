@@ -15,13 +15,14 @@ extern "C" {
 struct v2v_scaling {
     double offset, gain;
     double pedestal; /**< counts that may be the camera's zero, though nothing says it; 0: none */
+    int is_guessed;  /**< bool: the offset is 32767, since nothing is said of one */
     const struct v2v_calibration *calibration; /**< its shading is divided out; NULL: none */
 };
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
- *  else 32767 when its mean is above it and no sample above 65535, else 0; auto gain: the mean of
- *  the recording's samples that see something, after the offset, becomes 0.2 (REFERENCE.md 1).
- *  Where auto finds 0, the pedestal is what the first frame has at least
+ *  else 32767 when its mean is above it, no sample above 65535 and nothing far below 32767, else 0;
+ *  auto gain: the mean of the recording's samples that see something, after the offset, becomes 0.2
+ *  (REFERENCE.md 1). Where nothing is stated and auto takes 0, the pedestal is what the first frame has at least
  *  (v2v_pedestal_of_images). Reads all frames once when something is auto, split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
  * makes 0.2); agreed */
@@ -29,7 +30,8 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/** A pedestal that was left, if there is one, is worth a warning, by rank 0. @kind Local.
+/** A pedestal that was left, and an offset that was guessed, are worth a warning, by rank 0.
+ *  @kind Local.
  *  @param recording what it is called */
 void v2v_scaling_warn(const struct v2v_scaling *scaling, const char *recording,
                       const struct v2v_comm *comm);

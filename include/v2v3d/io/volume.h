@@ -63,6 +63,11 @@ const struct v2v_volume_info *v2v_volume_info(const struct v2v_volume *volume);
 /** Can frame t be there? 0: it is marked as not done. @kind Local. */
 int v2v_volume_has(const struct v2v_volume *volume, int64_t t);
 
+/** From now on the volume is its frames first .. first+count-1, or fewer where it ends before.
+ *  @kind Local. @return V2V_OK | V2V_E_INPUT (no frame `first`) */
+enum v2v_status v2v_volume_cut(struct v2v_volume *volume, int64_t first,
+                               int64_t count) V2V_MUST_CHECK;
+
 /** Slices first .. first+count-1 of frame t. @kind Local. @param out [count,y,x]
  *  @return V2V_OK | V2V_E_INPUT (NaN or Inf: frame, slice, pixel; unfinished or damaged: frame)
  *  @cost a frame with a checksum is read as a whole before any of it is */

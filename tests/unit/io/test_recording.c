@@ -378,17 +378,25 @@ static void a_written_recording_is_read_back_to_the_bit(void **state)
 static void nothing_is_invented_in_the_attributes(void **state)
 {
     (void)state;
-    const struct v2v_recording_info info = {.frames = 1, .views = 1, .height = 2, .width = 2};
-    struct v2v_recording_writer *writer = NULL;
-    float views[4] = {0};
-    use("rec.h5");
-    assert_ok(v2v_recording_create(&writer, path, &info, NULL));
-    assert_ok(v2v_recording_write(writer, views, 0, 0, 1));
-    assert_ok(v2v_recording_finish(&writer));
-    assert_true(test_h5_has_attribute(path, "/views", "axes"));
-    assert_false(test_h5_has_attribute(path, "/views", "pixel_size_um"));
-    assert_false(test_h5_has_attribute(path, "/views", "frame_interval_s"));
-    assert_false(test_h5_has_attribute(path, "/views", "offset"));
+    static const double zeros[] = {0.0, (double)NAN}; /* a zero of 0 is a statement */
+    for (size_t i = 0; i < sizeof zeros / sizeof *zeros; i++) {
+        const struct v2v_recording_info info = {
+            .frames = 1, .views = 1, .height = 2, .width = 2, .offset = zeros[i]};
+        struct v2v_recording_writer *writer = NULL;
+        struct v2v_recording *recording = NULL;
+        float views[4] = {0};
+        use("rec.h5");
+        assert_ok(v2v_recording_create(&writer, path, &info, NULL));
+        assert_ok(v2v_recording_write(writer, views, 0, 0, 1));
+        assert_ok(v2v_recording_finish(&writer));
+        assert_true(test_h5_has_attribute(path, "/views", "axes"));
+        assert_false(test_h5_has_attribute(path, "/views", "pixel_size_um"));
+        assert_false(test_h5_has_attribute(path, "/views", "frame_interval_s"));
+        assert_int_equal(test_h5_has_attribute(path, "/views", "offset"), !isnan(zeros[i]));
+        assert_ok(v2v_recording_open(&recording, path, &(struct v2v_input_settings){0}, NULL));
+        assert_int_equal(isnan(v2v_recording_info(recording)->offset), isnan(zeros[i]));
+        v2v_recording_close(&recording);
+    }
 }
 
 static void an_abandoned_recording_leaves_the_old_file_alone(void **state)

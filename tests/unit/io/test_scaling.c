@@ -32,6 +32,9 @@ static const double dim[8] = {0, 1, 2, 3, 4, 5, 6, 19};       /* mean 5 */
 static const double peaked[8] = {0, 0, 0, 0, 0, 0, 0, 40000}; /* mean 5000, all 16 bits used */
 static const double raised[8] = {32767, 32767, 32767, 32767, 32767, 32767, 32767, 32767 + 8};
 
+/* Bright all over, but never as dark as signed counts are: nothing says that its zero is 32767. */
+static const double glaring[8] = {9000, 9000, 9000, 9000, 60000, 60000, 60000, 60000};
+
 static void offset_and_gain_follow_their_modes(void **state)
 {
     (void)state;
@@ -43,6 +46,7 @@ static void offset_and_gain_follow_their_modes(void **state)
         {dim, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.04},
         {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 32767, 0.2},
         {peaked, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_AUTO, 0}, 0, 4e-5},
+        {glaring, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_NONE, 0}, 0, 1},
         {raised, {V2V_NUMBER_NONE, 0}, {V2V_NUMBER_AUTO, 0}, 0, 0.2 / 32768},
         {raised, {V2V_NUMBER_AUTO, 0}, {V2V_NUMBER_NONE, 0}, 32767, 1},
         {dim, {V2V_NUMBER_GIVEN, 3}, {V2V_NUMBER_AUTO, 0}, 3, 0.1},
