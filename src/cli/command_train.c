@@ -7,6 +7,7 @@
 #include "v2v3d/base/text.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <string.h>
@@ -125,6 +126,23 @@ done:
     return rc;
 }
 
+/* What can't be learnt from is told before the first step, not when it is drawn; a frame a rank in
+ * turn. Collective. */
+static enum v2v_status check_truth(struct v2v_volume *truth, const struct v2v_session *session)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = v2v_volume_info(truth);
+    const int64_t ranks = v2v_comm_size(session->world);
+    float *voxels = NULL;
+    rc = V2V_ALLOC(voxels, "train.truth", v2v_mem_product(info->slices, info->height, info->width));
+    for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
+        v2v_watchdog_beat("reading a true volume");
+        rc = v2v_volume_read(truth, voxels, t, 0, info->slices);
+    }
+    v2v_mem_free(voxels);
+    return v2v_par_agree(session->world, rc);
+}
+
 /* Recordings, and their volumes where there are some. Collective. */
 static enum v2v_status open_material(struct material *material, const struct arguments *given,
                                      const struct v2v_session *session)
@@ -149,6 +167,7 @@ static enum v2v_status open_material(struct material *material, const struct arg
     for (int64_t i = 0; i < given->truths.count; i++) {
         V2V_TRY(v2v_step_volume(&of_truths, &material->truths[i], given->truths.item[i],
                                 &material->psf));
+        V2V_TRY(check_truth(material->truths[i], session));
     }
 done:
     return rc;
@@ -180,6 +199,21 @@ done:
     return rc;
 }
 
+/* Starting anew forgets the run that was there, which these weights may be of. Collective. */
+static enum v2v_status keep_weights(const struct arguments *given,
+                                    const struct v2v_session *session)
+{
+    static const char *const forgotten[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
+    enum v2v_status rc = V2V_OK;
+    char path[V2V_PATH_BYTES];
+    for (int i = 0; i < 2 && session->force && !given->resume; i++) {
+        V2V_TRY(v2v_text_format(path, sizeof path, "%s/%s", given->folder, forgotten[i]));
+        V2V_TRY(v2v_step_output(session, path, &given->weights, 1));
+    }
+done:
+    return rc;
+}
+
 static void close_material(struct material *material)
 {
     for (int64_t i = 0; i < material->count; i++) {
@@ -205,6 +239,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         V2V_TRY(v2v_step_psf(session, &material.psf, given->psf));
     }
     if (given->weights != NULL) {
+        V2V_TRY(keep_weights(given, session));
         V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &material.psf));
     }
     if (given->resume) {

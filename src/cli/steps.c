@@ -261,18 +261,39 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_step_adopt(struct v2v_session *session, const struct v2v_weights_info *info,
-                               const struct v2v_network_ops *ops, const char *path)
+enum psfs { NOT_KNOWN, THE_SAME, OTHERS }; /* as those of the training */
+
+/* The weight of the variation that was chosen for the PSFs of the training is none for others: it
+ * stays as it is given here, or is to be chosen. */
+static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weights_info *info,
+                             const struct v2v_network_ops *ops, const char *path, enum psfs psfs)
 {
+    static const char variation[] = "deconv.lambda";
     enum v2v_status rc = V2V_OK;
     const struct v2v_config before = session->config;
+    struct v2v_number *lambda = &session->config.deconv.lambda;
     V2V_TRY(v2v_network_adopt(&session->config, info, path));
     V2V_TRY(compare_setting(session, "model.method", &before, path));
     for (int i = 0; ops->keys[i] != NULL; i++) {
+        const int is_chosen =
+            strcmp(ops->keys[i], variation) == 0 && lambda->mode == V2V_NUMBER_GIVEN;
+        if (is_chosen && psfs == OTHERS && v2v_step_on_root(session)) {
+            v2v_log(V2V_LOG_INFO, "%s: was trained with other PSFs: its %s is not taken over", path,
+                    variation);
+        }
+        if (is_chosen && psfs != THE_SAME) {
+            *lambda = before.deconv.lambda;
+        }
         V2V_TRY(compare_setting(session, ops->keys[i], &before, path));
     }
 done:
     return rc;
+}
+
+enum v2v_status v2v_step_adopt(struct v2v_session *session, const struct v2v_weights_info *info,
+                               const struct v2v_network_ops *ops, const char *path)
+{
+    return adopt(session, info, ops, path, THE_SAME);
 }
 
 enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_network_ops **ops,
@@ -290,7 +311,7 @@ enum v2v_status v2v_step_network(struct v2v_session *session, const struct v2v_n
                          "%s: the network '%s' makes volumes (v2v3d reconstruct), no views", path,
                          (*ops)->name));
     }
-    V2V_TRY(v2v_step_adopt(session, &info, *ops, path));
+    V2V_TRY(adopt(session, &info, *ops, path, NOT_KNOWN));
 done:
     return rc;
 }
@@ -308,13 +329,14 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
                          " slices, but the PSFs have %" PRId64 " and %" PRId64,
                          path, info->views, info->slices, psf->views, psf->slices));
     }
-    if (!is_any && v2v_step_on_root(session) && !v2v_weights_suit(info, v2v_psf_file_sum(psf))) {
+    const int is_elsewhere = psf->views > 0 && !v2v_weights_suit(info, v2v_psf_file_sum(psf));
+    if (!is_any && v2v_step_on_root(session) && is_elsewhere) {
         v2v_log(V2V_LOG_WARNING,
                 "%s: its network was trained with other PSFs than these, or with these normalised "
                 "otherwise: volumes are wrong where that matters",
                 path);
     }
-    V2V_TRY(v2v_step_adopt(session, info, ops, path));
+    V2V_TRY(adopt(session, info, ops, path, is_elsewhere ? OTHERS : THE_SAME));
 done:
     return rc;
 }

@@ -45,7 +45,22 @@ static const char *const of_some_networks[] = {
     "model.width",       "model.features",   "model.volume_scale",
     "model.view_split",  "model.view_seed",  "model.align",
     "model.homogeneous", "recon.neighbours", NULL};
-static const char *const of_unseen_views[] = {"loss.fft", "loss.pos", "loss.dc", "loss.tv", NULL};
+static const char *const of_unseen_views[] = {"loss.fft", "loss.pos",     "loss.dc",
+                                              "loss.tv",  "loss.profile", NULL};
+
+/* Of one network, or method, each. */
+static const char *const sections[] = {"vcdnet.",    "backconv.", "deepcad.",
+                                       "synthesis.", "diner.",    NULL};
+
+static int is_of_another(const struct v2v_network_ops *ops, const char *key, int length)
+{
+    const size_t own = strlen(ops->name);
+    const int is_own = strncmp(key, ops->name, own) == 0 && key[own] == '.';
+    return is_among(sections, key, length) && !is_own;
+}
+
+/* Of the other schedule of the learning rate. */
+static const char *const of_steps[] = {"train.decay", "train.decay_at", NULL};
 
 static int is_of_a_method(const struct v2v_estimator_ops *ops, const char *key, int length)
 {
@@ -88,14 +103,18 @@ void v2v_unused_settings_warn_training(const struct v2v_network_ops *ops,
                                        const struct v2v_session *session)
 {
     const struct v2v_common *common = session->common;
+    const int is_falling = session->config.train.schedule == V2V_SCHEDULE_LINEAR;
     v2v_unused_settings_warn(v2v_estimator_of_network(ops), session);
     for (int64_t i = 0; i < common->assignment_count; i++) {
         int length = 0;
         const char *key = key_of(common, i, &length);
         if ((is_among(of_some_networks, key, length) && !is_among(ops->keys, key, length)) ||
-            (ops->examples != NULL && is_among(of_unseen_views, key, length))) {
+            (ops->examples != NULL && is_among(of_unseen_views, key, length)) ||
+            is_of_another(ops, key, length)) {
             v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of the network '%s'", length, key,
                     ops->name);
+        } else if (is_falling && is_among(of_steps, key, length)) {
+            v2v_log(V2V_LOG_WARNING, "%.*s is not a setting of train.schedule linear", length, key);
         }
     }
 }

@@ -148,6 +148,11 @@ done:
     return rc;
 }
 
+const char *v2v_recording_path(const struct v2v_recording *recording)
+{
+    return recording->stack.path;
+}
+
 const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording)
 {
     return &recording->info;

@@ -150,9 +150,9 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
         if (!(mean > LEAST_MEAN_OF_SAMPLES * sqrt(fmax(squares, 0.0)) &&
               TARGET_MEAN / mean <= FLT_MAX)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                             "the recording's mean is %g after subtracting the offset %g: no gain "
-                             "makes it %g; set input.offset or input.gain",
-                             mean, offset, TARGET_MEAN));
+                             "%s: the recording's mean is %g after subtracting the offset %g: no "
+                             "gain makes it %g; set input.offset or input.gain",
+                             v2v_recording_path(recording), mean, offset, TARGET_MEAN));
         }
         scaling->gain = TARGET_MEAN / mean;
     }

@@ -1,13 +1,21 @@
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/op/workspace.h"
 #include "v2v3d/tensor/bulk.h"
+#include "v2v3d/tensor/statistics.h"
 
 /* Supervised learning: views, and the volume that they are of. The recording's gain is the
  * volume's, too; with model.homogeneous so is the frame's level. */
 
+/* Volumes that show so many times the light of their views, or so much less, are in other units:
+ * counts of a camera beside voxels of 0 to 1, say. What lies outside of frames, and noise, are
+ * less. */
+static const double other_units = 2.0;
+
 struct truth {
     struct v2v_workspace image; /* [y,x], where every frame has a level of its own */
+    int is_told;                /* bool: of units */
 };
 
 static enum v2v_status create(struct v2v_examples *examples)
@@ -45,6 +53,44 @@ done:
     return rc;
 }
 
+/* Mean light of a view of the volume, but for what leaves the frame. */
+static double light_of(const struct v2v_psf_file *psf, const float *volume, int64_t pixels)
+{
+    const int64_t taps = psf->height * psf->width;
+    double light = 0.0;
+    for (int64_t z = 0; z < psf->slices; z++) {
+        double of_slice = 0.0;
+        for (int64_t v = 0; v < psf->views; v++) {
+            of_slice += v2v_sum(psf->data + (v * psf->slices + z) * taps, taps);
+        }
+        light += of_slice / (double)psf->views * v2v_sum(volume + z * pixels, pixels);
+    }
+    return light / (double)pixels;
+}
+
+/* What brings a volume, of which `scale` times is to come out, to the units of its views, as all
+ * other methods have it. */
+static double units_of(const struct v2v_examples *examples, const float *views, const float *volume,
+                       double scale, int64_t pixels)
+{
+    struct truth *self = examples->self;
+    const int64_t samples = examples->inputs * pixels;
+    const double light = scale * light_of(examples->psf, volume, pixels);
+    const double seen = v2v_sum(views, samples) / (double)samples;
+    const double ratio = light > 0.0 && seen > 0.0 ? seen / light : 1.0;
+    if (ratio < other_units && ratio > 1.0 / other_units) {
+        return 1.0;
+    }
+    if (!self->is_told) {
+        v2v_log(V2V_LOG_INFO,
+                "true volumes in other units than their views: the first such one is taken times "
+                "%.4g",
+                ratio);
+        self->is_told = 1;
+    }
+    return ratio;
+}
+
 static enum v2v_status make(struct v2v_examples *examples, float *images,
                             const struct v2v_example_source *source, int64_t t, int64_t number)
 {
@@ -60,7 +106,10 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     v2v_scaling_apply(&source->scaling, images, samples);
     V2V_TRY(level(&factor, examples, images, info));
     V2V_TRY(v2v_volume_read(source->truth, images + samples, of_volume, 0, examples->outputs));
-    v2v_bulk_scale(images + samples, voxels, (float)(source->scaling.gain * factor));
+    const double scale = source->scaling.gain * factor;
+    const double units =
+        units_of(examples, images, images + samples, scale, info->height * info->width);
+    v2v_bulk_scale(images + samples, voxels, (float)(scale * units));
 done:
     return rc;
 }

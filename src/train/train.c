@@ -15,8 +15,8 @@
 
 #include <stdio.h>
 
-/* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row
- * the run gives up. */
+/* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row,
+ * or where it is the last, the run gives up. */
 enum { NOT_FINITE_IN_A_ROW = 10 };
 
 struct run {
@@ -70,7 +70,9 @@ static enum v2v_status start(struct run *run)
         V2V_TRY(v2v_checkpoint_read(&run->trainer, run->job->folder, &run->step));
         if (run->step > 0) {
             run->checkpointed = run->step;
-            v2v_log(V2V_LOG_INFO, "resuming after step %lld", (long long)run->step);
+            v2v_log(V2V_LOG_INFO, "resuming after step %lld%s%s", (long long)run->step,
+                    run->job->weights != NULL ? " by its own weights, not " : "",
+                    run->job->weights != NULL ? run->job->weights : "");
         }
     }
     if (!run->trainer.grid.idle) { /* whose network is planned */
@@ -89,10 +91,12 @@ done:
     return rc;
 }
 
+/* Of weights that a step could be made from: what makes losses that aren't finite may have ruined
+ * them, and would replace good ones. */
 static enum v2v_status checkpoint(struct run *run)
 {
     enum v2v_status rc = V2V_OK;
-    if (run->checkpointed == run->step) {
+    if (run->checkpointed == run->step || run->not_finite > 0) {
         goto done;
     }
     v2v_watchdog_beat("writing a checkpoint");
@@ -132,6 +136,21 @@ static struct v2v_step_votes vote(const struct run *run)
                                    .earlier = run->unwritten};
 }
 
+static enum v2v_status give_up(const struct run *run)
+{
+    const long long steps = run->not_finite, last = run->step, kept = run->checkpointed;
+    return kept >= 0
+               ? V2V_FAIL(V2V_E_NUMERIC,
+                          "the loss was not finite in %lld steps in a row, up to step %lld; the "
+                          "checkpoint is of step %lld, before them: lower train.learning_rate and "
+                          "resume",
+                          steps, last, kept)
+               : V2V_FAIL(V2V_E_NUMERIC,
+                          "the loss was not finite in %lld steps in a row, up to step %lld, and "
+                          "there is no checkpoint from before them: lower train.learning_rate",
+                          steps, last);
+}
+
 static enum v2v_status judge(struct run *run, const struct v2v_step_result *result)
 {
     if (result->finite) {
@@ -145,13 +164,7 @@ static enum v2v_status judge(struct run *run, const struct v2v_step_result *resu
                 "not stepped",
                 (long long)run->step, result->terms[V2V_LOSS_TOTAL], result->grad_norm);
     }
-    if (run->not_finite >= NOT_FINITE_IN_A_ROW) {
-        return V2V_FAIL(V2V_E_NUMERIC,
-                        "the loss was not finite in %d steps in a row, up to step %lld; the last "
-                        "checkpoint is good: lower train.learning_rate and resume",
-                        NOT_FINITE_IN_A_ROW, (long long)run->step);
-    }
-    return V2V_OK;
+    return run->not_finite < NOT_FINITE_IN_A_ROW ? V2V_OK : give_up(run);
 }
 
 static void show(struct run *run, const struct v2v_step_result *result)
@@ -217,6 +230,9 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
         V2V_TRY(after_step(run, &result, &began));
     }
     V2V_TRY(v2v_par_agree(run->comm, run->unwritten));
+    if (run->not_finite > 0) {
+        V2V_TRY(give_up(run));
+    }
     V2V_TRY(checkpoint(run));
 done:
     return rc;

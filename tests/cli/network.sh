@@ -305,6 +305,35 @@ grep -q 'other PSFs' stderr && fail "the same PSFs are called other: $(cat stder
 works "${corrected[@]}" --psf others.h5 --steps 4 --resume
 [ "$(grep -c 'was trained with other PSFs until here' stderr)" -eq 1 ] ||
     fail "no word on its PSFs: $(cat stderr)"
+# What their training had chosen for its PSFs is not taken over: without a correction it is total
+# variation as it is by itself, or as it is told to be.
+of_others=(reconstruct --psf others.h5 --input recording.h5 --weights corrected/weights.h5)
+for told in '' --set=deconv.lambda=0.2; do
+    works train -c tiny.yaml --set model.method=unrolled --input recording.h5 -o corrected --psf psf.h5 \
+        --steps 2 --force
+    works "${of_others[@]}" --strength 0 --set recon.neighbours=0 $told -o of_others.h5 --force
+    grep -q 'weights.h5: was trained with other PSFs: its deconv.lambda' stderr ||
+        fail "no word on its lambda: $(cat stderr)"
+    grep -q 'deconv.lambda=.*which is taken' stderr && fail "it is not taken: $(cat stderr)"
+    works deconvolve --psf others.h5 --input recording.h5 --set deconv.sparsity=0 $told -o by_tv.h5 --force
+    same of_others.h5 by_tv.h5 /volume
+done
+# A run doesn't forget the weights that it is to start from.
+cp corrected/weights.h5 kept.h5
+refuses 2 'corrected/weights.h5' train -c tiny.yaml --psf psf.h5 --input recording.h5 -o corrected --force \
+    --weights corrected/weights.h5
+cmp -s corrected/weights.h5 kept.h5 || fail 'a refused run took its weights'
+# Losses that aren't finite replace no checkpoint, and are no success where they are the last.
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ruined --steps 4
+for steps in 30 8; do
+    timed "$limit" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ruined --resume --steps $steps \
+        --set train.learning_rate=1 --set train.checkpoint_every_s=0
+    [ $? -eq 70 ] || fail "a ruined run is no failure: $(cat stderr)"
+    grep -q 'not finite in .* the checkpoint is of step 5, before them' stderr ||
+        fail "no word on the checkpoint: $(cat stderr)"
+    works weights info ruined/weights.h5
+    says 'step 5'
+done
 # Of two runs begun at once in one new folder one is refused, and leaves the other's files alone.
 both=(train -c tiny.yaml --psf psf.h5 --input recording.h5 -o both)
 "$program" "${both[@]}" >/dev/null 2>other_stderr &

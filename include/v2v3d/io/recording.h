@@ -40,6 +40,8 @@ enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char 
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 const struct v2v_recording_info *v2v_recording_info(const struct v2v_recording *recording);
+/** Its file's name, for messages. @kind Local. @return lent until it is closed */
+const char *v2v_recording_path(const struct v2v_recording *recording);
 
 /** Is there a frame t? @kind Local. @return V2V_OK | V2V_E_INPUT (no, and how many there are) */
 enum v2v_status v2v_recording_has_frame(const struct v2v_recording *recording,

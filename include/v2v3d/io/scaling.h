@@ -20,12 +20,13 @@ struct v2v_scaling {
 };
 
 /** Decide them: given numbers as they are; none: 0 and 1; auto offset: what the recording states,
- *  else 32767 when its mean is above it, no sample above 65535 and nothing far below 32767, else 0;
- *  auto gain: the mean of the recording's samples that see something, after the offset, becomes 0.2
- *  (REFERENCE.md 1). Where nothing is stated and auto takes 0, the pedestal is what the first frame has at least
- *  (v2v_pedestal_of_images). Reads all frames once when something is auto, split over ranks.
+ *  else 32767 when its mean is above it, no sample above 65535 and the first frame's dark not far
+ *  below, else 0; auto gain: the mean of the recording's samples that see something, after the
+ *  offset, becomes 0.2 (REFERENCE.md 1). Where nothing is stated and auto takes 0, the pedestal is
+ *  what the first frame has at least (v2v_pedestal_of_images). Reads all frames once when the
+ *  offset has to be guessed or the gain is auto, split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
- * makes 0.2); agreed */
+ *  makes 0.2); agreed */
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

@@ -5,18 +5,19 @@
 #include "train/sampler.h"
 #include "v2v3d/base/log.h"
 
+#include <math.h>
 #include <string.h>
 
-enum { CROP = 32, PIXELS = CROP * CROP, CODE = 32768, DRAWN = 60 };
+enum { CROP = 32, PIXELS = CROP * CROP, CODE = 32768, FIRST = 4, DRAWN = 60 };
 enum { OF_FRAMES = 1, GAIN = 2 };
 
 static const struct v2v_sample_sides sides = {.unit = 32, .crop = 64};
 static float sample[(VIEWS + SLICES) * PIXELS];
 
-/* Frame, image and place of a sample, exact in float32. */
+/* Frame, image and place of a sample, exact in float32; frames are about alike bright. */
 static float code(int t, int64_t i)
 {
-    return (float)(t * CODE + i);
+    return (float)((FIRST + t) * CODE + i);
 }
 
 struct place {
@@ -26,7 +27,7 @@ struct place {
 static struct place decode(float value)
 {
     const int64_t all = (int64_t)value, i = all % CODE;
-    return (struct place){all / CODE, i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
+    return (struct place){all / CODE - FIRST, i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
 }
 
 /* A tilt along y (views 1 and 2) and one along x (3 and 4): each axis' flip exchanges its pair.
@@ -39,7 +40,7 @@ static void make_symmetric(struct v2v_psf_file *psf, int off)
         for (int z = 0; z < SLICES; z++) {
             int y = KERNEL / 2 + off + tilt_y[v] * (z - 1);
             int x = KERNEL / 2 + off + tilt_x[v] * (z - 1);
-            psf->data[((v * SLICES + z) * KERNEL + y) * KERNEL + x] = 1.0f;
+            psf->data[((v * SLICES + z) * KERNEL + y) * KERNEL + x] = 1.0f / SLICES;
         }
     }
 }
@@ -56,8 +57,10 @@ static void setup(struct scene *scene)
     scene_record(scene, "recording.h5", code);
 }
 
-/* Coded as the recording is, slices in the place of views; of any number of frames and slices. */
-static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames, int64_t slices)
+/* Coded as the recording is, slices in the place of views; of any number of frames and slices.
+ * @param unit what voxels are multiplied by */
+static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames, int64_t slices,
+                                      float unit)
 {
     static float volume[(SLICES + 1) * SIDE * SIDE];
     char path[PATH];
@@ -69,7 +72,7 @@ static struct v2v_volume *write_truth(const struct scene *scene, int64_t frames,
     assert_ok(v2v_volume_create(&writer, path, &info, 1u << V2V_VOLUME_MEAN, NULL, 0, scene->comm));
     for (int t = 0; t < frames; t++) {
         for (int64_t i = 0; i < slices * SIDE * SIDE; i++) {
-            volume[i] = code(t, i);
+            volume[i] = unit * code(t, i);
         }
         assert_ok(v2v_volume_write(writer, V2V_VOLUME_MEAN, volume, t, 0, slices));
     }
@@ -110,7 +113,7 @@ static void check_truths(int64_t frames)
     struct v2v_sampler *sampler = NULL;
     unsigned seen = 0;
     setup(&scene);
-    struct v2v_volume *truth = write_truth(&scene, frames, SLICES);
+    struct v2v_volume *truth = write_truth(&scene, frames, SLICES, 1.0f);
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.truths = &truth;
     assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL));
@@ -137,6 +140,45 @@ static void a_volume_of_one_frame_is_that_of_all(void **state)
     check_truths(OF_FRAMES);
 }
 
+/* Mean of the codes of so many images of frame t. */
+static double mean_code(int64_t t, int64_t images)
+{
+    return (double)(FIRST + t) * CODE + ((double)(images * SIDE * SIDE) - 1.0) / 2.0;
+}
+
+/* Voxels of a thousandth of their views' light, as beside counts: they come in the views' units. */
+static void a_volume_in_other_units_comes_in_those_of_its_views(void **state)
+{
+    (void)state;
+    char run[PATH];
+    struct scene scene;
+    struct v2v_sampler *sampler = NULL;
+    const float unit = 1e-3f;
+    setup(&scene);
+    scene.config.train.flips = 0;
+    struct v2v_volume *truth = write_truth(&scene, FRAMES, SLICES, unit);
+    struct v2v_train_job job = scene_job(&scene, run, "run");
+    job.truths = &truth;
+    assert_ok(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL));
+    for (int64_t step = 0; step < DRAWN; step++) {
+        assert_ok(v2v_sampler_draw(sampler, sample, step, 0));
+        const struct place first = decode(sample[0] / GAIN);
+        /* PSFs sum to 1 a view */
+        const double ratio = mean_code(first.t, VIEWS) / mean_code(first.t, SLICES);
+        for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+            const int64_t y = first.y + i / CROP % CROP, x = first.x + i % CROP;
+            const int64_t at = (i / PIXELS * SIDE + y) * SIDE + x;
+            const double expected = GAIN * ratio * (double)code((int)first.t, at);
+            /* the unit, the product with it and the scale round to 2^-24 each */
+            assert_true(fabs((double)sample[VIEWS * PIXELS + i] - expected) <=
+                        4.0 * 0x1p-24 * expected);
+        }
+    }
+    v2v_sampler_destroy(&sampler);
+    v2v_volume_close(&truth);
+    scene_fini(&scene);
+}
+
 static void a_volume_of_other_slices_is_refused(void **state)
 {
     (void)state;
@@ -144,7 +186,7 @@ static void a_volume_of_other_slices_is_refused(void **state)
     struct scene scene;
     struct v2v_sampler *sampler = NULL;
     setup(&scene);
-    struct v2v_volume *truth = write_truth(&scene, FRAMES, SLICES + 1);
+    struct v2v_volume *truth = write_truth(&scene, FRAMES, SLICES + 1, 1.0f);
     struct v2v_train_job job = scene_job(&scene, run, "run");
     job.truths = &truth;
     assert_int_equal(v2v_sampler_create(&sampler, &job, sides, &v2v_examples_truth, NULL),
@@ -360,6 +402,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_and_their_volume_are_cut_and_mirrored_together),
         cmocka_unit_test(a_volume_of_one_frame_is_that_of_all),
+        cmocka_unit_test(a_volume_in_other_units_comes_in_those_of_its_views),
         cmocka_unit_test(a_volume_of_other_slices_is_refused),
         cmocka_unit_test(mirrored_volumes_make_the_mirrored_views),
         cmocka_unit_test(odd_frames_go_in_and_even_ones_should_come_out),
