@@ -152,6 +152,7 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
             fmax(work->deficit, v2v_deficit_of_images(work->scratch, work->views, work->psf.views,
                                                       work->height, work->width));
         V2V_TRY(v2v_projection_forward(p));
+        v2v_saturated_cap(p->views, work->views, work->psf.views, work->height * work->width);
         match(work, t);
         judge_flux(work, t);
     }

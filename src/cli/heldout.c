@@ -12,6 +12,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/pad.h"
+#include "v2v3d/tensor/saturation.h"
 #include <math.h>
 #include <string.h>
 
@@ -34,11 +35,12 @@ static int is_judged(int64_t fold, int64_t folds)
     return fold == 0 || fold == folds / 2;
 }
 
-static void judge(struct trial *trial, int64_t view, const float *predicted)
+static void judge(struct trial *trial, int64_t view, float *predicted)
 {
     const int64_t height = trial->problem.height, width = trial->problem.width;
-    const struct v2v_match match = v2v_match_of(
-        trial->scratch, trial->recorded + view * height * width, predicted, height, width);
+    const float *recorded = trial->recorded + view * height * width;
+    v2v_saturated_cap(predicted, recorded, 1, height * width);
+    const struct v2v_match match = v2v_match_of(trial->scratch, recorded, predicted, height, width);
     v2v_match_add(&trial->match, &match);
 }
 

@@ -271,13 +271,20 @@ static void warn_of_odd_view(const struct found *found, const struct v2v_volumes
     }
 }
 
-static void warn_of_saturation(const struct found *found)
+/* Where fields of a calibration make other values of them, no method knows that they are the least
+ * that the light may be. */
+static void warn_of_saturation(const struct found *found, const struct v2v_volumes_made *made)
 {
+    const struct v2v_calibration *calibration = made->scaling->calibration;
+    const int is_light = calibration != NULL && v2v_calibration_has_fields(calibration);
     if (found->saturated > V2V_MUCH_SATURATED) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: %.2g %% of the views' pixels are saturated: how bright the volume is "
-                "there they don't tell",
-                (long long)found->frame, 100.0 * found->saturated);
+                "there they don't tell%s",
+                (long long)found->frame, 100.0 * found->saturated,
+                is_light ? ", and with the calibration's shading or distortion they count as they "
+                           "are: the volume is darker than the scene"
+                         : "");
     }
 }
 
@@ -322,7 +329,7 @@ static enum v2v_status report(struct found *found, const struct v2v_volumes_made
         warn_of_light(found, made, session);
         warn_of_odd_view(found, made);
         warn_of_misfit(found, made);
-        warn_of_saturation(found);
+        warn_of_saturation(found, made);
         warn_of_camera(found, made, session);
         warn_of_darkness(found, info);
     }

@@ -246,13 +246,19 @@ int v2v_calibration_has_distortion(const struct v2v_calibration *calibration)
     return 0;
 }
 
-enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration, int64_t views,
-                                      int64_t height, int64_t width, const char *what)
+int v2v_calibration_has_fields(const struct v2v_calibration *calibration)
 {
     int has_fields = v2v_calibration_has_distortion(calibration);
     for (int64_t v = 0; v < calibration->views; v++) {
         has_fields |= !v2v_field_is_zero(calibration->view[v].shading);
     }
+    return has_fields;
+}
+
+enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration, int64_t views,
+                                      int64_t height, int64_t width, const char *what)
+{
+    const int has_fields = v2v_calibration_has_fields(calibration);
     if (calibration->views == views &&
         (!has_fields || (calibration->height == height && calibration->width == width))) {
         return V2V_OK;

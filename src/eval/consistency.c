@@ -13,6 +13,7 @@
 #include "v2v3d/par/agreement.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 
 #include <math.h>
 #include <string.h>
@@ -131,7 +132,8 @@ static void judge_views(struct judge *self, int64_t i)
         const int64_t v = fold->view[k], at = i * out->views + v;
         const float *views = self->recorded != NULL ? self->recorded : self->views;
         const float *recorded = views + v * height * width;
-        const float *predicted = self->predicted + (k - fold->used) * height * width;
+        float *predicted = self->predicted + (k - fold->used) * height * width;
+        v2v_saturated_cap(predicted, recorded, 1, height * width);
         const struct v2v_match match =
             v2v_match_of(self->scratch, recorded, predicted, height, width);
         out->heldout_views[at] = v2v_match_residual(&match, 1.0);

@@ -135,6 +135,16 @@ static void compare(const struct v2v_key_frames *keys, uint8_t *differs, int one
     }
 }
 
+/* Less than half as bright as either other frame, as where the light was shut off? */
+static int is_dim(const struct v2v_key_frames *keys, int slot)
+{
+    double light[COMPARED];
+    for (int i = 0; i < COMPARED; i++) {
+        light[i] = v2v_sum(keys->mean[i], keys->views * keys->squares);
+    }
+    return 2.0 * light[slot] < fmin(light[(slot + 1) % COMPARED], light[(slot + 2) % COMPARED]);
+}
+
 /* Is the frame in this slot odd: in a view or some, fewer than half, it differs from both others,
  * which don't differ from each other? */
 static int is_odd(const struct v2v_key_frames *keys, int slot)
@@ -177,7 +187,7 @@ enum v2v_status v2v_key_frames_choose(struct v2v_key_frames *keys, int64_t *key,
             V2V_TRY(v2v_scaling_read_dark(scaling, recording, views, NULL, t + (k - slot) * apart));
             measure(keys, k, views);
         }
-        if (!is_odd(keys, slot)) {
+        if (!is_odd(keys, slot) && !is_dim(keys, slot)) {
             *key = t;
             break;
         }

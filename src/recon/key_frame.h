@@ -1,5 +1,5 @@
 /** Which frame the others of its group are taken over from: the first one that isn't odd, as one
- *  that lacks a view, or that shows something in a view that others don't.
+ *  that lacks a view, or that shows something in a view that others don't, nor dim beside others.
  *
  *  The choice is the recording's alone: a range of its frames, ranks and resuming change nothing.
  */
@@ -20,7 +20,7 @@ enum v2v_status v2v_key_frames_create(struct v2v_key_frames **keys, int64_t view
 void v2v_key_frames_destroy(struct v2v_key_frames **keys);
 
 /** The key frame of a group (REFERENCE.md 12).
- *  @kind Local. @param key out: `first`, if all that are looked at are odd
+ *  @kind Local. @param key out: `first`, if all that are looked at are odd or dim
  *  @param views scratch [v,y,x] @param first of the group; may lie before a cut
  *  @param count frames of the group
  *  @return V2V_OK | as v2v_recording_read_seen */

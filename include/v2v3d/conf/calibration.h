@@ -49,8 +49,9 @@ enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration,
                                       int64_t height, int64_t width,
                                       const char *what) V2V_MUST_CHECK;
 
-/** Is a view distorted? @kind Local. */
+/** Is a view distorted? And is one distorted or shaded? @kind Local. */
 int v2v_calibration_has_distortion(const struct v2v_calibration *calibration);
+int v2v_calibration_has_fields(const struct v2v_calibration *calibration);
 
 /** Are all numbers within the bounds that a file of them is read by? @kind Local. */
 int v2v_calibration_is_within_bounds(const struct v2v_calibration *calibration);

@@ -181,12 +181,12 @@ static void what_is_still_is_the_key_frames_and_what_blinks_is_followed(void **s
     }
 }
 
-/** Nothing blinks, and these frames of the second group lack view 1. */
-static void blind_view_1(unsigned odd)
+/** Nothing blinks, and these frames of the second group lack view 1, or all views. */
+static void darken(unsigned odd, int is_all)
 {
     for (int64_t i = 0; i < FRAMES * SAMPLES; i++) {
         const int64_t t = i / SAMPLES, v = i / PIXELS % VIEWS, y = i / WIDTH % HEIGHT;
-        const int lacks = v == 1 && t >= REFRESH && (odd >> (t - REFRESH) & 1u) != 0;
+        const int lacks = (is_all || v == 1) && t >= REFRESH && (odd >> (t - REFRESH) & 1u) != 0;
         const double noise = 30 * v2v_random_normal(3, 0, (uint64_t)i);
         frames[t][i % SAMPLES] = (float)((lacks ? 0 : 600 * spot(y, i % WIDTH, 20, 60)) + noise);
     }
@@ -200,19 +200,33 @@ static void an_odd_frame_is_no_key_frame(void **state)
     static const unsigned odd[] = {0, 1, 2, 4};
     char path[1024];
     for (size_t i = 0; i < sizeof odd / sizeof *odd; i++) {
-        blind_view_1(odd[i]);
+        darken(odd[i], 0);
         alone(0.05);
         const double right = light(volume_of(0), 20, 60);
         for (int64_t t = REFRESH; t < 2 * REFRESH; t++) {
             assert_true(fabs(light(volume_of(t), 20, 60) - right) <= 0.03 * right);
         }
     }
-    blind_view_1(1);
+    darken(1, 0);
     alone(0.05);
     snprintf(path, sizeof path, "%s/range%d.h5", test_folder(test_world()),
              v2v_comm_rank(test_world()));
     assert_ok(reconstruct(path, 0.05, 5, 2, NULL));
     assert_bits(path, 5, 2);
+}
+
+/* Nor is one that the light was shut off in, while others show what it would: the last of its group
+ * takes over what the second has. */
+static void a_dim_frame_is_no_key_frame(void **state)
+{
+    (void)state;
+    darken(1, 1);
+    alone(0.05);
+    for (int z = 0; z < SLICES; z++) {
+        const int64_t lit = z * PIXELS;
+        assert_memory_equal(volume_of(5) + lit, volume_of(4) + lit, PIXELS * sizeof(float));
+    }
+    assert_true(light(volume_of(4), 20, 60) > 100.0 * fabs(light(volume_of(3), 20, 60)));
 }
 
 /* Averaged views have little noise where much counted and more where little did: what changed is
@@ -615,6 +629,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         TEST(what_is_still_is_the_key_frames_and_what_blinks_is_followed),
         TEST(an_odd_frame_is_no_key_frame),
+        TEST(a_dim_frame_is_no_key_frame),
         TEST(averaging_makes_no_change),
         TEST(ranks_change_no_bit),
         TEST(a_file_in_order_has_the_same_bits),
