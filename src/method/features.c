@@ -127,7 +127,8 @@ static void miss(const struct v2v_features *self, const float *views)
 #pragma omp parallel for schedule(static)
     for (int64_t v = 0; v < self->views; v++) {
         const int64_t pixels = self->height * self->width;
-        self->highest[v] = v2v_saturated_value(views + v * pixels, pixels);
+        self->highest[v] =
+            around != NULL ? around->highest[v] : v2v_saturated_value(views + v * pixels, pixels);
     }
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < self->views; v++) {

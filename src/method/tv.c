@@ -483,7 +483,8 @@ static void begin(struct v2v_estimator *estimator, const float *views)
     if (around != NULL) {
         take_rows(self, self->planes.volume, around->light, self->slices, scale);
         take_rows(self, self->scratch, around->seen, self->views, scale);
-        v2v_data_step_surround(self->step, self->planes.volume, self->scratch);
+        v2v_data_step_surround(self->step, self->planes.volume, self->scratch, views,
+                               around->highest);
         v2v_data_step_know(self->step, &around->rows, &around->columns);
     }
     if (level->gain > 0.0 || estimator->averaging != NULL) {

@@ -241,10 +241,11 @@ void v2v_data_step_know(struct v2v_data_step *step, const struct v2v_part *rows,
     step->seen.known_columns = *columns;
 }
 
-void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen)
+void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen,
+                            const float *frame, const float *highest)
 {
     v2v_data_step_project(step, step->seen.missed, volume);
-    v2v_torus_views_surround(&step->seen, seen);
+    v2v_torus_views_surround(&step->seen, seen, frame, highest);
     transform_views(step);
 }
 

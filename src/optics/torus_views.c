@@ -128,20 +128,20 @@ void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samp
 }
 
 /* Bounds without the light around are not kept: what is saturated is light then. */
-static void forget_saturated(const struct v2v_torus_views *views)
+static void take_highest(struct v2v_torus_views *views, const float *frame, const float *highest)
 {
     for (int64_t v = 0; v < views->views; v++) {
-        views->highest[v] = INFINITY;
+        views->highest[v] = views->around != NULL ? highest[v] : INFINITY;
+        views->frame = isfinite(views->highest[v]) ? frame : views->frame;
     }
 }
 
-void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen)
+void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen, const float *frame,
+                              const float *highest)
 {
     const int64_t samples = v2v_torus_views_samples(views);
     const float *inside = views->missed;
-    if (views->around == NULL) {
-        forget_saturated(views);
-    }
+    take_highest(views, frame, highest);
     float *around = views->around != NULL ? views->around : views->missed;
     float *recorded = views->recorded;
 #pragma omp parallel for simd schedule(static)

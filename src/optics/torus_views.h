@@ -44,7 +44,8 @@ void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, dou
 void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samples);
 
 /** As v2v_data_step_surround says, after `missed` = A volume. */
-void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen);
+void v2v_torus_views_surround(struct v2v_torus_views *views, const float *seen, const float *frame,
+                              const float *highest);
 
 /** As v2v_data_step_take_weights, _weigh and _average say. */
 enum v2v_status v2v_torus_views_take_weights(struct v2v_torus_views *views) V2V_MUST_CHECK;

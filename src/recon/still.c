@@ -8,6 +8,7 @@
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/saturation.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -57,6 +58,7 @@ struct v2v_still {
     float *volume;      /* [slices,y,x] of a window */
     float *light_here;  /* [all slices,y,x] of a window: as light .. */
     float *seen_here;   /* [v,y,x] of a window: .. and seen */
+    float *highest;     /* [v]: v2v_saturated_value of the frame at hand */
     float *change;      /* [2,tile rows,tile columns]: light gained and lost */
     uint8_t *changed;   /* [tile rows,tile columns] */
 };
@@ -124,6 +126,7 @@ static enum v2v_status take_memory(struct v2v_still *still)
     V2V_TRY(V2V_ALLOC(still->volume, "still.volume", v2v_mem_product(own, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->light, "still.light", v2v_mem_product(slices, pixels, 1)));
     V2V_TRY(V2V_ALLOC(still->light_here, "still.light", v2v_mem_product(slices, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(still->highest, "still.views", still->problem.psf->views));
     V2V_TRY(V2V_ALLOC(still->change, "still.tiles", 2 * still->tiles));
     V2V_TRY(V2V_ALLOC(still->changed, "still.tiles", still->tiles));
 done:
@@ -200,6 +203,7 @@ void v2v_still_destroy(struct v2v_still **still)
         v2v_mem_free(old->seen);
         v2v_mem_free(old->light_here);
         v2v_mem_free(old->seen_here);
+        v2v_mem_free(old->highest);
         v2v_mem_free(old->change);
         v2v_mem_free(old->changed);
         v2v_mem_free(old);
@@ -328,7 +332,7 @@ static enum v2v_status fill(struct v2v_still *still, float *volume, const float 
     const struct v2v_surroundings around = {
         still->light_here, still->seen_here,
         v2v_windows_in_frame(&window->rows, still->plan.height),
-        v2v_windows_in_frame(&window->columns, still->plan.width)};
+        v2v_windows_in_frame(&window->columns, still->plan.width), still->highest};
     V2V_TRY(make_window(still, window->rows.count, window->columns.count));
     v2v_windows_cut(still->light_here, still->light, psf->slices, window, &still->plan);
     v2v_windows_cut(still->seen_here, still->seen, psf->views, window, &still->plan);
@@ -363,6 +367,15 @@ static void add_misfit(struct v2v_misfit *sum, const struct v2v_misfit *of, doub
     sum->noise_of_coarse = of->noise_of_coarse; /* of the whole frame */
 }
 
+/** Local: a window by itself may have too few saturated samples to tell, or too many. */
+static void find_highest(struct v2v_still *still, const float *views)
+{
+    const int64_t pixels = still->plan.height * still->plan.width;
+    for (int64_t v = 0; v < still->problem.psf->views; v++) {
+        still->highest[v] = v2v_saturated_value(views + v * pixels, pixels);
+    }
+}
+
 enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volume,
                               const float *views, const float *recorded)
 {
@@ -390,6 +403,7 @@ enum v2v_status v2v_still_run(struct v2v_still *still, double *part, float *volu
     v2v_still_recall(still, volume);
     if (count > 0) {
         whole->ops->measure(whole, views);
+        find_highest(still, views);
     }
     for (int64_t i = 0; i < count; i++) {
         const double own = (double)(windows[i].rows.count * windows[i].columns.count);

@@ -66,6 +66,7 @@ struct v2v_surroundings {
     const float *light;            /**< [slices,y,x]: of it, what is in the part */
     const float *seen;             /**< [v,y,x]: views that all of it gives */
     struct v2v_part rows, columns; /**< of the part, where views are known */
+    const float *highest;          /**< [v]: v2v_saturated_value of all the views */
 };
 
 /** What a volume leaves of its views, where they are known; 0: not known, or a dark frame. */

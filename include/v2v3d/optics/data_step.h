@@ -92,10 +92,13 @@ void v2v_data_step_begin_torus(struct v2v_data_step *step, const float *views);
 
 /** The views that begin took are of a part of a plane. `seen` are those that light of all the plane
  *  gives, `volume` is what of that light is in the part: from here to the next begin y is without
- *  seen - A volume, which the weights count.
+ *  seen - A volume, which the weights count. Samples at the plane's `highest` are saturated, where
+ *  there are weights; else none is.
  *  @kind Collective(comm), no allocation. @param volume as of run
- *  @param seen [v, torus rows of this rank, torus width]; both in units of y */
-void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen);
+ *  @param seen [v, torus rows of this rank, torus width]; both in units of y
+ *  @param frame as of begin @param highest [v], in its units; INFINITY: none */
+void v2v_data_step_surround(struct v2v_data_step *step, const float *volume, const float *seen,
+                            const float *frame, const float *highest);
 
 /** From here to the next begin views are known in these rows and columns of the torus; else in the
  *  frame. @kind Local. */

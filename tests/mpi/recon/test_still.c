@@ -13,6 +13,7 @@
 #include "v2v3d/nn/rule.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/recon/recon.h"
+#include "v2v3d/tensor/saturation.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -534,37 +535,65 @@ static void views_of_part(float *views, const struct part_of_frame *of)
     }
 }
 
+/* The frame's volume, and what windows are told of it. */
+static float whole[VOXELS], light_of_all[VOXELS * 2], seen_of_all[SAMPLES * 2];
+static float highest[VIEWS];
+
+/** Frame 1 as a whole, and a window that has taken over what is measured of it. */
+static void make_parts(struct v2v_estimator **estimator, struct v2v_estimator **window)
+{
+    float *const of_whole = whole;
+    const struct v2v_torus torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
+    const struct v2v_problem part_of_it = {.config = &config,
+                                           .psf = &psf,
+                                           .height = PART_HEIGHT,
+                                           .width = PART_WIDTH,
+                                           .skip = 0.05,
+                                           .is_part = 1};
+    assert_true(torus.height * torus.width <= 2 * PIXELS);
+    *estimator = estimator_of(HEIGHT, 0);
+    assert_ok(method->run(*estimator, &of_whole, frames[1], NULL));
+    method->whole_light(*estimator, light_of_all, seen_of_all);
+    assert_ok(v2v_estimator_create(window, method, &part_of_it, NULL));
+    method->inherit(*window, *estimator);
+    for (int v = 0; v < VIEWS; v++) {
+        highest[v] = v2v_saturated_value(frames[1] + v * PIXELS, PIXELS);
+    }
+}
+
+/** Distance of the part's volume from the frame's. @param knows_light bool: around the part */
+static double run_part(struct v2v_estimator *window, const struct part_of_frame *of,
+                       int knows_light)
+{
+    static float views[SAMPLES], light_here[VOXELS], seen_here[SAMPLES], volume[VOXELS];
+    float *const of_part = volume;
+    const struct v2v_torus torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
+    const struct v2v_part rows = {of->y, PART_HEIGHT}, columns = {of->x, PART_WIDTH};
+    const struct v2v_surroundings around = {light_here, seen_here,
+                                            v2v_windows_in_frame(&rows, HEIGHT),
+                                            v2v_windows_in_frame(&columns, WIDTH), highest};
+    views_of_part(views, of);
+    cut_part(light_here, light_of_all, SLICES, &torus, of);
+    cut_part(seen_here, seen_of_all, VIEWS, &torus, of);
+    if (!knows_light) {
+        memset(light_here, 0, sizeof light_here);
+        memset(seen_here, 0, sizeof seen_here);
+    }
+    window->around = &around;
+    assert_ok(method->run(window, &of_part, views, NULL));
+    window->around = NULL;
+    return error_of(volume, whole, of);
+}
+
 static void assert_parts(double most)
 {
     static const struct part_of_frame parts[] = {
         {6, 26}, {HEIGHT - PART_HEIGHT + 6, 24}, {-6, 22}, {16, -4}, {38, WIDTH - PART_WIDTH + 4}};
-    static float whole[VOXELS], light[VOXELS * 2], seen[SAMPLES * 2];
-    static float views[SAMPLES], light_here[VOXELS], seen_here[SAMPLES], volume[VOXELS];
-    float *const of_whole = whole, *const of_part = volume;
-    const struct v2v_torus torus = v2v_data_step_torus_of(&psf, HEIGHT, WIDTH);
-    const struct v2v_problem part_of_it = {
-        .config = &config, .psf = &psf, .height = PART_HEIGHT, .width = PART_WIDTH, .is_part = 1};
-    struct v2v_estimator *estimator = estimator_of(HEIGHT, 0), *window = NULL;
-    assert_true(torus.height * torus.width <= 2 * PIXELS);
-    assert_ok(method->run(estimator, &of_whole, frames[1], NULL));
-    method->whole_light(estimator, light, seen);
-    assert_ok(v2v_estimator_create(&window, method, &part_of_it, NULL));
-    method->inherit(window, estimator);
+    struct v2v_estimator *estimator = NULL, *window = NULL;
+    make_parts(&estimator, &window);
     for (int i = 0; i < 5; i++) {
-        const struct v2v_part rows = {parts[i].y, PART_HEIGHT}, columns = {parts[i].x, PART_WIDTH};
-        const struct v2v_surroundings around = {light_here, seen_here,
-                                                v2v_windows_in_frame(&rows, HEIGHT),
-                                                v2v_windows_in_frame(&columns, WIDTH)};
-        window->around = &around;
-        views_of_part(views, &parts[i]);
-        cut_part(light_here, light, SLICES, &torus, &parts[i]);
-        cut_part(seen_here, seen, VIEWS, &torus, &parts[i]);
-        assert_ok(method->run(window, &of_part, views, NULL));
-        const double with = error_of(volume, whole, &parts[i]);
-        memset(light_here, 0, sizeof light_here);
-        memset(seen_here, 0, sizeof seen_here);
-        assert_ok(method->run(window, &of_part, views, NULL));
-        const double without = error_of(volume, whole, &parts[i]);
+        const double with = run_part(window, &parts[i], 1);
+        const double without = run_part(window, &parts[i], 0);
         if (!(with < 0.6 * without && with < most)) {
             fail_msg("part %d: %g, without the light around %g", i, with, without);
         }
@@ -588,6 +617,32 @@ static void a_part_knows_the_light_around_it(void **state)
     use_unrolled(7);
     config.recon.strength.value = 1.0;
     assert_parts(0.12);
+}
+
+/* A spot of which a few samples of each view are saturated, fewer than tell by themselves that they
+ * are: the frame's other spot tells. */
+static void a_part_knows_where_views_end(void **state)
+{
+    (void)state;
+    static const struct part_of_frame spot_alone = {0, 36};
+    const float end = 540.0f;
+    struct v2v_estimator *estimator = NULL, *window = NULL;
+    config.deconv.iterations = 400;
+    config.deconv.tolerance = 0;
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        frames[1][i] = fminf(frames[1][i], end);
+    }
+    make_parts(&estimator, &window);
+    const double with = run_part(window, &spot_alone, 1);
+    for (int v = 0; v < VIEWS; v++) {
+        assert_true(highest[v] == end);
+        highest[v] = INFINITY;
+    }
+    const double without = run_part(window, &spot_alone, 1);
+    print_message("%g, saturated samples taken for light %g\n", with, without);
+    assert_true(with < 0.5 * without);
+    v2v_estimator_destroy(&window);
+    v2v_estimator_destroy(&estimator);
 }
 
 static void a_method_without_windows_is_refused(void **state)
@@ -641,6 +696,7 @@ int main(int argc, char **argv)
         TEST(ranks_change_no_strength),
         TEST(a_window_is_told_what_is_measured_of_the_frame),
         TEST(a_part_knows_the_light_around_it),
+        TEST(a_part_knows_where_views_end),
         TEST(a_method_without_windows_is_refused),
         TEST(a_limit_without_room_for_windows_is_refused_at_once),
     };

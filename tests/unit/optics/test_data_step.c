@@ -386,7 +386,11 @@ static void surround(struct v2v_data_step *step, double *around)
         around[i] = (double)seen[i] - around[i];
         y[i] -= around[i];
     }
-    v2v_data_step_surround(step, light, seen);
+    float not_saturated[VIEWS];
+    for (int v = 0; v < VIEWS; v++) {
+        not_saturated[v] = INFINITY;
+    }
+    v2v_data_step_surround(step, light, seen, NULL, not_saturated);
 }
 
 /* Rounds of a run from v, and extended views; returns what the views missed. */
