@@ -105,7 +105,7 @@ struct row {
 struct bench {
     const struct v2v_network_ops *ops;
     struct v2v_psf_file psf;
-    int64_t size, voxels;
+    int64_t size, voxels; /* voxels: of what the network makes */
     float *views, *volume[OUTPUTS], *exact[OUTPUTS];
     struct row row[VARIANTS];
 };
@@ -116,6 +116,7 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
     enum v2v_status rc = V2V_OK;
     const struct v2v_config *config = &session->config;
     struct v2v_grid_work work = {0};
+    struct v2v_network *network = NULL; /* tells what it takes and makes */
     V2V_TRY(v2v_network_find(&bench->ops, config->model.method));
     if (given->psf != NULL) {
         V2V_TRY(v2v_step_psf(session, &bench->psf, given->psf));
@@ -125,12 +126,16 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
             v2v_psf_normalize_views(&bench->psf);
         }
     }
-    const struct v2v_network_spec spec = {
-        .config = config, .views = bench->psf.views, .slices = bench->psf.slices};
+    const struct v2v_network_spec spec = {.config = config,
+                                          .psf = &bench->psf,
+                                          .views = bench->psf.views,
+                                          .slices = bench->psf.slices,
+                                          .outputs = V2V_NETWORK_ALL};
     bench->ops->describe_work(&work, &spec, given->size, given->size);
     bench->size = v2v_round_up(given->size, work.unit);
-    bench->voxels = v2v_mem_product(bench->psf.slices, bench->size, bench->size);
-    const int64_t pixels = v2v_mem_product(bench->psf.views, bench->size, bench->size);
+    V2V_TRY(v2v_network_create(&network, bench->ops->name, &spec));
+    bench->voxels = v2v_mem_product(network->slices, bench->size, bench->size);
+    const int64_t pixels = v2v_mem_product(network->inputs, bench->size, bench->size);
     V2V_TRY(V2V_ALLOC(bench->views, "bench.views", pixels));
     for (int64_t i = 0; i < pixels; i++) {
         bench->views[i] = (float)(0.2 + 0.2 * v2v_random_rule("lfi", 0, (uint64_t)i));
@@ -140,6 +145,7 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
         V2V_TRY(V2V_ALLOC(bench->exact[o], "bench.volume", bench->voxels));
     }
 done:
+    v2v_network_destroy(&network);
     return rc;
 }
 

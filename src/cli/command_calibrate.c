@@ -129,17 +129,20 @@ static enum v2v_status print_json(const struct v2v_calibration *calibration,
         gains[v] = calibration->view[v].gain;
     }
     const struct v2v_json_item items[] = {
-        {.name = "heldout_before", .number = report->heldout_before, .count = -1},
-        {.name = "heldout_after", .number = report->heldout_after, .count = -1},
-        {.name = "heldout_frame_before", .number = report->frame_before, .count = -1},
-        {.name = "heldout_frame_after", .number = report->frame_after, .count = -1},
+        v2v_json_number("heldout_before", report->heldout_before),
+        v2v_json_number("heldout_after", report->heldout_after),
+        v2v_json_number("heldout_frame_before", report->frame_before),
+        v2v_json_number("heldout_frame_after", report->frame_after),
         {.name = "square", .values = square, .count = 4},
         {.name = "shifts", .values = shifts, .count = 2 * views},
         {.name = "gains", .values = gains, .count = views},
         {.name = "slopes", .values = slopes, .count = 2 * views},
-        {.name = "has_fields", .number = report->has_fields, .count = -1},
-        {.name = "lambda", .number = report->weight, .count = -1},
-        {.name = "rounds", .number = (double)report->rounds, .count = -1}};
+        v2v_json_number("has_slopes", report->has_slopes),
+        v2v_json_number("has_fields", report->has_fields),
+        v2v_json_number("is_gains_alone", report->is_gains_alone),
+        v2v_json_number("is_in_vain", report->is_in_vain),
+        v2v_json_number("lambda", report->weight),
+        v2v_json_number("rounds", (double)report->rounds)};
     V2V_TRY(v2v_json_print(stdout, items, sizeof items / sizeof *items));
 done:
     v2v_mem_free(numbers);

@@ -89,20 +89,20 @@ static enum v2v_status print_json(const struct fitted *fitted, const struct v2v_
 {
     const struct v2v_optics_settings *optics = &config->optics;
     const struct v2v_json_item items[] = {
-        {.name = "least_correlation", .number = fitted->least, .count = -1},
-        {.name = "largest_centroid_distance", .number = fitted->farthest, .count = -1},
+        v2v_json_number("least_correlation", fitted->least),
+        v2v_json_number("largest_centroid_distance", fitted->farthest),
         {.name = "correlation",
          .values = fitted->likeness.correlation,
          .count = fitted->likeness.views},
         {.name = "centroid_distance",
          .values = fitted->likeness.centroid,
          .count = fitted->likeness.views},
-        {.name = "pixel_size_um", .number = optics->pixel_size_um, .count = -1},
-        {.name = "slice_spacing_um", .number = optics->slice_spacing_um, .count = -1},
-        {.name = "needle_aperture", .number = optics->needle_aperture, .count = -1},
-        {.name = "pinhole_um", .number = optics->pinhole_um, .count = -1},
-        {.name = "pinhole_defocus_um", .number = optics->pinhole_defocus_um, .count = -1},
-        {.name = "focus_slice", .number = optics->focus_slice, .count = -1},
+        v2v_json_number("pixel_size_um", optics->pixel_size_um),
+        v2v_json_number("slice_spacing_um", optics->slice_spacing_um),
+        v2v_json_number("needle_aperture", optics->needle_aperture),
+        v2v_json_number("pinhole_um", optics->pinhole_um),
+        v2v_json_number("pinhole_defocus_um", optics->pinhole_defocus_um),
+        v2v_json_number("focus_slice", optics->focus_slice),
         {.name = "tilts", .text = optics->tilts},
         {.name = "zernike", .text = optics->zernike}};
     return v2v_json_print(stdout, items, sizeof items / sizeof *items);

@@ -1,10 +1,10 @@
-#include "cli/settle.h"
 #include "cli/steps.h"
 #include "cli/unused_settings.h"
 
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/eval/settle.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/par/watchdog.h"
@@ -194,7 +194,8 @@ static enum v2v_status settle(const struct material *material, struct v2v_sessio
     }
     const struct v2v_input_settings input = v2v_estimator_input(maker, &session->config);
     V2V_TRY(v2v_scaling_decide(&scaling, first, &input, session->world));
-    V2V_TRY(v2v_settle_by_frame(session, maker, &problem, first, &scaling));
+    V2V_TRY(
+        v2v_settle_by_frame(&session->config, maker, &problem, first, &scaling, session->world));
 done:
     return rc;
 }

@@ -218,12 +218,12 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         v2v_calibration_fini(&session->calibration);
         /* agreement and MPI's end wait for the others, too */
         v2v_watchdog_beat("the end of a command");
-        V2V_TRY(rc);
+        V2V_TRY(v2v_par_agree(session->world, rc)); /* nothing is proved by one rank */
         if (arguments->mem_report) {
             v2v_mem_report();
         }
     }
-    V2V_TRY(flush_results());
+    V2V_TRY(v2v_par_agree(session->world, flush_results()));
     if (arguments->proof != NULL && v2v_comm_rank(session->world) == 0) {
         V2V_TRY(check_proof(arguments->proof)); /* it may be what the command wrote */
         V2V_TRY(v2v_file_write_text(arguments->proof, ""));

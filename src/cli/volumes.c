@@ -2,7 +2,6 @@
 
 #include "cli/levels.h"
 #include "cli/provenance.h"
-#include "cli/settle.h"
 #include "cli/steps.h"
 #include "cli/unused_settings.h"
 #include "cli/volumes_quality.h"
@@ -10,6 +9,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/eval/settle.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/method/networks.h"
 #include "v2v3d/nn/precision.h"
@@ -134,8 +134,8 @@ static enum v2v_status prepare(struct work *work, struct v2v_session *session)
         work->problem.skip = v2v_volumes_skip(&session->config.recon.skip, work->ops, NULL);
     }
     V2V_TRY(v2v_scaling_decide(&work->scaling, work->recording, &input, session->world));
-    V2V_TRY(
-        v2v_settle_by_frame(session, work->ops, &work->problem, work->recording, &work->scaling));
+    V2V_TRY(v2v_settle_by_frame(&session->config, work->ops, &work->problem, work->recording,
+                                &work->scaling, session->world));
     /* after the whole recording has decided on the scaling: a range has the bits of the whole */
     V2V_TRY(v2v_recording_cut(work->recording, work->frames.first, work->frames.count));
 done:

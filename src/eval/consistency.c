@@ -5,8 +5,8 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
-#include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
+#include "v2v3d/eval/settle.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/method/left_out.h"
 #include "v2v3d/method/networks.h"
@@ -65,8 +65,8 @@ static enum v2v_status allocate(struct v2v_consistency *out, int64_t frames, int
     out->views = views;
     out->slices = slices;
     V2V_TRY(V2V_ALLOC(out->frame, "eval.figures", frames));
-    V2V_TRY(
-        V2V_ALLOC(out->memory, "eval.figures", OF_FRAME * frames + (OF_VIEW + 2) * each + depth));
+    out->doubles = OF_FRAME * frames + (OF_VIEW + 2) * each + depth;
+    V2V_TRY(V2V_ALLOC(out->memory, "eval.figures", out->doubles));
     double *next = out->memory;
     for (int i = 0; i < OF_FRAME; i++, next += frames) {
         *of_frame[i] = next;
@@ -380,34 +380,14 @@ done:
     return rc;
 }
 
-/** Collective(world): what the method leaves to a frame, by the first of the recording that shows
- *  something, as for volumes, judged or not. */
-static enum v2v_status settle(struct judge *self, const struct v2v_comm *world)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_consistency_job *job = self->job;
-    int64_t frame = 0;
-    int is_seen = 0;
-    if (v2v_estimator_is_open(self->ops, &self->config)) {
-        V2V_TRY(v2v_first_seen(&frame, &is_seen, job->recording, job->scaling, world));
-        V2V_TRY(v2v_par_agree(world, v2v_fusion_read(self->fusion, self->views, job->recording,
-                                                     job->scaling, frame)));
-        V2V_TRY(v2v_estimator_settle(&self->config, self->ops, &self->problem, self->views,
-                                     v2v_fusion_averaging(self->fusion), world));
-    }
-done:
-    return rc;
-}
-
 /** Collective(world): what each rank found, known to all. One rank of a shard speaks for it. */
 static void share(struct judge *self, const struct v2v_comm *world)
 {
     struct v2v_consistency *out = self->out;
-    const int64_t doubles = out->frames * (4 + 4 * out->views + out->slices);
     if (self->grid.idle || self->grid.shard_rank > 0) {
-        memset(out->memory, 0, (size_t)doubles * sizeof *out->memory);
+        memset(out->memory, 0, (size_t)out->doubles * sizeof *out->memory);
     }
-    v2v_par_sum_f64(world, out->memory, doubles);
+    v2v_par_sum_f64(world, out->memory, out->doubles);
 }
 
 static void fini(struct judge *self)
@@ -465,7 +445,8 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
         rc = list_frames(&self);
     }
     V2V_TRY(v2v_par_agree(world, rc));
-    V2V_TRY(settle(&self, world));
+    V2V_TRY(v2v_settle_by_frame(&self.config, self.ops, &self.problem, job->recording, job->scaling,
+                                world));
     V2V_TRY(lay_out(&self, world));
     V2V_TRY(v2v_par_agree(world, self.grid.idle ? V2V_OK : take_memory(&self)));
     V2V_TRY(judge_all(&self));

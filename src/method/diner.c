@@ -143,8 +143,7 @@ static double sum_views(struct diner *self, int is_squared)
     return sum;
 }
 
-/** The level: 1 where a view sees the voxel, and then over the mean of that volume's projections.
- *  Local. */
+/** The level: 1 where a view sees the voxel. Local. */
 static enum v2v_status mark_seen(struct diner *self, const struct v2v_psf_file *psf)
 {
     enum v2v_status rc = V2V_OK;
@@ -168,7 +167,7 @@ done:
     return rc;
 }
 
-/** Collective(comm). */
+/** The level over the mean of its projections. Collective(comm). */
 static void set_level(struct diner *self)
 {
     const int64_t voxels = voxels_of(self);
@@ -238,7 +237,7 @@ static enum v2v_status look(const struct v2v_estimator *estimator, const float *
                                     "step", step);
 }
 
-/** The volume, times `scale`. Local. */
+/** The volume: what the field gives, times the level. Local. */
 static void draw_volume(struct diner *self, float *volume)
 {
     const int64_t voxels = voxels_of(self);

@@ -137,8 +137,9 @@ enum v2v_status v2v_left_out_choose(struct v2v_left_out **left_out,
                                     const struct v2v_comm *shard)
 {
     const int64_t views = problem->psf->views, count = views > FEW_VIEWS ? V2V_LEFT_OUT_MOST : 1;
-    const int64_t every = views / count; /* above the number of choices */
+    const int64_t every = views / count; /* not below the number of choices */
     const struct v2v_left_out_views without = {every - 1 - choice, every, every * count};
+    V2V_ASSERT(choice >= 0 && choice < every);
     return v2v_left_out_create(left_out, ops, problem, without, 1, shard);
 }
 

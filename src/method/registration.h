@@ -27,6 +27,9 @@ enum {
 };
 
 enum { V2V_REGISTER_NUMBERS = sizeof(struct v2v_view_calibration) / sizeof(double) };
+_Static_assert(sizeof(struct v2v_view_calibration) ==
+                   (1 + 2 + 2 + 3 * V2V_FIELD_TERMS) * sizeof(double),
+               "a view's calibration is taken for numbers: gain, shift, slope and three fields");
 
 /** Of a view, for these terms. @kind Local. */
 int v2v_registration_unknowns(unsigned terms);

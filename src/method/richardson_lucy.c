@@ -384,7 +384,8 @@ enum v2v_status v2v_richardson_lucy_run(struct v2v_estimator *estimator, float *
         needed = judge.has_ended ? judge.best : needed;
     }
     V2V_TRY(iterate_on(estimator, own, views, &stop->all, mean, needed, monitor));
-    int64_t count = self->share.slices.count * self->share.rows.count * self->width;
+    const int64_t count = self->share.slices.count * self->share.rows.count * self->width;
+#pragma omp parallel for simd schedule(static)
     for (int64_t i = 0; i < count; i++) {
         own[i] = (float)(own[i] * mean);
     }

@@ -203,13 +203,12 @@ static enum v2v_status create(struct v2v_estimator *estimator, const struct v2v_
     struct tv *self = NULL;
     const struct v2v_config *config = problem->config;
     const double light = v2v_psf_light(problem->psf);
-    if (!(light >= 1.0 / most_light && light <= most_light)) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
-                         "a view's PSFs sum to %.3g: total variation takes 1e-15 to 1e15; "
-                         "--normalize view makes it 1",
-                         light));
-    }
-    rc = V2V_ALLOC(self, "tv", 1);
+    rc = light >= 1.0 / most_light && light <= most_light
+             ? V2V_ALLOC(self, "tv", 1)
+             : V2V_FAIL(V2V_E_INPUT,
+                        "a view's PSFs sum to %.3g: total variation takes 1e-15 to 1e15; "
+                        "--normalize view makes it 1",
+                        light);
     estimator->self = self;
     V2V_TRY(v2v_par_agree(estimator->shard, rc));
     *self = (struct tv){.comm = estimator->shard,

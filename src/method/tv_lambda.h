@@ -18,8 +18,8 @@
  *  lambda was @param problem of the whole frame; its deconv.lambda is not read
  *  @param views [v,y,x], no offset
  *  @param averaging of views; may be NULL
- *  @return V2V_OK | V2V_E_CONFIG (auto: fewer than three views) | V2V_E_MEMORY | V2V_E_NUMERIC (NaN
- *  or Inf)
+ *  @return V2V_OK | V2V_STOPPED | V2V_E_CONFIG (auto: fewer than three views) | V2V_E_MEMORY |
+ *  V2V_E_NUMERIC (NaN or Inf)
  *  @source REFERENCE.md 10 */
 enum v2v_status v2v_tv_settle_weights(struct v2v_deconv_settings *deconv,
                                       const struct v2v_problem *problem, const float *views,

@@ -347,9 +347,12 @@ static void report(struct v2v_denoise_report *report, struct denoiser *self)
     const double samples =
         (double)(info->frames * info->views) * (double)(info->height * info->width);
     report->psnr_before = report->psnr_after = NAN;
-    if (self->job->clean != NULL) {
-        v2v_par_sum_f64(self->comm, self->errors, 2);
-        v2v_par_max_f64(self->comm, &self->peak, 1);
+    if (self->job->clean == NULL) {
+        return;
+    }
+    v2v_par_sum_f64(self->comm, self->errors, 2);
+    v2v_par_max_f64(self->comm, &self->peak, 1);
+    if (self->peak > 0.0) { /* else nothing is clean light */
         const double most = self->peak * self->peak * samples;
         report->psnr_before = 10.0 * log10(most / self->errors[0]);
         report->psnr_after = 10.0 * log10(most / self->errors[1]);
@@ -375,12 +378,19 @@ done:
     return rc;
 }
 
-/* What is written has the zero that was subtracted; what nothing tells stays untold. */
+/* What is written has the zero that was subtracted; where none was, it stays untold. */
 static double zero_of(const struct v2v_denoise_job *job)
 {
+    const struct v2v_scaling *scaling = job->scaling;
     const int is_stated = !isnan(v2v_recording_info(job->recording)->offset);
-    const int is_auto = job->config->input.offset.mode == V2V_NUMBER_AUTO;
-    return !is_auto || is_stated || job->scaling->is_guessed ? job->scaling->offset : (double)NAN;
+    switch (job->config->input.offset.mode) {
+    case V2V_NUMBER_GIVEN:
+        return scaling->offset;
+    case V2V_NUMBER_AUTO:
+        return is_stated || scaling->is_guessed ? scaling->offset : (double)NAN;
+    default:
+        return (double)NAN;
+    }
 }
 
 enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,

@@ -145,8 +145,10 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
     V2V_TRY(path_in(path, folder, V2V_RUN_WEIGHTS));
-    const float *const group[] = {whole->arena[0], whole->arena[1], whole->arena[2],
-                                  whole->arena[3]};
+    const float *group[ARENAS];
+    for (int i = 0; i < ARENAS; i++) {
+        group[i] = whole->arena[i];
+    }
     V2V_TRY(v2v_weights_file_write(path, &info, &whole->schema.fields, group, NULL, config));
 done:
     return rc;

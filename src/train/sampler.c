@@ -235,7 +235,7 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
         sampler->images = sampler->examples->inputs + sampler->examples->outputs;
         sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
-    int64_t bytes = sampler->images * sampler->frame_pixels * (int64_t)sizeof(float);
+    const int64_t bytes = v2v_mem_product(sampler->images, sampler->frame_pixels, sizeof(float));
     size_t most = (size_t)KEPT_BYTES;
     if (v2v_mem_room() / 2 < most) { /* the rest is for the network */
         most = v2v_mem_room() / 2;

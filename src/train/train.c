@@ -183,6 +183,20 @@ static int is_over(const struct run *run, const struct v2v_step_result *result)
            (settings->schedule == V2V_SCHEDULE_LINEAR && result->spent >= 1.0);
 }
 
+/* Steps since the newest checkpoint are made again. */
+static enum v2v_status stopped(const struct run *run)
+{
+    const long long step = run->step, steps = run->job->config->train.steps;
+    return run->checkpointed == run->step
+               ? V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume", step,
+                          steps)
+               : V2V_FAIL(V2V_STOPPED,
+                          "stopped after step %lld of %lld, of which the loss of the last %d was "
+                          "not finite; --resume goes on after step %lld",
+                          step, steps, run->not_finite,
+                          (long long)v2v_larger(run->checkpointed, 0));
+}
+
 /* What follows a step on all ranks alike. Collective(comm), agreed. */
 static enum v2v_status after_step(struct run *run, const struct v2v_step_result *result,
                                   const struct v2v_par_time *began)
@@ -203,8 +217,7 @@ static enum v2v_status after_step(struct run *run, const struct v2v_step_result 
     if (result->stop) {
         V2V_TRY(checkpoint(run));
         V2V_TRY(v2v_par_agree(run->comm, run->unwritten));
-        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped after step %lld of %lld; go on with --resume",
-                         (long long)run->step, (long long)settings->steps));
+        V2V_TRY(stopped(run));
     }
     if (result->checkpoint) {
         V2V_TRY(checkpoint(run));

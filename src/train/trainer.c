@@ -17,8 +17,9 @@ enum { OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
  * rank knows: a sum over ranks leaves its bits alone. */
 enum { FLAG_FAILED, FLAG_STOP, FLAG_CHECKPOINT, PART_SPENT, FLAGS };
 
-/* The linear schedule: steps of its rise, and the part of the learning rate that it falls to. */
-enum { RISE = 20 };
+/* The linear schedule: steps of its rise, and the part of the learning rate that it falls to; and
+ * what the memory of averaged weights grows by (REFERENCE.md 14). */
+enum { RISE = 20, GROWTH = 11 };
 #define FALLS_TO 0.05
 
 static const struct v2v_fields *fields_of(const struct v2v_trainer *trainer)
@@ -450,7 +451,7 @@ static double learning_rate(const struct v2v_train_settings *settings, int64_t s
 /* The first steps' weights are far from the last ones', so that the memory has to grow first. */
 static void average_weights(struct v2v_trainer *trainer, int64_t step)
 {
-    const double grown = (double)(step + 1) / (double)(step + 11);
+    const double grown = (double)(step + 1) / (double)(step + GROWTH);
     const float memory = (float)fmin(trainer->config->train.average, grown);
     const float *weights = trainer->network->weights;
     float *average = trainer->average;

@@ -38,9 +38,11 @@ says ' views of 64 x 64 pixels, '
 for variant in "${variants[@]}"; do
     says "^$variant +[0-9]+\.[0-9]+ +[0-9]"
 done
-# another network
-works bench --size 40 --repeat 1 -c tiny.yaml --set model.method=backconv
-says '^backconv, '
+# the other networks, which take other images than views, and make others than volumes
+for network in backconv unrolled vcdnet deepcad synthesis; do
+    works bench --size 40 --repeat 1 -c tiny.yaml --set "model.method=$network"
+    says "^$network, "
+done
 
 # Every method on a recording, as the commands of a user have it.
 works demo -c tiny.yaml -o own

@@ -26,7 +26,7 @@ if [ "$(grep -c 'a gain of' stderr)" -ne 1 ] || ! grep -q 'view 1: a gain of 0\.
 fi
 grep -q 'views: by so few' stderr && fail 'five views are few'
 for key in heldout_before heldout_after heldout_frame_before heldout_frame_after shifts gains slopes \
-    has_fields rounds lambda square; do
+    has_fields has_slopes is_gains_alone is_in_vain rounds lambda square; do
     grep -q "\"$key\": " stdout || fail "no $key in $(cat stdout)"
 done
 works psf simulate -c tiny.yaml --set 'optics.tilts=0 0, 0 0.5, 0 -0.5' -o few.h5

@@ -42,7 +42,8 @@ struct v2v_consistency {
     double *disagreement;        /**< [frames] */
     double *disagreement_slices; /**< [frames,slices] */
     double *resolution;          /**< [frames] pixels: v2v_fourier_resolution of a and b */
-    double *memory;              /**< owned, of all of them */
+    double *memory;              /**< owned, [doubles] of all of them */
+    int64_t doubles;
 };
 
 struct v2v_consistency_job {

@@ -131,7 +131,8 @@ struct v2v_estimator_ops {
     int (*is_open)(const struct v2v_config *config);
     /** Decide it, by the views [v,y,x] of a whole frame, the same on all ranks.
      *  @kind Collective(comm). @param config problem's own @param averaging of views; may be NULL
-     *  @return V2V_OK | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_NUMERIC; agreed */
+     *  @return V2V_OK | V2V_STOPPED | V2V_E_CONFIG | V2V_E_MEMORY | V2V_E_INPUT (weights) |
+     *          V2V_E_NUMERIC; agreed */
     enum v2v_status (*settle)(struct v2v_config *config, const struct v2v_problem *problem,
                               const float *views, const struct v2v_averaging *averaging,
                               const struct v2v_comm *comm);

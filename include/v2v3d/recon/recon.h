@@ -59,7 +59,8 @@ enum v2v_status v2v_recon_run(struct v2v_recon *recon, struct v2v_recording *rec
                               int branches, const struct v2v_monitor *monitor) V2V_MUST_CHECK;
 
 /** What the volumes of the last run leave of their views, as far as the method knows it; zeros of
- *  frames that were done before, and of all with skipping over time.
+ *  frames that were done before, and, with skipping over time, of those of which little was made
+ *  anew.
  *  @kind Collective(world). @param misfit [the recording's frames] out */
 void v2v_recon_misfits(const struct v2v_recon *recon, struct v2v_misfit *misfit);
 
