@@ -21,8 +21,8 @@ double v2v_strength_of(const struct v2v_strength_sums *fine, const struct v2v_st
  *  no more than two views.
  *  @kind Collective(comm), a rank a choice. @param problem of the whole frame, with weights
  *  @param views [v,y,x], no offset, the same on all ranks @param averaging of views; may be NULL
- *  @return V2V_OK | V2V_STOPPED | V2V_E_MEMORY | V2V_E_INPUT (weights) | V2V_E_NUMERIC (NaN or Inf);
- *  agreed
+ *  @return V2V_OK | V2V_STOPPED | V2V_E_MEMORY | V2V_E_INPUT (weights) | V2V_E_NUMERIC (NaN or
+ *  Inf); agreed
  *  @source REFERENCE.md 14 */
 enum v2v_status v2v_strength_choose(double *strength, const struct v2v_problem *problem,
                                     const float *views, const struct v2v_averaging *averaging,

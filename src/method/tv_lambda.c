@@ -67,6 +67,10 @@ enum { FIRST_LOOK = 6 };
  * (tests/bench/quality.md). */
 static const double taken_below = 0.6, much_seen = 3.0, taken_below_if_sharp = 0.2;
 
+/* And above this part of it, where a voxel sees so many times the usual noise: of few slices beside
+ * many views the noise tells too little (tests/bench/quality.md). */
+static const double taken_above = 1.2, enough_seen = 2.5;
+
 /* And where they are sure of it: deviations of noise by which one choice of views, and both, are
  * predicted better; fewer are chance where views or slices are few or the square is small. Two of
  * three views say what is not so, surely (tests/bench/quality.md). */
@@ -131,6 +135,12 @@ static void miss(float *samples, const struct chooser *self, const struct v2v_le
 static double weight_of(double index)
 {
     return LEAST_WEIGHT * pow(WEIGHT_RATIO, index);
+}
+
+/* Of the nearest one, whether or not it may be tried. */
+static int index_of(double weight)
+{
+    return (int)lround(log(weight / LEAST_WEIGHT) / log(WEIGHT_RATIO));
 }
 
 struct weights {
@@ -427,7 +437,7 @@ done:
 static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
 {
     enum v2v_status rc = V2V_OK;
-    const int index = (int)lround(log(chosen->lambda / LEAST_WEIGHT) / log(WEIGHT_RATIO));
+    const int index = index_of(chosen->lambda);
     const int half = (int)v2v_larger(index - HALF, 0);
     int is_likely = 0;
     if (half >= index || index >= WEIGHTS) {
@@ -442,6 +452,30 @@ static enum v2v_status choose_less(struct weights *chosen, struct chooser *self)
             chosen->lambda = OF_ALL_VIEWS * between(self, best);
         }
         V2V_TRY(choose_sparse(chosen, self, best));
+    }
+done:
+    return rc;
+}
+
+/* Uphill from the weight that noise says. Collective(self->comm). */
+static enum v2v_status choose_more(struct weights *chosen, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    const int index = index_of(chosen->lambda);
+    int best = index;
+    if (index < 1 || index >= WEIGHTS - 1) {
+        return V2V_OK;
+    }
+    for (int i = 0; i < WEIGHTS; i++) { /* those of fewer iterations, too */
+        self->missed[0][i] = self->missed[1][i] = -1.0;
+    }
+    V2V_TRY(try_weight(self, index));
+    for (int next = index + 1; next < WEIGHTS && best == next - 1; next++) {
+        V2V_TRY(try_weight(self, next));
+        best = missed_by(self, next) < missed_by(self, best) ? next : best;
+    }
+    if (best > index) {
+        chosen->lambda = OF_ALL_VIEWS * between(self, best);
     }
 done:
     return rc;
@@ -503,6 +537,19 @@ done:
     return rc;
 }
 
+/** What they say, where it is more than noise says. Collective(self->comm). */
+static enum v2v_status ask_for_more(struct v2v_deconv_settings *deconv, struct chooser *self)
+{
+    enum v2v_status rc = V2V_OK;
+    struct weights chosen = {deconv->lambda.value, deconv->sparsity.value};
+    V2V_TRY(choose_more(&chosen, self));
+    if (chosen.lambda > taken_above * deconv->lambda.value) {
+        take(deconv, &chosen, ", which want more than noise does");
+    }
+done:
+    return rc;
+}
+
 /** What they say, where it is far less than noise says. Collective(self->comm). */
 static enum v2v_status ask_for_less(struct v2v_deconv_settings *deconv, struct chooser *self)
 {
@@ -512,6 +559,8 @@ static enum v2v_status ask_for_less(struct v2v_deconv_settings *deconv, struct c
     V2V_TRY(choose_less(&chosen, self));
     if (chosen.lambda < part * deconv->lambda.value) {
         take(deconv, &chosen, ", which want less than noise does");
+    } else if (self->seen > enough_seen) {
+        V2V_TRY(ask_for_more(deconv, self));
     }
 done:
     return rc;

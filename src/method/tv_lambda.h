@@ -11,8 +11,9 @@
  *  `default`: as the noise says; where the square's volume misses its views by more than their
  *  noise, as where they are out of register, as `auto`; where half of that surely predicts one
  *  choice of views better, the weight downhill from there that predicts both best, if it surely
- *  does and is below 0.6 of it (0.2 of sharp PSFs), as of points and lines. Of three views that is
- *  not asked, of one or two nothing is. A sparsity that is left open is 0, but 1 where less is
+ *  does and is below 0.6 of it (0.2 of sharp PSFs), as of points and lines; else, of PSFs of few
+ *  slices, the weight uphill that predicts both best, above 1.2 of it. Of three views that is not
+ *  asked, of one or two nothing is. A sparsity that is left open is 0, but 1 where less is
  *  wanted and it predicts better still. The ranks of a host share the volumes, never the answer.
  *  @kind Collective(world). @param deconv in and out, both then of mode V2V_NUMBER_GIVEN unless
  *  lambda was @param problem of the whole frame; its deconv.lambda is not read

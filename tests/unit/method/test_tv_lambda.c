@@ -203,6 +203,42 @@ static void lines_are_weighed_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
+/* The weight that the noise of views says. */
+static double by_noise(const struct v2v_problem *problem, const float *views)
+{
+    struct v2v_estimator *estimator = NULL;
+    assert_ok(v2v_estimator_create(&estimator, &v2v_estimator_tv, problem, NULL));
+    estimator->ops->measure(estimator, views);
+    const double noise = v2v_tv_noise(estimator).part;
+    v2v_estimator_destroy(&estimator);
+    return 0.03 * pow(10.0 * noise, 0.15) * sqrt(v2v_tv_noise_seen(problem->psf));
+}
+
+/* Broad light in much noise wants more than that, of few slices, and gets it. */
+static void broad_light_of_few_slices_gets_more(void **state)
+{
+    (void)state;
+    static float truth[SLICES * PIXELS], views[VIEWS * PIXELS], volume[SLICES * PIXELS];
+    struct v2v_psf_file psf = point_psf();
+    const struct v2v_problem problem = {
+        .config = &config, .psf = &psf, .height = SIDE, .width = SIDE};
+    for (int64_t i = 0; i < SLICES * PIXELS; i++) {
+        truth[i] =
+            (float)(1.0 + sin((double)(i / SIDE % SIDE) / 9.0) * sin((double)(i % SIDE) / 9.0));
+    }
+    show(views, truth, &psf, 1.0, 51);
+    const double weight[2] = {by_noise(&problem, views), settled(V2V_NUMBER_NONE, &problem, views)};
+    double error[2];
+    for (int k = 0; k < 2; k++) {
+        config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight[k]};
+        assert_ok(estimate(volume, views, &psf, SIDE, SIDE));
+        error[k] = test_relative_l2(volume, truth, SLICES * PIXELS);
+    }
+    assert_true(weight[1] > 1.2 * weight[0]);
+    assert_true(error[1] < 0.5 * error[0]);
+    v2v_psf_file_fini(&psf);
+}
+
 /* Of one view none can be left out: the noise says, and that there is a single slice. */
 static void a_single_slice_has_twice_the_weight_by_the_noise(void **state)
 {
@@ -235,6 +271,7 @@ int main(void)
         cmocka_unit_test_setup(few_sharp_points_are_weighed_by_views_left_out, setup),
         cmocka_unit_test_setup(few_points_give_the_volume_a_weight, setup),
         cmocka_unit_test_setup(lines_are_weighed_by_views_left_out, setup),
+        cmocka_unit_test_setup(broad_light_of_few_slices_gets_more, setup),
         cmocka_unit_test_setup(a_single_slice_has_twice_the_weight_by_the_noise, setup),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
