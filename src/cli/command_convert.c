@@ -287,14 +287,22 @@ done:
 /* Options of contents that this one isn't would do nothing. */
 static enum v2v_status refuse_others(const struct arguments *given, enum v2v_content content)
 {
-    static const char *const of_recordings[] = {"input.views", "input.first_view", "input.stride",
-                                                "input.layout"};
+    static const struct {
+        const char *key, *option;
+        int is_of_folders; /* bool: says how a folder's files are put together, too */
+    } of_recordings[] = {{"input.views", "--views", 1},
+                         {"input.layout", "--layout", 1},
+                         {"input.first_view", "--first-view", 0},
+                         {"input.stride", "--stride", 0}};
     enum v2v_status rc = V2V_OK;
-    for (size_t i = 0; i < sizeof of_recordings / sizeof *of_recordings; i++) {
-        if ((content == V2V_CONTENT_VOLUME || content == V2V_CONTENT_PSF) &&
-            v2v_options_set(&given->common, of_recordings[i])) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: %s is of recordings (--kind recording)",
-                             given->input, of_recordings[i]));
+    const int is_folder = v2v_file_is_folder(given->input);
+    const int is_other = content == V2V_CONTENT_VOLUME || content == V2V_CONTENT_PSF;
+    for (size_t i = 0; i < sizeof of_recordings / sizeof *of_recordings && is_other; i++) {
+        if (v2v_options_set(&given->common, of_recordings[i].key) &&
+            !(is_folder && of_recordings[i].is_of_folders)) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s is of recordings, and %s is taken for %s",
+                             of_recordings[i].option, given->input,
+                             content == V2V_CONTENT_PSF ? "PSFs" : "a volume (--kind recording)"));
         }
     }
     if (content != V2V_CONTENT_RECORDING && content != V2V_CONTENT_VOLUME &&

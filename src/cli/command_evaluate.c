@@ -102,6 +102,8 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     enum v2v_status rc = V2V_OK;
     const struct v2v_network_ops *network = NULL;
     struct v2v_evaluation evaluation = {0};
+    struct v2v_psf_file psf = {0};
+    struct v2v_weights_info info;
     struct v2v_evaluation_job job = {.volume = given->volume,
                                      .truth = given->truth,
                                      .volume_dataset = given->volume_dataset,
@@ -132,6 +134,10 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         }
     }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
+    if (given->weights != NULL && given->psf != NULL) { /* which tell what of the weights holds */
+        V2V_TRY(v2v_step_psf(session, &psf, given->psf));
+        V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &psf));
+    }
     V2V_TRY(v2v_evaluation_run(&evaluation, &job, session));
     if (v2v_step_on_root(session)) {
         if (given->json) {
@@ -141,6 +147,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         }
     }
 done:
+    v2v_psf_file_fini(&psf);
     v2v_evaluation_fini(&evaluation);
     return rc;
 }

@@ -207,12 +207,14 @@ static enum v2v_status keep_weights(const struct arguments *given,
     static const char *const forgotten[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    for (int i = 0; i < 2 && session->force && !given->resume; i++) {
-        V2V_TRY(v2v_text_format(path, sizeof path, "%s/%s", given->folder, forgotten[i]));
-        V2V_TRY(v2v_step_output(session, path, &given->weights, 1));
+    const int is_anew = session->force && !given->resume;
+    for (int i = 0; i < 2 && is_anew && v2v_step_on_root(session) && rc == V2V_OK; i++) {
+        rc = v2v_text_format(path, sizeof path, "%s/%s", given->folder, forgotten[i]);
+        if (rc == V2V_OK && v2v_file_exists(path)) {
+            rc = v2v_file_check_output(path, 1, &given->weights, 1);
+        }
     }
-done:
-    return rc;
+    return v2v_par_agree(session->world, rc);
 }
 
 static void close_material(struct material *material)

@@ -337,6 +337,7 @@ static enum v2v_status settle(struct work *work, const struct v2v_volume_info *i
     if (is_auto && origin->recording[0] != '\0' && isfinite(origin->offset)) {
         work->scaling.pedestal = origin->offset == 0.0 ? work->scaling.pedestal : 0.0;
         work->scaling.offset = origin->offset;
+        work->scaling.is_guessed = 0;
     }
     if (work->job->weights != NULL) {
         V2V_TRY(read_levels(work));
@@ -370,6 +371,12 @@ static void find_faults(struct work *work)
         snprintf(text, sizeof text,
                  "the views are hardly anywhere darker than %.4g: the camera's zero (--offset)?",
                  work->scaling.pedestal);
+        warn(work, text);
+    }
+    if (work->scaling.is_guessed) {
+        snprintf(text, sizeof text,
+                 "%g is subtracted, the zero of signed counts, which most are above (--offset)",
+                 work->scaling.offset);
         warn(work, text);
     }
     if (work->deficit > 0.0) {

@@ -263,8 +263,8 @@ done:
 
 enum psfs { NOT_KNOWN, THE_SAME, OTHERS }; /* as those of the training */
 
-/* The weight of the variation that was chosen for the PSFs of the training is none for others: it
- * stays as it is given here, or is to be chosen. */
+/* The weights that were chosen for the PSFs of the training, of variation and volume together, are
+ * none for others: they stay as they are given here, or are to be chosen. */
 static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weights_info *info,
                              const struct v2v_network_ops *ops, const char *path, enum psfs psfs)
 {
@@ -283,6 +283,7 @@ static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weigh
         }
         if (is_chosen && psfs != THE_SAME) {
             *lambda = before.deconv.lambda;
+            session->config.deconv.sparsity = before.deconv.sparsity;
         }
         V2V_TRY(compare_setting(session, ops->keys[i], &before, path));
     }

@@ -440,13 +440,10 @@ enum v2v_status v2v_consistency_of(struct v2v_consistency *out,
                                         .width = info->width,
                                         .precision = V2V_PRECISION_F32};
     self.folds = v2v_left_out_folds(job->psf->views);
-    rc = find_estimator(&self);
-    if (rc == V2V_OK) {
-        rc = list_frames(&self);
-    }
-    V2V_TRY(v2v_par_agree(world, rc));
+    V2V_TRY(v2v_par_agree(world, find_estimator(&self)));
     V2V_TRY(v2v_settle_by_frame(&self.config, self.ops, &self.problem, job->recording, job->scaling,
                                 world));
+    V2V_TRY(v2v_par_agree(world, list_frames(&self)));
     V2V_TRY(lay_out(&self, world));
     V2V_TRY(v2v_par_agree(world, self.grid.idle ? V2V_OK : take_memory(&self)));
     V2V_TRY(judge_all(&self));

@@ -1,7 +1,7 @@
-#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/op/workspace.h"
+#include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/bulk.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -15,7 +15,6 @@ static const double other_units = 2.0;
 
 struct truth {
     struct v2v_workspace image; /* [y,x], where every frame has a level of its own */
-    int is_told;                /* bool: of units */
 };
 
 static enum v2v_status create(struct v2v_examples *examples)
@@ -68,27 +67,35 @@ static double light_of(const struct v2v_psf_file *psf, const float *volume, int6
     return light / (double)pixels;
 }
 
-/* What brings a volume, of which `scale` times is to come out, to the units of its views, as all
- * other methods have it. */
-static double units_of(const struct v2v_examples *examples, const float *views, const float *volume,
-                       double scale, int64_t pixels)
+enum v2v_status v2v_examples_truth_units(struct v2v_example_source *source,
+                                         const struct v2v_psf_file *psf)
 {
-    struct truth *self = examples->self;
-    const int64_t samples = examples->inputs * pixels;
-    const double light = scale * light_of(examples->psf, volume, pixels);
-    const double seen = v2v_sum(views, samples) / (double)samples;
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(source->recording);
+    const int64_t pixels = info->height * info->width, samples = info->views * pixels;
+    const int64_t of_truth = v2v_volume_info(source->truth)->frames;
+    const struct v2v_scaling offset = {.gain = 1.0, .offset = source->scaling.offset};
+    double seen = 0.0, light = 0.0;
+    float *views = NULL, *volume = NULL;
+    source->units = 1.0;
+    V2V_TRY(V2V_ALLOC(views, "truth.units", v2v_mem_product(info->views, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(volume, "truth.units", v2v_mem_product(psf->slices, pixels, 1)));
+    for (int64_t t = 0; t < info->frames; t++) {
+        v2v_watchdog_beat("units of true volumes");
+        V2V_TRY(v2v_recording_read(source->recording, views, t));
+        v2v_scaling_apply(&offset, views, samples);
+        seen += v2v_sum(views, samples) / (double)samples;
+        if (t < of_truth) {
+            V2V_TRY(v2v_volume_read(source->truth, volume, t, 0, psf->slices));
+        }
+        light += light_of(psf, volume, pixels);
+    }
     const double ratio = light > 0.0 && seen > 0.0 ? seen / light : 1.0;
-    if (ratio < other_units && ratio > 1.0 / other_units) {
-        return 1.0;
-    }
-    if (!self->is_told) {
-        v2v_log(V2V_LOG_INFO,
-                "true volumes in other units than their views: the first such one is taken times "
-                "%.4g",
-                ratio);
-        self->is_told = 1;
-    }
-    return ratio;
+    source->units = ratio < other_units && ratio > 1.0 / other_units ? 1.0 : ratio;
+done:
+    v2v_mem_free(volume);
+    v2v_mem_free(views);
+    return rc;
 }
 
 static enum v2v_status make(struct v2v_examples *examples, float *images,
@@ -106,10 +113,8 @@ static enum v2v_status make(struct v2v_examples *examples, float *images,
     v2v_scaling_apply(&source->scaling, images, samples);
     V2V_TRY(level(&factor, examples, images, info));
     V2V_TRY(v2v_volume_read(source->truth, images + samples, of_volume, 0, examples->outputs));
-    const double scale = source->scaling.gain * factor;
-    const double units =
-        units_of(examples, images, images + samples, scale, info->height * info->width);
-    v2v_bulk_scale(images + samples, voxels, (float)(scale * units));
+    v2v_bulk_scale(images + samples, voxels,
+                   (float)(source->scaling.gain * factor * source->units));
 done:
     return rc;
 }

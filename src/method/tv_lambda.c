@@ -427,6 +427,8 @@ static enum v2v_status try_half(int *is_likely, struct chooser *self, int index,
     *is_likely = is_clear || better_by(self, half, index, 1) >= may_be_better;
     if (*is_likely) {
         V2V_TRY(try_two(self, index, half, self->iterations));
+    } else { /* of too few iterations to be compared with others */
+        self->missed[0][index] = self->missed[0][half] = -1.0;
     }
 done:
     return rc;
@@ -463,11 +465,8 @@ static enum v2v_status choose_more(struct weights *chosen, struct chooser *self)
     enum v2v_status rc = V2V_OK;
     const int index = index_of(chosen->lambda);
     int best = index;
-    if (index < 1 || index >= WEIGHTS - 1) {
+    if (index < 0 || index >= WEIGHTS - 1) {
         return V2V_OK;
-    }
-    for (int i = 0; i < WEIGHTS; i++) { /* those of fewer iterations, too */
-        self->missed[0][i] = self->missed[1][i] = -1.0;
     }
     V2V_TRY(try_weight(self, index));
     for (int next = index + 1; next < WEIGHTS && best == next - 1; next++) {
@@ -559,7 +558,7 @@ static enum v2v_status ask_for_less(struct v2v_deconv_settings *deconv, struct c
     V2V_TRY(choose_less(&chosen, self));
     if (chosen.lambda < part * deconv->lambda.value) {
         take(deconv, &chosen, ", which want less than noise does");
-    } else if (self->seen > enough_seen) {
+    } else if (self->seen > enough_seen && chosen.lambda >= deconv->lambda.value) {
         V2V_TRY(ask_for_more(deconv, self));
     }
 done:

@@ -135,14 +135,18 @@ static void compare(const struct v2v_key_frames *keys, uint8_t *differs, int one
     }
 }
 
-/* Less than half as bright as either other frame, as where the light was shut off? */
+/* Less than half as bright as either other frame, as where the light was shut off? Of frames of
+ * noise alone none is. */
 static int is_dim(const struct v2v_key_frames *keys, int slot)
 {
-    double light[COMPARED];
+    const int64_t count = keys->views * keys->squares;
+    double light[COMPARED], noise = 0.0;
     for (int i = 0; i < COMPARED; i++) {
-        light[i] = v2v_sum(keys->mean[i], keys->views * keys->squares);
+        light[i] = v2v_sum(keys->mean[i], count);
+        noise = fmax(noise, sqrt(v2v_sum(keys->noise[i], count)));
     }
-    return 2.0 * light[slot] < fmin(light[(slot + 1) % COMPARED], light[(slot + 2) % COMPARED]);
+    const double others = fmin(light[(slot + 1) % COMPARED], light[(slot + 2) % COMPARED]);
+    return others > certain * noise && 2.0 * light[slot] < others;
 }
 
 /* Is the frame in this slot odd: in a view or some, fewer than half, it differs from both others,

@@ -371,6 +371,7 @@ static void add_misfit(struct v2v_misfit *sum, const struct v2v_misfit *of, doub
 static void find_highest(struct v2v_still *still, const float *views)
 {
     const int64_t pixels = still->plan.height * still->plan.width;
+#pragma omp parallel for schedule(static)
     for (int64_t v = 0; v < still->problem.psf->views; v++) {
         still->highest[v] = v2v_saturated_value(views + v * pixels, pixels);
     }

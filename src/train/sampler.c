@@ -146,6 +146,27 @@ static enum v2v_status check_sources(const struct v2v_sampler *sampler)
     return V2V_OK;
 }
 
+/* Rank 0's answer is all ranks': others may round another way. */
+static enum v2v_status find_units(struct v2v_sampler *sampler, const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_examples *examples = sampler->examples;
+    const int is_wanted = examples != NULL && examples->ops->needs_truth;
+    for (int64_t i = 0; i < sampler->source_count && is_wanted; i++) {
+        struct v2v_example_source *of = &sampler->source[i].of;
+        V2V_TRY(v2v_par_agree(
+            comm, v2v_comm_rank(comm) == 0 ? v2v_examples_truth_units(of, examples->psf) : V2V_OK));
+        v2v_par_broadcast(comm, &of->units, sizeof of->units, 0);
+        if (of->units != 1.0) {
+            v2v_log(V2V_LOG_INFO,
+                    "truth %lld is in other units than its recording: it is taken times %.4g",
+                    (long long)i + 1, of->units);
+        }
+    }
+done:
+    return rc;
+}
+
 static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v_train_job *job,
                                    const struct v2v_comm *comm)
 {
@@ -273,6 +294,7 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
     V2V_TRY(v2v_par_agree(comm, choose_sides(self, sides)));
     V2V_TRY(v2v_par_agree(comm, check_sizes(self, job->psf->views)));
     V2V_TRY(v2v_par_agree(comm, check_sources(self)));
+    V2V_TRY(find_units(self, comm));
     V2V_TRY(v2v_par_agree(comm, take_memory(self, job, kind)));
 done:
     if (rc != V2V_OK) {

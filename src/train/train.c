@@ -16,8 +16,8 @@
 #include <stdio.h>
 
 /* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row,
- * or where it is the last, the run gives up. */
-enum { NOT_FINITE_IN_A_ROW = 10 };
+ * or after more at its end than chance makes, the run gives up. */
+enum { NOT_FINITE_IN_A_ROW = 10, BY_CHANCE = 1 };
 
 struct run {
     const struct v2v_train_job *job;
@@ -91,12 +91,10 @@ done:
     return rc;
 }
 
-/* Of weights that a step could be made from: what makes losses that aren't finite may have ruined
- * them, and would replace good ones. */
-static enum v2v_status checkpoint(struct run *run)
+static enum v2v_status write_checkpoint(struct run *run)
 {
     enum v2v_status rc = V2V_OK;
-    if (run->checkpointed == run->step || run->not_finite > 0) {
+    if (run->checkpointed == run->step) {
         goto done;
     }
     v2v_watchdog_beat("writing a checkpoint");
@@ -109,6 +107,12 @@ static enum v2v_status checkpoint(struct run *run)
     run->last_checkpoint = v2v_clock_now();
 done:
     return rc;
+}
+
+/* Not of weights that the last loss wasn't finite of, which would replace better ones. */
+static enum v2v_status checkpoint(struct run *run)
+{
+    return run->not_finite > 0 ? V2V_OK : write_checkpoint(run);
 }
 
 /* Is it time for a checkpoint? Rank 0's clock says it for all, with the votes. */
@@ -141,12 +145,12 @@ static enum v2v_status give_up(const struct run *run)
     const long long steps = run->not_finite, last = run->step, kept = run->checkpointed;
     return kept >= 0
                ? V2V_FAIL(V2V_E_NUMERIC,
-                          "the loss was not finite in %lld steps in a row, up to step %lld; the "
+                          "the loss of the last %lld steps, up to step %lld, was not finite; the "
                           "checkpoint is of step %lld, before them: lower train.learning_rate and "
-                          "resume",
+                          "resume, by " V2V_RUN_WEIGHTS_BEFORE " in its place if that doesn't help",
                           steps, last, kept)
                : V2V_FAIL(V2V_E_NUMERIC,
-                          "the loss was not finite in %lld steps in a row, up to step %lld, and "
+                          "the loss of the last %lld steps, up to step %lld, was not finite, and "
                           "there is no checkpoint from before them: lower train.learning_rate",
                           steps, last);
 }
@@ -243,10 +247,7 @@ static enum v2v_status loop(struct run *run, struct v2v_train_report *report)
         V2V_TRY(after_step(run, &result, &began));
     }
     V2V_TRY(v2v_par_agree(run->comm, run->unwritten));
-    if (run->not_finite > 0) {
-        V2V_TRY(give_up(run));
-    }
-    V2V_TRY(checkpoint(run));
+    V2V_TRY(run->not_finite > BY_CHANCE ? give_up(run) : write_checkpoint(run));
 done:
     return rc;
 }

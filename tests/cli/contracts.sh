@@ -114,7 +114,7 @@ for of in moving:/views moving_truth:/volume; do
     refuses 65 'there is no frame 4: it has 4' convert --input "$name.h5" --frames 4:1 -o none.h5
 done
 refuses 2 '--frames: one/psf.h5 has none' convert --input one/psf.h5 --frames 0:1 -o none.h5
-refuses 2 'moving_truth.h5: input.stride is of recordings' convert --input moving_truth.h5 --stride 1 -o none.h5
+refuses 2 '--stride is of recordings, and moving_truth.h5 is taken for a volume' convert --input moving_truth.h5 --stride 1 -o none.h5
 
 # A zero of 0 is stated too, so that none is guessed.
 works simulate --scene neurons --psf one/psf.h5 --noise camera:500:1:0 --size 64 -o zero.h5

@@ -315,21 +315,26 @@ for told in '' --set=deconv.lambda=0.2; do
     grep -q 'weights.h5: was trained with other PSFs: its deconv.lambda' stderr ||
         fail "no word on its lambda: $(cat stderr)"
     grep -q 'deconv.lambda=.*which is taken' stderr && fail "it is not taken: $(cat stderr)"
-    works deconvolve --psf others.h5 --input recording.h5 --set deconv.sparsity=0 $told -o by_tv.h5 --force
+    works deconvolve --psf others.h5 --input recording.h5 $told -o by_tv.h5 --force
     same of_others.h5 by_tv.h5 /volume
 done
+# Judged with those of its training, they are what its volumes were made by.
+works reconstruct --psf psf.h5 --input recording.h5 --weights corrected/weights.h5 -o of_its_own.h5
+works evaluate --volume of_its_own.h5 --psf psf.h5 --input recording.h5 --weights corrected/weights.h5 --verbose
+grep -q 'by the noise' stderr && fail "its lambda is chosen once more: $(cat stderr)"
 # A run doesn't forget the weights that it is to start from.
 cp corrected/weights.h5 kept.h5
 refuses 2 'corrected/weights.h5' train -c tiny.yaml --psf psf.h5 --input recording.h5 -o corrected --force \
     --weights corrected/weights.h5
 cmp -s corrected/weights.h5 kept.h5 || fail 'a refused run took its weights'
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o begun_anew --force --weights kept.h5 --steps 1
 # Losses that aren't finite replace no checkpoint, and are no success where they are the last.
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ruined --steps 4
 for steps in 30 8; do
     timed "$limit" train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ruined --resume --steps $steps \
         --set train.learning_rate=1 --set train.checkpoint_every_s=0
     [ $? -eq 70 ] || fail "a ruined run is no failure: $(cat stderr)"
-    grep -q 'not finite in .* the checkpoint is of step 5, before them' stderr ||
+    grep -q 'not finite; the checkpoint is of step 5, before them' stderr ||
         fail "no word on the checkpoint: $(cat stderr)"
     works weights info ruined/weights.h5
     says 'step 5'

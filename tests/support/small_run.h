@@ -59,8 +59,11 @@ static inline void scene_record(struct scene *scene, const char *name,
 {
     char path[PATH];
     struct v2v_recording_writer *writer = NULL;
-    struct v2v_recording_info info = {
-        .frames = FRAMES, .views = VIEWS, .height = scene->height, .width = scene->width};
+    struct v2v_recording_info info = {.frames = FRAMES,
+                                      .views = VIEWS,
+                                      .height = scene->height,
+                                      .width = scene->width,
+                                      .offset = (double)NAN};
     struct v2v_input_settings input = {.views = VIEWS};
     int64_t samples = VIEWS * scene->height * scene->width;
     float *views = NULL;

@@ -16,7 +16,8 @@ extern "C" {
  *  @kind   Collective(comm)
  *  @param  config in and out: deconv and recon
  *  @param  problem of the recording's frames, with that configuration
- *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (reading) | V2V_E_CONFIG | V2V_E_NUMERIC; agreed */
+ *  @return V2V_OK | V2V_STOPPED | V2V_E_MEMORY | V2V_E_INPUT (reading) | V2V_E_CONFIG |
+ *          V2V_E_NUMERIC; agreed */
 enum v2v_status v2v_settle_by_frame(struct v2v_config *config, const struct v2v_estimator_ops *ops,
                                     const struct v2v_problem *problem,
                                     struct v2v_recording *recording,

@@ -59,7 +59,8 @@ struct v2v_train_report {
  * (step, mse, fft, pos, dc, tv, total, grad_norm, seconds and, of these, rank 0's in
  * communication), RUN/weights.h5, RUN/config.yaml.
  *  @kind   Collective(comm)
- *  @return V2V_OK | V2V_STOPPED (limit or signal: checkpoint written) | V2V_E_NUMERIC |
+ *  @return V2V_OK | V2V_STOPPED (limit or signal: checkpoint written, unless the last
+ *          loss was not finite) | V2V_E_NUMERIC |
  *          V2V_E_CONFIG | V2V_E_INPUT | V2V_E_BUSY (another run holds RUN) | V2V_E_USAGE (RUN holds
  *          a run and neither resume nor force) | V2V_E_IO | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_report *report,
