@@ -41,15 +41,16 @@ static const struct v2v_option options[] = {
     V2V_OPTIONS_SIZES,
     {0}};
 
-/* The frames that are asked for. Collective(world). */
-static enum v2v_status open_volume(struct v2v_volume **volume, const struct arguments *given,
-                                   const struct v2v_session *session)
+/* The frames that are asked for. Collective(world). @param first out: of them */
+static enum v2v_status open_volume(struct v2v_volume **volume, int64_t *first,
+                                   const struct arguments *given, const struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_part frames;
     V2V_TRY(v2v_step_frames(&frames, given->frames));
     V2V_TRY(v2v_volume_open(volume, given->input, &session->config.input, session->world));
     V2V_TRY(v2v_volume_cut(*volume, frames.first, frames.count));
+    *first = frames.first;
     for (int64_t t = 0; t < v2v_volume_info(*volume)->frames; t++) {
         if (!v2v_volume_has(*volume, t)) {
             V2V_TRY(V2V_FAIL(V2V_E_INPUT,
@@ -80,11 +81,12 @@ static enum v2v_status convert_to_bdv(const struct arguments *given,
 {
     enum v2v_status rc = V2V_OK;
     struct bdv bdv = {.output = given->output};
+    int64_t first = 0;
     char data[V2V_PATH_BYTES];
     V2V_TRY(v2v_bdv_data_name(data, given->output));
     V2V_TRY(v2v_storage_settle(&bdv.storage, &given->storage, given->output));
     V2V_TRY(v2v_step_output(session, data, &given->input, 1));
-    V2V_TRY(open_volume(&bdv.volume, given, session));
+    V2V_TRY(open_volume(&bdv.volume, &first, given, session));
     V2V_TRY(v2v_agreement_alone(session->world, write_bdv, &bdv));
 done:
     v2v_volume_close(&bdv.volume);
@@ -99,17 +101,16 @@ static enum v2v_status convert_volume(const struct arguments *given,
     struct v2v_volume_writer *writer = NULL;
     float *slices = NULL;
     struct v2v_origin origin;
-    struct v2v_part frames;
+    int64_t first = 0;
     struct v2v_attribute attributes[2 + V2V_ORIGIN_ATTRIBUTES] = {
         {.name = "program", .text = "v2v3d " V2V_VERSION},
         {.name = "command_line", .text = session->command_line}};
     if (v2v_bdv_is_name(given->output)) {
         return convert_to_bdv(given, session);
     }
-    V2V_TRY(open_volume(&volume, given, session));
+    V2V_TRY(open_volume(&volume, &first, given, session));
     V2V_TRY(v2v_origin_read(&origin, given->input, session));
-    V2V_TRY(v2v_step_frames(&frames, given->frames));
-    origin.first_frame += origin.first_frame >= 0 ? frames.first : 0;
+    origin.first_frame += origin.first_frame >= 0 ? first : 0;
     const int64_t described = 2 + v2v_origin_attributes(attributes + 2, &origin);
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     struct v2v_volume_info written = *info;

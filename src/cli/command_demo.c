@@ -75,17 +75,21 @@ static const char *const made[] = {"config.yaml", "psf.h5",       "truth.h5",   
                                    "run",         "volume.h5",    "rld.h5",        "rld_best.h5",
                                    "results.txt", "results.json", "comparison.png"};
 
+static enum v2v_status check_name(const struct v2v_demo *demo)
+{
+    return strstr(demo->folder, "%n") == NULL
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_USAGE,
+                          "%s: in names of outputs %%n stands for that of a recording; choose "
+                          "another folder",
+                          demo->folder);
+}
+
 /* None of what a demo makes may be there. Rank 0. */
 static enum v2v_status check_folder(const struct v2v_demo *demo)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    if (strstr(demo->folder, "%n") != NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE,
-                         "%s: in names of outputs %%n stands for that of a recording; choose "
-                         "another folder",
-                         demo->folder));
-    }
     for (size_t i = 0; i < sizeof made / sizeof made[0] && !demo->session->force; i++) {
         V2V_TRY(v2v_demo_path(path, demo, made[i]));
         if (v2v_file_exists(path)) {
@@ -106,6 +110,7 @@ static enum v2v_status open_folder(struct v2v_demo *demo)
     char path[V2V_PATH_BYTES];
     char *text = NULL;
     if (v2v_step_on_root(session)) {
+        V2V_TRY(check_name(demo));
         V2V_TRY(v2v_file_make_folder(demo->folder));
         V2V_TRY(v2v_demo_path(path, demo, "config.yaml"));
         V2V_TRY(v2v_file_lock_output(&demo->lock, demo->lock_name, path));

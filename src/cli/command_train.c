@@ -7,7 +7,6 @@
 #include "v2v3d/eval/settle.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/method/networks.h"
-#include "v2v3d/par/watchdog.h"
 #include "v2v3d/train/train.h"
 #include <inttypes.h>
 #include <string.h>
@@ -126,23 +125,6 @@ done:
     return rc;
 }
 
-/* What can't be learnt from is told before the first step, not when it is drawn; a frame a rank in
- * turn. Collective. */
-static enum v2v_status check_truth(struct v2v_volume *truth, const struct v2v_session *session)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_volume_info *info = v2v_volume_info(truth);
-    const int64_t ranks = v2v_comm_size(session->world);
-    float *voxels = NULL;
-    rc = V2V_ALLOC(voxels, "train.truth", v2v_mem_product(info->slices, info->height, info->width));
-    for (int64_t t = v2v_comm_rank(session->world); t < info->frames && rc == V2V_OK; t += ranks) {
-        v2v_watchdog_beat("reading a true volume");
-        rc = v2v_volume_read(truth, voxels, t, 0, info->slices);
-    }
-    v2v_mem_free(voxels);
-    return v2v_par_agree(session->world, rc);
-}
-
 /* Recordings, and their volumes where there are some. Collective. */
 static enum v2v_status open_material(struct material *material, const struct arguments *given,
                                      const struct v2v_session *session)
@@ -167,7 +149,6 @@ static enum v2v_status open_material(struct material *material, const struct arg
     for (int64_t i = 0; i < given->truths.count; i++) {
         V2V_TRY(v2v_step_volume(&of_truths, &material->truths[i], given->truths.item[i],
                                 &material->psf));
-        V2V_TRY(check_truth(material->truths[i], session));
     }
 done:
     return rc;
@@ -207,8 +188,8 @@ static enum v2v_status keep_weights(const struct arguments *given,
     static const char *const forgotten[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    const int is_anew = session->force && !given->resume;
-    for (int i = 0; i < 2 && is_anew && v2v_step_on_root(session) && rc == V2V_OK; i++) {
+    const int is_forgotten = session->force && !given->resume && v2v_step_on_root(session);
+    for (int i = 0; i < 2 && is_forgotten && rc == V2V_OK; i++) {
         rc = v2v_text_format(path, sizeof path, "%s/%s", given->folder, forgotten[i]);
         if (rc == V2V_OK && v2v_file_exists(path)) {
             rc = v2v_file_check_output(path, 1, &given->weights, 1);

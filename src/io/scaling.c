@@ -127,13 +127,12 @@ enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recor
     enum v2v_status rc = V2V_OK;
     struct statistics statistics = {0};
     *scaling = (struct v2v_scaling){.calibration = v2v_recording_calibration(recording)};
-    scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value : 0.0;
-    scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
     const double stated = v2v_recording_info(recording)->offset;
-    const int guess = settings->offset.mode == V2V_NUMBER_AUTO && isnan(stated);
-    if (settings->offset.mode == V2V_NUMBER_AUTO && !guess) {
-        scaling->offset = stated;
-    }
+    const int is_auto = settings->offset.mode == V2V_NUMBER_AUTO, guess = is_auto && isnan(stated);
+    scaling->offset = settings->offset.mode == V2V_NUMBER_GIVEN ? settings->offset.value
+                      : is_auto && !guess                       ? stated
+                                                                : 0.0;
+    scaling->gain = settings->gain.mode == V2V_NUMBER_GIVEN ? settings->gain.value : 1.0;
     if (guess || settings->gain.mode == V2V_NUMBER_AUTO) {
         V2V_TRY(measure(&statistics, recording, scaling->offset, comm));
     }

@@ -52,19 +52,15 @@ done:
     return rc;
 }
 
-/* Mean light of a view of the volume, but for what leaves the frame. */
-static double light_of(const struct v2v_psf_file *psf, const float *volume, int64_t pixels)
+/* What a view gets of a slice's light, in the mean of the views. */
+static double share_of(const struct v2v_psf_file *psf, int64_t z)
 {
     const int64_t taps = psf->height * psf->width;
-    double light = 0.0;
-    for (int64_t z = 0; z < psf->slices; z++) {
-        double of_slice = 0.0;
-        for (int64_t v = 0; v < psf->views; v++) {
-            of_slice += v2v_sum(psf->data + (v * psf->slices + z) * taps, taps);
-        }
-        light += of_slice / (double)psf->views * v2v_sum(volume + z * pixels, pixels);
+    double share = 0.0;
+    for (int64_t v = 0; v < psf->views; v++) {
+        share += v2v_sum(psf->data + (v * psf->slices + z) * taps, taps) / (double)psf->views;
     }
-    return light / (double)pixels;
+    return share;
 }
 
 enum v2v_status v2v_examples_truth_units(struct v2v_example_source *source,
@@ -74,26 +70,30 @@ enum v2v_status v2v_examples_truth_units(struct v2v_example_source *source,
     const struct v2v_recording_info *info = v2v_recording_info(source->recording);
     const int64_t pixels = info->height * info->width, samples = info->views * pixels;
     const int64_t of_truth = v2v_volume_info(source->truth)->frames;
-    const struct v2v_scaling offset = {.gain = 1.0, .offset = source->scaling.offset};
-    double seen = 0.0, light = 0.0;
-    float *views = NULL, *volume = NULL;
-    source->units = 1.0;
+    struct v2v_scaling offset = source->scaling; /* with the shading of a calibration */
+    double seen = 0.0, light = 0.0;              /* of a frame's pixels, but for what leaves them */
+    float *views = NULL, *slice = NULL;
+    offset.gain = source->units = 1.0;
     V2V_TRY(V2V_ALLOC(views, "truth.units", v2v_mem_product(info->views, pixels, 1)));
-    V2V_TRY(V2V_ALLOC(volume, "truth.units", v2v_mem_product(psf->slices, pixels, 1)));
+    V2V_TRY(V2V_ALLOC(slice, "truth.units", pixels));
     for (int64_t t = 0; t < info->frames; t++) {
         v2v_watchdog_beat("units of true volumes");
         V2V_TRY(v2v_recording_read(source->recording, views, t));
         v2v_scaling_apply(&offset, views, samples);
-        seen += v2v_sum(views, samples) / (double)samples;
-        if (t < of_truth) {
-            V2V_TRY(v2v_volume_read(source->truth, volume, t, 0, psf->slices));
+        seen += v2v_sum(views, samples) / (double)(info->views * info->frames);
+    }
+    for (int64_t z = 0; z < psf->slices; z++) {
+        const double share = share_of(psf, z) / (double)of_truth;
+        for (int64_t t = 0; t < of_truth; t++) {
+            v2v_watchdog_beat("units of true volumes");
+            V2V_TRY(v2v_volume_read(source->truth, slice, t, z, 1));
+            light += share * v2v_sum(slice, pixels);
         }
-        light += light_of(psf, volume, pixels);
     }
     const double ratio = light > 0.0 && seen > 0.0 ? seen / light : 1.0;
     source->units = ratio < other_units && ratio > 1.0 / other_units ? 1.0 : ratio;
 done:
-    v2v_mem_free(volume);
+    v2v_mem_free(slice);
     v2v_mem_free(views);
     return rc;
 }

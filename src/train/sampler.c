@@ -8,6 +8,7 @@
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/optics/shifts.h"
+#include "v2v3d/par/agreement.h"
 #include "v2v3d/tensor/pad.h"
 
 #include <math.h>
@@ -146,21 +147,31 @@ static enum v2v_status check_sources(const struct v2v_sampler *sampler)
     return V2V_OK;
 }
 
-/* Rank 0's answer is all ranks': others may round another way. */
+struct units {
+    struct v2v_example_source *source;
+    const struct v2v_psf_file *psf;
+};
+
+static enum v2v_status find_units_of(void *context)
+{
+    const struct units *units = context;
+    return v2v_examples_truth_units(units->source, units->psf);
+}
+
+/* Rank 0 reads, and its answer is all ranks': others may round another way. */
 static enum v2v_status find_units(struct v2v_sampler *sampler, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_examples *examples = sampler->examples;
     const int is_wanted = examples != NULL && examples->ops->needs_truth;
     for (int64_t i = 0; i < sampler->source_count && is_wanted; i++) {
-        struct v2v_example_source *of = &sampler->source[i].of;
-        V2V_TRY(v2v_par_agree(
-            comm, v2v_comm_rank(comm) == 0 ? v2v_examples_truth_units(of, examples->psf) : V2V_OK));
-        v2v_par_broadcast(comm, &of->units, sizeof of->units, 0);
-        if (of->units != 1.0) {
+        struct units units = {&sampler->source[i].of, examples->psf};
+        V2V_TRY(v2v_agreement_alone(comm, find_units_of, &units));
+        v2v_par_broadcast(comm, &units.source->units, sizeof units.source->units, 0);
+        if (units.source->units != 1.0) {
             v2v_log(V2V_LOG_INFO,
                     "truth %lld is in other units than its recording: it is taken times %.4g",
-                    (long long)i + 1, of->units);
+                    (long long)i + 1, units.source->units);
         }
     }
 done:

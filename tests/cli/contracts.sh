@@ -102,6 +102,8 @@ works info moving.h5 --json
 says '"offset": 100'
 works evaluate --truth moving_truth.h5 --volume moving_truth.h5 --psf one/psf.h5 --input moving.h5
 
+residual_of_volume() { sed 's/.*"residual": \([0-9.]*\),.*/\1/' "$1"; }
+
 # Some frames of a recording or a volume; what does not apply to it is refused.
 for of in moving:/views moving_truth:/volume; do
     name=${of%%:*}
@@ -120,6 +122,16 @@ refuses 2 '--stride is of recordings, and moving_truth.h5 is taken for a volume'
 works simulate --scene neurons --psf one/psf.h5 --noise camera:500:1:0 --size 64 -o zero.h5
 works info zero.h5
 says '^offset: 0$'
+
+# What a camera cut off tells against no prediction: evaluate finds what the line of quality says.
+works simulate --scene neurons --psf one/psf.h5 --seed 3 --noise camera:500:150 --size 64 -o cut_off.h5
+works deconvolve --psf one/psf.h5 --input cut_off.h5 -o cut_off_volume.h5
+grep -q 'pixels are saturated' stderr || fail "nothing is saturated: $(cat stderr)"
+said=$(sed -n 's/.*residual of the views \([0-9.]*\),.*/\1/p' stderr)
+works evaluate --volume cut_off_volume.h5 --psf one/psf.h5 --input cut_off.h5 --frames 0 --json
+awk -v "said=$said" -v "found=$(residual_of_volume stdout)" \
+    'BEGIN { exit !(said > 0 && found > 0.995 * said && found < 1.005 * said) }' || # three digits are said
+    fail "residual $said, by evaluate: $(cat stdout)"
 
 # In a sliding window neighbours share no page: every fifth frame is one of those of whole frames.
 works convert --input still.h5 -o still.tif

@@ -16,12 +16,13 @@ says '^shown: folder of a demo, its training in run/, network v2v, '
 timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" -o shown
 [ $? -eq 2 ] || fail "a second demo in the folder was not refused: $(cat stderr)"
 # Nor does it take what others have there for its own.
-mkdir foreign 'of%n'
+mkdir foreign
 echo 'my notes' >foreign/results.txt
 for name in foreign 'of%n'; do
     timed "$((limit * 10))" demo -c "$root/configs/tiny.yaml" -o "$name"
     [ $? -eq 2 ] || fail "a demo in $name was not refused: $(cat stderr)"
 done
+[ ! -e 'of%n' ] || fail 'a refused demo made its folder'
 [ "$(cat foreign/results.txt)" = 'my notes' ] || fail "a demo wrote over results.txt"
 [ "$(ls foreign)" = results.txt ] || fail "a refused demo left something: $(ls foreign)"
 # While another one works there, whatever it is asked.

@@ -16,6 +16,13 @@ works info volume.h5
 says 'volume, 1 frames, 7 slices of 64 x 64'
 works "${vcdnet[@]}" --input set/train/*_noisy.h5 --truth set/train/*_truth.h5 -o run --steps 6 --resume
 
+# A truth that can't be learnt from is told before the first step, wherever it is drawn.
+cp set/train/000001_truth.h5 bad_truth.h5
+"$V2V_POKE" bad_truth.h5 /volume 5000 nan || exit 1
+refuses 65 'bad_truth.h5.*frame 0' "${vcdnet[@]}" --input set/train/00000[01]_noisy.h5 \
+    --truth set/train/000000_truth.h5 bad_truth.h5 -o out
+[ ! -s out/metrics.jsonl ] || fail 'steps were made'
+
 refuses 2 "learns from true volumes: --truth FILE, one for each of 3 recordings, not 2" "${vcdnet[@]}" \
     --input set/train/*_noisy.h5 --truth set/train/00000[01]_truth.h5 -o out
 refuses 2 "learns from recordings alone" train -c "$root/configs/fast.yaml" --psf psf.h5 \
@@ -33,8 +40,9 @@ works simulate --scene neurons --psf psf.h5 --size 40x48 --frames 11 --motion 0.
 deepcad=(train -c "$root/configs/deepcad.yaml" --set deepcad.width=2 --set deepcad.levels=2
     --set deepcad.frames=4 --set train.crop=32)
 works "${deepcad[@]}" --input film.h5 -o frames --steps 4 --set model.align=false --set loss.tv=0 \
-    --set loss.mse=1
-[ "$(grep -cE "(model.align|loss.tv) is not a setting of the network 'deepcad'" stderr)" -eq 2 ] ||
+    --set loss.mse=1 --set vcdnet.width=4 --set train.decay=0.5
+grep -q 'train.decay is not a setting of train.schedule linear' stderr || fail "not told: $(cat stderr)"
+[ "$(grep -cE "(model.align|loss.tv|vcdnet.width) is not a setting of the network 'deepcad'" stderr)" -eq 3 ] ||
     fail "no word on settings of other networks: $(cat stderr)"
 grep -q 'loss.mse is' stderr && fail "its own setting is said to be another's: $(cat stderr)"
 works denoise --weights frames/weights.h5 --input film.h5 --clean clean.h5 -o denoised.h5

@@ -34,8 +34,7 @@ struct v2v_example_source {
     struct v2v_recording *recording; /**< borrowed */
     struct v2v_scaling scaling;
     struct v2v_volume *truth; /**< of its frames; borrowed; NULL: not known */
-    double
-        units; /**< that its truth is multiplied by: v2v_examples_truth_units; with truth alone */
+    double units;             /**< its truth is multiplied by: v2v_examples_truth_units */
 };
 
 /** How an example may be mirrored along y and x. */
@@ -100,7 +99,7 @@ extern const struct v2v_examples_ops v2v_examples_truth;
 /** What brings the true volumes of a source to the units of its views: 1, but where they show twice
  *  their views' light and more, or half and less, all frames together.
  *  @kind Local. @param source units out @cost reads all frames of both
- *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (reading) */
+ *  @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (reading: NaN or Inf in a truth, too) */
 enum v2v_status v2v_examples_truth_units(struct v2v_example_source *source,
                                          const struct v2v_psf_file *psf) V2V_MUST_CHECK;
 /** Of 2 n frames of a view the odd ones (the first, the third, ..), and the even ones. */

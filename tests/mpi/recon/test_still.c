@@ -639,8 +639,7 @@ static void a_part_knows_where_views_end(void **state)
         highest[v] = INFINITY;
     }
     const double without = run_part(window, &spot_alone, 1);
-    print_message("%g, saturated samples taken for light %g\n", with, without);
-    assert_true(with < 0.5 * without);
+    assert_true(with < 0.5 * without); /* found 0.0008 and 0.027 */
     v2v_estimator_destroy(&window);
     v2v_estimator_destroy(&estimator);
 }

@@ -60,6 +60,8 @@ static void offset_and_gain_follow_their_modes(void **state)
         struct v2v_scaling scaling;
         assert_ok(v2v_scaling_decide(&scaling, recording, &settings, NULL));
         assert_true(scaling.offset == cases[i].expected_offset);
+        assert_int_equal(scaling.is_guessed,
+                         scaling.offset == 32767.0); /* none is given or stated */
         /* the mean: two divisions a frame and a sum of two frames, each rounding 2^-53, of a
          * mean up to 32768 times the one after the offset; gain: one more */
         assert_true(fabs(scaling.gain - cases[i].expected_gain) <=

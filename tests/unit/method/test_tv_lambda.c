@@ -203,15 +203,21 @@ static void lines_are_weighed_by_views_left_out(void **state)
     v2v_psf_file_fini(&psf);
 }
 
-/* The weight that the noise of views says. */
-static double by_noise(const struct v2v_problem *problem, const float *views)
+/* Noise of views, of their brightness. */
+static double noise_of(const struct v2v_problem *problem, const float *views)
 {
     struct v2v_estimator *estimator = NULL;
     assert_ok(v2v_estimator_create(&estimator, &v2v_estimator_tv, problem, NULL));
     estimator->ops->measure(estimator, views);
     const double noise = v2v_tv_noise(estimator).part;
     v2v_estimator_destroy(&estimator);
-    return 0.03 * pow(10.0 * noise, 0.15) * sqrt(v2v_tv_noise_seen(problem->psf));
+    return noise;
+}
+
+/* The weight that it says. */
+static double by_noise(double noise, double seen)
+{
+    return 0.03 * pow(10.0 * noise, 0.15) * sqrt(seen);
 }
 
 /* Broad light in much noise wants more than that, of few slices, and gets it. */
@@ -227,7 +233,8 @@ static void broad_light_of_few_slices_gets_more(void **state)
             (float)(1.0 + sin((double)(i / SIDE % SIDE) / 9.0) * sin((double)(i % SIDE) / 9.0));
     }
     show(views, truth, &psf, 1.0, 51);
-    const double weight[2] = {by_noise(&problem, views), settled(V2V_NUMBER_NONE, &problem, views)};
+    const double weight[2] = {by_noise(noise_of(&problem, views), v2v_tv_noise_seen(&psf)),
+                              settled(V2V_NUMBER_NONE, &problem, views)};
     double error[2];
     for (int k = 0; k < 2; k++) {
         config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weight[k]};
@@ -235,7 +242,7 @@ static void broad_light_of_few_slices_gets_more(void **state)
         error[k] = test_relative_l2(volume, truth, SLICES * PIXELS);
     }
     assert_true(weight[1] > 1.2 * weight[0]);
-    assert_true(error[1] < 0.5 * error[0]);
+    assert_true(error[1] < 0.5 * error[0]); /* found 0.14 and 0.34 */
     v2v_psf_file_fini(&psf);
 }
 
@@ -245,7 +252,6 @@ static void a_single_slice_has_twice_the_weight_by_the_noise(void **state)
     (void)state;
     static float views[PIXELS];
     struct v2v_psf_file all = small_psf(), one = all;
-    struct v2v_estimator *estimator = NULL;
     one.views = one.slices = 1;
     const struct v2v_problem problem = {
         .config = &config, .psf = &one, .height = SIDE, .width = SIDE};
@@ -253,12 +259,8 @@ static void a_single_slice_has_twice_the_weight_by_the_noise(void **state)
         views[i] = (float)((i / SIDE / 8 + i % SIDE / 8) % 2 + /* a chess board */
                            0.05 * v2v_random_normal(5, 0, (uint64_t)i));
     }
-    assert_ok(v2v_estimator_create(&estimator, &v2v_estimator_tv, &problem, NULL));
-    estimator->ops->measure(estimator, views);
-    const double noise = v2v_tv_noise(estimator).part;
-    v2v_estimator_destroy(&estimator);
-    const double seen = fmax(v2v_tv_noise_seen(&one), 1.0);
-    const double weight = 2.0 * 0.03 * pow(10.0 * noise, 0.15) * sqrt(seen);
+    const double noise = noise_of(&problem, views);
+    const double weight = 2.0 * by_noise(noise, fmax(v2v_tv_noise_seen(&one), 1.0));
     assert_true(noise > 0.02 && noise < 0.1);
     assert_float_equal(settled(V2V_NUMBER_NONE, &problem, views), weight, 1e-12 * weight);
     v2v_psf_file_fini(&all);
