@@ -72,6 +72,10 @@ static const double part_if_sparse = 1.0 / 3.0;
  * so, and moves the volume by little (tests/bench/quality.md). */
 static const double filled_by_points = 0.005, least_of_points = 0.02;
 
+/* Where light fills more of the voxels than this, the tolerance goes with the square of how much
+ * more: light that is everywhere finds its depth slowly (tests/bench/quality.md). */
+static const double half_filled = 0.5;
+
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
 
@@ -376,10 +380,12 @@ static double tolerance_of(const struct tv *self, double missed)
 {
     const double noise = self->level.sigma / self->level.brightness * fmax(missed, 1.0);
     const double most = self->sparsity > 0.0 ? part_if_sparse : 1.0;
-    const double points =
-        fmax(v2v_data_step_filled(self->step) / filled_by_points, least_of_points);
+    const double filled = v2v_data_step_filled(self->step);
+    const double points = fmax(filled / filled_by_points, least_of_points);
+    const double full = filled > half_filled ? half_filled / filled : 1.0;
     const double clear = fmin(fmax(noise / clear_noise, least_asked), 1.0);
-    return self->tolerance * (points < 1.0 ? clear * fmin(most, points) : fmin(clear, most));
+    const double part = points < 1.0 ? clear * fmin(most, points) : fmin(clear, most);
+    return self->tolerance * part * full * full;
 }
 
 /* What a dual's step is multiplied by, so that what it is of counts by its square where it is
