@@ -77,8 +77,7 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
         done += v2v_volume_has(volume, t);
     }
     v2v_report_number(report, "frames done", (double)done, "");
-    v2v_volume_left(&left, path, NULL);
-    if (left.done > 0) {
+    if (v2v_volume_left(&left, path, NULL) == V2V_OK && left.done > 0) {
         v2v_report_number(report, "frames of an interrupted run", (double)left.done, "");
     }
     if (info->frames > 0 && v2v_volume_has(volume, frame)) {

@@ -31,7 +31,7 @@ static enum v2v_status check_left(const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_volume_left left;
-    v2v_volume_left(&left, path, NULL);
+    V2V_TRY(v2v_volume_left(&left, path, NULL));
     if (left.done == 0) {
         return V2V_OK;
     }

@@ -220,9 +220,9 @@ static enum v2v_status meet_frames(const struct work *work, const struct v2v_ses
                 "makes a TIFF of it",
                 work->given->output);
     } else if (is_asked && !session->force) {
-        v2v_volume_left(&left, work->given->output, work->provenance.task);
+        rc = v2v_volume_left(&left, work->given->output, work->provenance.task);
     }
-    if (left.done > 0 && !left.is_same) {
+    if (rc == V2V_OK && left.done > 0 && !left.is_same) {
         rc =
             V2V_FAIL(V2V_E_INPUT,
                      "%s: the %lld of %lld frames that an interrupted run left are of another "
@@ -318,9 +318,9 @@ static void keep_frames(struct work *work, const struct v2v_session *session)
     }
     v2v_volume_suspend(&work->writer);
     if (v2v_step_on_root(session)) {
-        v2v_volume_left(&left, work->given->output, NULL);
+        const enum v2v_status found = v2v_volume_left(&left, work->given->output, NULL);
         work->result.now = left.done - work->result.before;
-        if (left.done > 0) {
+        if (found == V2V_OK && left.done > 0) {
             v2v_log(V2V_LOG_WARNING, "%s: %lld of %lld frames are done; --resume goes on with them",
                     work->given->output, (long long)left.done, (long long)left.frames);
         }

@@ -1,4 +1,5 @@
 #include "io/bdv_xml.h"
+#include "io/file_internal.h"
 #include "io/h5_common.h"
 #include "io/rounding.h"
 #include "v2v3d/base/memory.h"
@@ -223,12 +224,14 @@ enum v2v_status v2v_bdv_write(const char *path, struct v2v_volume *volume,
                               const struct v2v_volume_storage *storage)
 {
     enum v2v_status rc = V2V_OK;
-    char data[V2V_PATH_BYTES];
+    char data[V2V_PATH_BYTES], lock_name[V2V_PATH_BYTES];
+    int lock = -1;
     const struct v2v_volume_info *info = v2v_volume_info(volume);
     const int64_t voxels = v2v_mem_product(info->slices, info->height, info->width);
     struct export out = {
         .volume = volume, .info = info, .storage = storage, .path = data, .file = H5I_INVALID_HID};
     V2V_TRY(v2v_bdv_data_name(data, path));
+    V2V_TRY(v2v_file_lock_output(&lock, lock_name, data));
     out.levels = v2v_bdv_levels(out.level, info);
     V2V_TRY(V2V_ALLOC(out.frame, "io.bdv", voxels));
     V2V_TRY(V2V_ALLOC(out.integers, "io.bdv", voxels));
@@ -237,6 +240,7 @@ enum v2v_status v2v_bdv_write(const char *path, struct v2v_volume *volume,
     V2V_TRY(v2v_bdv_write_xml(path, data, info));
     v2v_rounding_report(data, out.step, out.clipped);
 done:
+    v2v_file_unlock_output(&lock, lock_name);
     v2v_mem_free(out.integers);
     v2v_mem_free(out.frame);
     return rc;

@@ -49,12 +49,13 @@ static const char *last_part(const char *path)
     return slash != NULL ? slash + 1 : path;
 }
 
-/* Lengths that nobody states are those of a cube. */
+/* Lengths that nobody states are those of a cube; without a pixel's size all are in pixels. */
 static void voxel_size(double size[3], const struct v2v_volume_info *info)
 {
     const double pixel = info->pixel_size_um > 0.0 ? info->pixel_size_um : 1.0;
     size[0] = size[1] = pixel;
-    size[2] = info->slice_spacing_um > 0.0 ? info->slice_spacing_um : pixel;
+    size[2] =
+        info->pixel_size_um > 0.0 && info->slice_spacing_um > 0.0 ? info->slice_spacing_um : pixel;
 }
 
 static void put_setups(struct document *document, const char *path,

@@ -248,6 +248,17 @@ enum v2v_status v2v_file_sync(const char *path)
     return sync_path(path, 0);
 }
 
+enum v2v_status v2v_file_sync_piece(int64_t *pending, int64_t written, const char *path)
+{
+    const int64_t piece = (int64_t)4 << 30;
+    *pending += written;
+    if (*pending < piece) {
+        return V2V_OK;
+    }
+    *pending = 0;
+    return v2v_file_sync(path);
+}
+
 /* Does the name still stand for the open file? Its last holder may have removed it meanwhile. */
 static int is_current(int descriptor, const char *path)
 {

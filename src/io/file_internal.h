@@ -27,6 +27,11 @@ enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUS
  */
 enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 
+/** The same in pieces, so that the end of a long file does not keep other ranks waiting: once some
+ *  gigabytes more were written. @kind Local. @param pending 0 at first @return likewise */
+enum v2v_status v2v_file_sync_piece(int64_t *pending, int64_t written,
+                                    const char *path) V2V_MUST_CHECK;
+
 /** Begin to write `path` under its temporary name. @kind Local.
  *  @return V2V_OK | V2V_E_INPUT (too long a name) | V2V_E_IO; *stream is NULL unless OK */
 enum v2v_status v2v_file_begin(FILE **stream, char temporary[V2V_PATH_BYTES],

@@ -13,14 +13,52 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define GUARD_SECONDS 10
+/* Of processor time: an object of the file, and all of it. */
+enum { GUARD_SECONDS = 10, GUARD_MOST_SECONDS = 300 };
+/* Until the next object was looked at, by the clock: a disk may be slow, a processor busy. */
+#define GUARD_WAIT 60.0
 /* On top of what the process holds already: chunks of up to 2 GiB and their decoding. */
 #define GUARD_BYTES ((rlim_t)6 << 30)
 
 /* How a look ended: well, or by one of these, or by a signal (> 0). */
-enum { WELL = 0, LATE = -1, NOT_DONE = -2, FAILED = -3 };
+enum { WELL = 0, LATE = -1, NOT_DONE = -2, FAILED = -3, STUCK = -4 };
+
+/* ---- limits ---- */
+
+static void set_limit(int resource, rlim_t value, rlim_t most)
+{
+    struct rlimit limit;
+    if (getrlimit(resource, &limit) == 0 &&
+        (limit.rlim_max == RLIM_INFINITY || most <= limit.rlim_max)) {
+        limit = (struct rlimit){.rlim_cur = value, .rlim_max = most};
+        setrlimit(resource, &limit);
+    }
+}
+
+/* From now on. SIGXCPU tells the parent why; with both limits equal the kernel sends SIGKILL at
+ * once. */
+static void limit_processor_time(void)
+{
+    struct rusage used = {0};
+    getrusage(RUSAGE_SELF, &used);
+    const rlim_t spent = (rlim_t)used.ru_utime.tv_sec + (rlim_t)used.ru_stime.tv_sec;
+    const rlim_t until = spent + GUARD_SECONDS;
+    set_limit(RLIMIT_CPU, until < GUARD_MOST_SECONDS ? until : GUARD_MOST_SECONDS,
+              GUARD_MOST_SECONDS + 1);
+}
 
 /* ---- the look ---- */
+
+static int told = -1; /* in the child: the parent's pipe */
+
+/* An object is done: the parent waits for the next one. */
+static void tell(void)
+{
+    limit_processor_time();
+    if (told >= 0 && write(told, "", 1) != 1) {
+        _exit(1); /* there is no parent any more */
+    }
+}
 
 /* What can't be read with this little memory would take the caller long, or all memory. */
 static void need(int done)
@@ -46,8 +84,13 @@ static herr_t look_at_attribute(hid_t object, const char *name, const H5A_info_t
     if ((class == H5T_INTEGER || class == H5T_FLOAT) && count > 0 && count <= NUMBERS) {
         need(H5Aread(attribute, H5T_NATIVE_DOUBLE, numbers) >= 0);
     } else if (class == H5T_STRING && count == 1 && H5Tget_size(type) <= TEXT) {
-        need(H5Aread(attribute, H5Tget_native_type(type, H5T_DIR_DEFAULT), text) >= 0);
+        const hid_t native = H5Tget_native_type(type, H5T_DIR_DEFAULT);
+        need(H5Aread(attribute, native, text) >= 0);
+        H5Tclose(native);
     }
+    H5Sclose(space);
+    H5Tclose(type);
+    H5Aclose(attribute);
     return 0;
 }
 
@@ -76,6 +119,9 @@ static void read_ends(hid_t set, const char *path, const char *name)
             at[i]--;
         }
     }
+    H5Sclose(memory);
+    H5Sclose(space);
+    v2v_h5_chunks_destroy(&chunks);
 }
 
 /* Datasets that v2v_h5_open_dataset refuses are not read later on either. */
@@ -90,15 +136,20 @@ static herr_t look_at_link(hid_t file, const char *name, const H5L_info_t *info,
     need(H5Aiterate(object, H5_INDEX_NAME, H5_ITER_NATIVE, NULL, look_at_attribute, NULL) >= 0);
     if (H5Iget_type(object) == H5I_DATASET &&
         v2v_h5_open_dataset(&set, file, path, name) == V2V_OK) {
-        const H5T_class_t class = H5Tget_class(H5Dget_type(set));
+        const hid_t type = H5Dget_type(set);
+        const H5T_class_t class = H5Tget_class(type);
+        H5Tclose(type);
         if (class == H5T_INTEGER || class == H5T_FLOAT) {
             read_ends(set, path, name);
         }
     }
+    v2v_h5_close(&set);
+    H5Oclose(object);
+    tell();
     return 0;
 }
 
-/* In the child, which then ends: nothing is closed. A file that HDF5 doesn't open is refused by the
+/* In the child, which then ends. A file that HDF5 doesn't open is refused by the
  * caller, who says why. */
 static void look_at_file(const char *path)
 {
@@ -130,16 +181,6 @@ static rlim_t virtual_size(void)
 }
 #endif
 
-static void set_limit(int resource, rlim_t value, rlim_t most)
-{
-    struct rlimit limit;
-    if (getrlimit(resource, &limit) == 0 &&
-        (limit.rlim_max == RLIM_INFINITY || most < limit.rlim_max)) {
-        limit = (struct rlimit){.rlim_cur = value, .rlim_max = most};
-        setrlimit(resource, &limit);
-    }
-}
-
 static void restrain_child(void)
 {
     /* Open MPI and the sanitizers print stacks on these; the parent reports them in one line. */
@@ -148,8 +189,7 @@ static void restrain_child(void)
         signal(crashes[i], SIG_DFL);
     }
     set_limit(RLIMIT_CORE, 0, 0);
-    /* SIGXCPU tells the parent why; with both limits equal the kernel sends SIGKILL at once. */
-    set_limit(RLIMIT_CPU, GUARD_SECONDS, GUARD_SECONDS + 1);
+    limit_processor_time();
 #ifndef __SANITIZE_ADDRESS__ /* its shadow memory is terabytes of address space */
     const rlim_t held = virtual_size();
     if (held > 0) {
@@ -158,16 +198,24 @@ static void restrain_child(void)
 #endif
 }
 
-/* Does the other end of the pipe close, as it does when the child ends, within its time? */
+/* Does the other end of the pipe close, as it does when the child ends, while there is something to
+ * be read every now and then? */
 static int ends_in_time(int in)
 {
-    const double end = v2v_clock_now() + GUARD_SECONDS;
+    double end = v2v_clock_now() + GUARD_WAIT;
     struct pollfd waiting = {.fd = in, .events = POLLIN};
     for (;;) {
+        char bytes[512];
         const double left = end - v2v_clock_now();
         const int ready = left > 0.0 ? poll(&waiting, 1, (int)(left * 1000.0) + 1) : 0;
-        if (ready >= 0 || errno != EINTR) {
-            return ready > 0;
+        const ssize_t got = ready > 0 ? read(in, bytes, sizeof bytes) : -1;
+        if (ready == 0 || got == 0) {
+            return got == 0;
+        }
+        if (got > 0) {
+            end = v2v_clock_now() + GUARD_WAIT;
+        } else if (errno != EINTR) {
+            return 0;
         }
     }
 }
@@ -185,23 +233,27 @@ static int watch(const char *path, void (*look)(const char *path))
     }
     if (child == 0) {
         close(ends[0]);
+        told = ends[1];
         restrain_child();
         look(path);
         _exit(0);
     }
     close(ends[1]);
-    const int late = !ends_in_time(ends[0]);
+    const int is_stuck = !ends_in_time(ends[0]);
     close(ends[0]);
-    if (late) {
+    if (is_stuck) {
         kill(child, SIGKILL);
     }
     pid_t ended = -1;
     while ((ended = waitpid(child, &how, 0)) < 0 && errno == EINTR) {
     }
-    if (ended < 0 && !late) { /* nobody knows how: SIGCHLD is ignored */
+    if (is_stuck) {
+        return STUCK;
+    }
+    if (ended < 0) { /* nobody knows how: SIGCHLD is ignored */
         return NOT_DONE;
     }
-    if (late || (WIFSIGNALED(how) && WTERMSIG(how) == SIGXCPU)) {
+    if (WIFSIGNALED(how) && WTERMSIG(how) == SIGXCPU) {
         return LATE;
     }
     return WIFSIGNALED(how) ? WTERMSIG(how) : WEXITSTATUS(how) == 0 ? WELL : FAILED;
@@ -216,6 +268,10 @@ static enum v2v_status judge(const char *path, int how)
     if (how == LATE) {
         return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 looked at it for more than %d s", path,
                         GUARD_SECONDS);
+    }
+    if (how == STUCK) {
+        return V2V_FAIL(V2V_E_IO, "%s: cannot be looked at: for %.0f s nothing of it was read",
+                        path, GUARD_WAIT);
     }
     if (how == FAILED) {
         return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 can't read all of it", path);
@@ -274,17 +330,45 @@ void v2v_file_guard_stop(void)
     helper = -1;
 }
 
+/* Files that were well, the last ones of this thread: a command opens its inputs several times. */
+enum { REMEMBERED = 8 };
+static _Thread_local struct v2v_file_state well[REMEMBERED];
+static _Thread_local int next_well;
+
+static int was_well(const struct v2v_file_state *state)
+{
+    int is_known = 0;
+    for (int i = 0; i < REMEMBERED; i++) {
+        is_known |= memcmp(&well[i], state, sizeof *state) == 0;
+    }
+    return is_known;
+}
+
 enum v2v_status v2v_h5_guard(const char *path)
 {
+    enum v2v_status rc = V2V_OK;
     int how = NOT_DONE;
     ssize_t got = -1;
     const size_t bytes = strlen(path) + 1;
+    struct v2v_status_record earlier;
+    struct v2v_file_state state = {0};
+    v2v_status_keep(&earlier);
+    const int is_there = v2v_file_remember(&state, path) == V2V_OK;
+    v2v_status_restore(&earlier);
+    if (is_there && was_well(&state)) {
+        return V2V_OK;
+    }
     if (helper >= 0 && send(helper, path, bytes, MSG_NOSIGNAL) == (ssize_t)bytes) {
         do {
             got = recv(helper, &how, sizeof how, 0);
         } while (got < 0 && errno == EINTR);
     }
-    return got == (ssize_t)sizeof how ? judge(path, how) : v2v_h5_guard_with(path, look_at_file);
+    rc = got == (ssize_t)sizeof how ? judge(path, how) : v2v_h5_guard_with(path, look_at_file);
+    if (rc == V2V_OK && is_there) {
+        well[next_well] = state;
+        next_well = (next_well + 1) % REMEMBERED;
+    }
+    return rc;
 }
 
 enum v2v_status v2v_h5_guard_input(struct v2v_file_state *state, const char *path)

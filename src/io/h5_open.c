@@ -249,6 +249,36 @@ done:
     return rc;
 }
 
+/* Decoded chunks are kept, as many as the images along the first axis lie in: the next one may lie
+ * in them, too. HDF5's own megabyte where there are more than the most bytes of them. */
+static void keep_chunks(hid_t access, hid_t set)
+{
+    const double most = 1e9;
+    hsize_t extent[H5S_MAX_RANK], chunk[H5S_MAX_RANK];
+    hid_t creation = H5Dget_create_plist(set), space = H5Dget_space(set), type = H5Dget_type(set);
+    const int rank = H5Sget_simple_extent_dims(space, extent, NULL);
+    size_t slots = H5D_CHUNK_CACHE_NSLOTS_DEFAULT, bytes = H5D_CHUNK_CACHE_NBYTES_DEFAULT;
+    if (rank > 0 && H5Pget_layout(creation) == H5D_CHUNKED &&
+        H5Pget_chunk(creation, rank, chunk) == rank) {
+        double wanted = (double)H5Tget_size(type) * (double)chunk[0];
+        size_t count = 1;
+        for (int i = 1; i < rank; i++) {
+            const hsize_t along = (extent[i] + chunk[i] - 1) / chunk[i];
+            wanted *= (double)(along * chunk[i]);
+            count *= (size_t)along;
+        }
+        if (wanted <= most) {
+            enum { SLOTS_OF_CHUNK = 100 }; /* as HDF5's manual advises */
+            bytes = (size_t)wanted > bytes ? (size_t)wanted : bytes;
+            slots = SLOTS_OF_CHUNK * count + 1;
+        }
+    }
+    H5Pset_chunk_cache(access, slots, bytes, H5D_CHUNK_CACHE_W0_DEFAULT);
+    v2v_h5_close(&creation);
+    v2v_h5_close(&space);
+    v2v_h5_close(&type);
+}
+
 enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, const char *name)
 {
     enum v2v_status rc = V2V_OK;
@@ -268,9 +298,10 @@ enum v2v_status v2v_h5_open_dataset(hid_t *set, hid_t file, const char *path, co
         V2V_TRY(v2v_h5_has(file, name) ? rc : v2v_h5_there_is_none(file, path, name, ""));
     }
     V2V_TRY(check_decoding(*set, &filtered, path, name));
-    if (filtered) { /* decoded chunks are kept: the next image may lie in them, too */
+    if (filtered) {
+        keep_chunks(access, *set);
         v2v_h5_close(set);
-        *set = H5Dopen2(file, name, H5P_DEFAULT);
+        *set = H5Dopen2(file, name, access);
         if (*set < 0) {
             V2V_TRY(V2V_H5_FAIL(V2V_E_INPUT, path, name, "can't be opened as a dataset"));
         }

@@ -9,7 +9,9 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
 #include "v2v3d/par/watchdog.h"
+#include <errno.h>
 #include <string.h>
+#include <unistd.h>
 
 /* Is a dataset stored as a complete file's shall be? */
 static enum v2v_status check_storage(hid_t set, const char *path, const char *name,
@@ -224,13 +226,25 @@ done:
     return rc;
 }
 
-void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task)
+enum v2v_status v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task)
 {
+    enum v2v_status rc = V2V_OK;
     struct v2v_status_record earlier;
     v2v_status_keep(&earlier);
     *left = (struct v2v_volume_left){0};
-    if (v2v_file_check_input(temporary) == V2V_OK && count_left(left, temporary, task) != V2V_OK) {
+    if (!v2v_file_exists(temporary)) {
+        return V2V_OK;
+    }
+    if (access(temporary, R_OK) != 0) {
+        return V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
+    }
+    rc = v2v_file_is_hdf5(temporary) ? count_left(left, temporary, task) : V2V_OK;
+    if (rc != V2V_OK) {
         *left = (struct v2v_volume_left){0};
     }
-    v2v_status_restore(&earlier);
+    if (rc != V2V_E_IO) { /* it holds no frames, or none that could be gone on with */
+        v2v_status_restore(&earlier);
+        rc = V2V_OK;
+    }
+    return rc;
 }

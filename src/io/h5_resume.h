@@ -27,8 +27,10 @@ enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
                               const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** What an interrupted run left under a temporary name: how many frames it had done of how many,
- *  and is it of this task (which may be NULL: of none)? All 0 where nothing is there that can be
- *  read. The record of an earlier failure stays. @kind Local. */
-void v2v_h5_left(struct v2v_volume_left *left, const char *temporary, const char *task);
+ *  and is it of this task (which may be NULL: of none)? All 0 where nothing is there, or no volume
+ *  that was begun; the record of an earlier failure stays then.
+ *  @kind Local. @return V2V_OK | V2V_E_IO (something is there, and may or can not be read now) */
+enum v2v_status v2v_h5_left(struct v2v_volume_left *left, const char *temporary,
+                            const char *task) V2V_MUST_CHECK;
 
 #endif

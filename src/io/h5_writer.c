@@ -76,6 +76,9 @@ enum v2v_status v2v_h5_writer_put(struct v2v_h5_writer *writer, int set, const f
     V2V_TRY(put_block(writer, writer->set[set], H5T_NATIVE_FLOAT, images, 4, start, size));
     if (writer->sums != NULL) {
         v2v_h5_writer_add_checksum(writer, set, images, t, first, count);
+    } else {
+        const int64_t bytes = count * shape[2] * shape[3] * (int64_t)sizeof *images;
+        V2V_TRY(v2v_file_sync_piece(&writer->unsynced, bytes, writer->temporary));
     }
 done:
     return rc;

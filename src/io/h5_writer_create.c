@@ -80,6 +80,7 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
 {
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
+    V2V_TRY(v2v_file_clear(writer->temporary)); /* an earlier run's takes room, too */
     V2V_TRY(check_space(writer, plan));
     V2V_TRY(v2v_h5_create(&file, writer->temporary, 0,
                           v2v_mem_product(plan->shape[0], plan->shape[1], 1),

@@ -17,6 +17,7 @@ struct v2v_h5_writer {
     struct v2v_write_behind *behind; /* NULL: nothing was put to be written later yet */
     int64_t *sums;                   /* [t] checksums of what this rank wrote; else NULL */
     uint8_t *was_done;               /* [t] by the run before; NULL likewise */
+    int64_t unsynced;                /* bytes that this rank wrote, without sums */
     int lock;                        /* rank 0: holds lock_name while this is >= 0 */
     int resumed;                     /* agreed: frames of the run before may be there */
     int created;                     /* agreed: the temporary file may be there */

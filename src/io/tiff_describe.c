@@ -33,8 +33,14 @@ done:
 
 double v2v_tiff_pixel_size(const char *path, double x, double y)
 {
-    const double rounding = 1e-4; /* of decimals and fractions in files */
+    static _Thread_local double told[2]; /* a folder's files are alike */
+    const double rounding = 1e-4;        /* of decimals and fractions in files */
     if (x > 0.0 && y > 0.0 && fabs(x - y) > rounding * x) {
+        if (x == told[0] && y == told[1]) {
+            return 0.0;
+        }
+        told[0] = x;
+        told[1] = y;
         v2v_log(V2V_LOG_WARNING, "%s: pixels of %g x %g um are not square: size not used", path, y,
                 x);
         return 0.0;

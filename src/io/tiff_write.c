@@ -17,6 +17,7 @@ struct v2v_tiff_writer {
     struct v2v_tiff_info info;
     TIFF *handle;
     int64_t page_bytes, written;
+    int64_t unsynced;   /* bytes */
     uint16_t *integers; /* [y,x] of a page; NULL: floats */
     char *description;
 };
@@ -211,6 +212,7 @@ enum v2v_status v2v_tiff_write_page(struct v2v_tiff_writer *writer, const float 
         V2V_TRY(page_failed(writer));
     }
     writer->written++;
+    V2V_TRY(v2v_file_sync_piece(&writer->unsynced, writer->page_bytes, writer->temporary));
 done:
     return rc;
 }

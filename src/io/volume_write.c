@@ -197,13 +197,12 @@ enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char 
     return begin(writer, path, &description, 1, comm);
 }
 
-void v2v_volume_left(struct v2v_volume_left *left, const char *path, const char *task)
+enum v2v_status v2v_volume_left(struct v2v_volume_left *left, const char *path, const char *task)
 {
     char temporary[V2V_PATH_BYTES];
     *left = (struct v2v_volume_left){0};
-    if (v2v_file_temporary(temporary, path) == V2V_OK && v2v_file_is_hdf5(temporary)) {
-        v2v_h5_left(left, temporary, task);
-    }
+    return v2v_file_temporary(temporary, path) == V2V_OK ? v2v_h5_left(left, temporary, task)
+                                                         : V2V_OK;
 }
 
 /* Collective(comm). */

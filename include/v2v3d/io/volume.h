@@ -124,8 +124,10 @@ struct v2v_volume_left {
     int is_same;          /**< of this task */
 };
 
-/** @kind Local. @param task as the attribute; may be NULL */
-void v2v_volume_left(struct v2v_volume_left *left, const char *path, const char *task);
+/** @kind Local. @param task as the attribute; may be NULL
+ *  @return V2V_OK | V2V_E_IO (something is there, and may not or cannot be read now) */
+enum v2v_status v2v_volume_left(struct v2v_volume_left *left, const char *path,
+                                const char *task) V2V_MUST_CHECK;
 
 /** Is the file at `path` this volume, complete and of this task, and do all its checksums hold?
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (what differs, which frame is damaged) |

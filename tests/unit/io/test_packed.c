@@ -368,7 +368,7 @@ static void a_run_that_ends_in_the_pass_is_gone_on_with(void **state)
         write_frames(writer, 1);
         v2v_volume_suspend(&writer);
         assert_ok(v2v_file_write_text(beside(".v2v3d-packed"), "half a file"));
-        v2v_volume_left(&left, path, task.text);
+        assert_ok(v2v_volume_left(&left, path, task.text));
         assert_true(left.done == FRAMES && left.is_same);
         assert_ok(v2v_volume_resume(&writer, path, &info, 1, &task, 1, NULL));
         for (int64_t t = 0; t < FRAMES; t++) {
