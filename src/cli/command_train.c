@@ -63,7 +63,8 @@ static const struct v2v_option options[] = {
 
 /* A resumed run keeps its network even when it was started from --weights; a checkpoint that
  * cannot be read is left to training, which knows the older generation. */
-static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2v_session *session)
+static enum v2v_status adopt_checkpoint(int *is_there, const struct arguments *given,
+                                        struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info = {0};
@@ -80,7 +81,8 @@ static enum v2v_status adopt_checkpoint(const struct arguments *given, struct v2
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, &info, (int64_t)sizeof info, 0);
-    if (info.views > 0) {
+    *is_there = info.views > 0;
+    if (*is_there) {
         const struct v2v_network_ops *ops = NULL;
         V2V_TRY(v2v_network_of_weights(&ops, &info, given->folder));
         V2V_TRY(v2v_step_adopt(session, &info, ops, given->folder));
@@ -218,16 +220,17 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     struct material material = {0};
     struct v2v_train_report report = {0};
     struct v2v_weights_info info;
+    int is_there = 0; /* a checkpoint to go on from */
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     if (given->psf != NULL) {
         V2V_TRY(v2v_step_psf(session, &material.psf, given->psf));
     }
-    if (given->weights != NULL) {
+    if (given->resume) {
+        V2V_TRY(adopt_checkpoint(&is_there, given, session));
+    }
+    if (given->weights != NULL && !is_there) {
         V2V_TRY(keep_weights(given, session));
         V2V_TRY(v2v_step_weights_info(session, &info, given->weights, &material.psf));
-    }
-    if (given->resume) {
-        V2V_TRY(adopt_checkpoint(given, session));
     }
     V2V_TRY(check_network(given, session));
     V2V_TRY(open_material(&material, given, session));

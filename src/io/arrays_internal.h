@@ -12,7 +12,7 @@
 /** The newest form of what a weight file says; an attribute of HDF5, or a key of the metadata, as
  *  all below. */
 #define V2V_WEIGHTS_FORMAT "format_version"
-enum { V2V_WEIGHTS_VERSION = 1, V2V_WEIGHTS_WORDS = 3, V2V_WEIGHTS_COUNTS = 4 };
+enum { V2V_WEIGHTS_VERSION = 1, V2V_WEIGHTS_WORDS = 3, V2V_WEIGHTS_COUNTS = 5 };
 
 /** Texts and whole numbers of struct v2v_weights_info: their names and where they lie in it. */
 struct v2v_weights_word {

@@ -112,6 +112,7 @@ const struct v2v_weights_count v2v_weights_counts[V2V_WEIGHTS_COUNTS] = {
     {"views", offsetof(struct v2v_weights_info, views), 1, 0},
     {"slices", offsetof(struct v2v_weights_info, slices), 1, 0},
     {"step", offsetof(struct v2v_weights_info, step), 0, 1},
+    {"seconds", offsetof(struct v2v_weights_info, seconds), 0, 1},
     {"psf_crc32c", offsetof(struct v2v_weights_info, psf_sum), 0, 1}};
 
 int v2v_weights_suit(const struct v2v_weights_info *info, int64_t psf_sum)

@@ -133,13 +133,16 @@ done:
 }
 
 static enum v2v_status write_files(struct v2v_trainer *trainer, const struct whole *whole,
-                                   const char *folder, int64_t step, const char *config)
+                                   const char *folder, const struct v2v_trained *trained,
+                                   const char *config)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
     const struct v2v_network *network = trainer->network;
     struct v2v_weights_info info;
-    V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices, step));
+    V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices,
+                                 trained->steps));
+    info.seconds = trained->seconds;
     info.levels = *v2v_sampler_levels(trainer->sampler);
     info.psf_sum = trainer->psf_sum;
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
@@ -154,8 +157,8 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *folder, int64_t step,
-                                     const char *config)
+enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *folder,
+                                     const struct v2v_trained *trained, const char *config)
 {
     enum v2v_status rc = V2V_OK, mine = V2V_OK;
     struct whole whole = {0};
@@ -177,7 +180,7 @@ enum v2v_status v2v_checkpoint_write(struct v2v_trainer *trainer, const char *fo
         if (!split) {
             view.schema = trainer->network->schema;
         }
-        mine = write_files(trainer, &view, folder, step, config);
+        mine = write_files(trainer, &view, folder, trained, config);
     }
     V2V_TRY(v2v_par_agree(grid->world, mine));
 done:
@@ -215,7 +218,8 @@ static int are_same_levels(const struct v2v_level_range *a, const struct v2v_lev
     return are_same;
 }
 
-static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, int64_t *step)
+static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path,
+                                 struct v2v_trained *trained)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_weights_info info;
@@ -226,7 +230,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     const int is_any = (trainer->ops->traits & V2V_TRAIT_ANY) != 0; /* views and slices */
     V2V_TRY(V2V_FAULT_POINT("checkpoint.read"));
     V2V_TRY(v2v_weights_file_info(&info, path));
-    *step = info.step;
+    *trained = (struct v2v_trained){info.step, info.seconds};
     const int on_root = v2v_comm_rank(trainer->grid.world) == 0;
     if (on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
@@ -239,7 +243,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     V2V_TRY(v2v_network_describe(&own, trainer->config, network->views, network->slices, 0));
     if (strcmp(info.method, own.method) != 0 || strcmp(info.settings, own.settings) != 0 ||
         (!is_any && (info.views != own.views || info.slices != own.slices))) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
                          "%s: a network %s of %lld views, %lld slices with %s; this run has %s, "
                          "%lld, %lld, %s",
                          path, info.method, (long long)info.views, (long long)info.slices,
@@ -251,7 +255,8 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path, 
     rc = v2v_weights_file_read(network->weights, path, last, fields);
     if (rc == V2V_E_INPUT && trainer->average != NULL &&
         v2v_weights_file_read(network->weights, path, "weights", fields) == V2V_OK) {
-        rc = V2V_FAIL(rc, "%s: its run averages no weights: it goes on with train.average=0 alone",
+        rc = V2V_FAIL(V2V_E_CONFIG,
+                      "%s: its run averages no weights: it goes on with train.average=0 alone",
                       path);
     }
     V2V_TRY(rc);
@@ -282,7 +287,22 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder, int64_t *step)
+/* Files are opened by their names, and a name may be another file on another host. Agreed. */
+static enum v2v_status agree_on_steps(const struct v2v_trainer *trainer, const char *path,
+                                      int64_t steps)
+{
+    int64_t ends[2] = {steps, -steps};
+    v2v_par_max_i64(trainer->grid.world, ends, 2);
+    return ends[0] == -ends[1]
+               ? V2V_OK
+               : V2V_FAIL(V2V_E_IO,
+                          "%s: ranks read checkpoints of %lld to %lld steps by this "
+                          "name: is the folder on a file system that all share?",
+                          path, (long long)-ends[1], (long long)ends[0]);
+}
+
+enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder,
+                                    struct v2v_trained *trained)
 {
     static const char *const generation[] = {V2V_RUN_WEIGHTS, V2V_RUN_WEIGHTS_BEFORE};
     enum v2v_status rc = V2V_OK, read = V2V_OK;
@@ -295,8 +315,9 @@ enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *fol
         if (!there) {
             continue;
         }
-        read = v2v_par_agree(trainer->grid.world, read_file(trainer, path, step));
+        read = v2v_par_agree(trainer->grid.world, read_file(trainer, path, trained));
         if (read == V2V_OK) {
+            V2V_TRY(agree_on_steps(trainer, path, trained->steps));
             int promotes = i > 0 && main_rank;
             V2V_TRY(
                 v2v_par_agree(trainer->grid.world, promotes ? promote_previous(folder) : V2V_OK));

@@ -247,7 +247,7 @@ done:
     return rc;
 }
 
-/* Frames or examples that there are to draw from. */
+/* Frames or examples that there are to draw from, if memory holds them. */
 static int64_t count_numbers(const struct v2v_sampler *sampler)
 {
     const int64_t steps_of_one =
@@ -274,6 +274,11 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
     }
     int64_t fit = (int64_t)most / bytes;
     sampler->slots = v2v_within(fit, 1, count_numbers(sampler));
+    if (kind != NULL && kind->steps_of_one > 0 && sampler->slots < count_numbers(sampler)) {
+        v2v_log(V2V_LOG_INFO, "lessons: %lld of %.2f GB each, not %lld: %.2f GB hold no more",
+                (long long)sampler->slots, 1e-9 * (double)bytes, (long long)count_numbers(sampler),
+                1e-9 * (double)most);
+    }
     V2V_TRY(V2V_ALLOC(sampler->slot, "sampler.frames", sampler->slots));
     V2V_TRY(V2V_ALLOC(sampler->slot_number, "sampler.frames", sampler->slots));
     V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",

@@ -31,6 +31,7 @@ struct run {
     enum v2v_status unwritten; /* a line of the log that could not be written: ends the run with the
                                   next step */
     double started, last_checkpoint; /* seconds */
+    double earlier_s;                /* of training by earlier attempts */
 };
 
 static enum v2v_status set_weights(struct run *run)
@@ -65,15 +66,20 @@ static void tell_of_no_sample(const struct run *run)
 static enum v2v_status start(struct run *run)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_par_agree(run->comm, set_weights(run)));
     if (run->job->resume) {
-        V2V_TRY(v2v_checkpoint_read(&run->trainer, run->job->folder, &run->step));
+        struct v2v_trained trained = {0};
+        V2V_TRY(v2v_checkpoint_read(&run->trainer, run->job->folder, &trained));
+        run->step = trained.steps;
+        run->earlier_s = (double)trained.seconds;
         if (run->step > 0) {
             run->checkpointed = run->step;
             v2v_log(V2V_LOG_INFO, "resuming after step %lld%s%s", (long long)run->step,
                     run->job->weights != NULL ? " by its own weights, not " : "",
                     run->job->weights != NULL ? run->job->weights : "");
         }
+    }
+    if (run->step == 0) {
+        V2V_TRY(v2v_par_agree(run->comm, set_weights(run)));
     }
     if (!run->trainer.grid.idle) { /* whose network is planned */
         run->trainer.ops->weights_changed(run->trainer.network);
@@ -97,12 +103,14 @@ static enum v2v_status write_checkpoint(struct run *run)
     if (run->checkpointed == run->step) {
         goto done;
     }
+    const struct v2v_trained trained = {run->step,
+                                        (int64_t)(run->earlier_s + v2v_clock_now() - run->started)};
     v2v_watchdog_beat("writing a checkpoint");
     if (run->job->config->train.check_every > 0) { /* else a bad one could replace a good one */
         V2V_TRY(v2v_alike_weights(&run->trainer, run->step));
     }
     V2V_TRY(
-        v2v_checkpoint_write(&run->trainer, run->job->folder, run->step, run->folder.config_text));
+        v2v_checkpoint_write(&run->trainer, run->job->folder, &trained, run->folder.config_text));
     run->checkpointed = run->step;
     run->last_checkpoint = v2v_clock_now();
 done:
@@ -122,12 +130,19 @@ static int checkpoint_due(const struct run *run)
            v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
 }
 
+/* Of the time that is given, what earlier attempts took: all of them where the learning rate goes
+ * by it. */
+static double taken_before(const struct run *run)
+{
+    return run->job->config->train.schedule == V2V_SCHEDULE_LINEAR ? run->earlier_s : 0.0;
+}
+
 /* The part of the time that is gone, by rank 0's clock. */
 static double spent(const struct run *run)
 {
-    double limit = run->job->max_time_s;
-    return limit > 0.0 && v2v_comm_rank(run->comm) == 0 ? (v2v_clock_now() - run->started) / limit
-                                                        : 0.0;
+    const double limit = run->job->max_time_s;
+    const double now = v2v_clock_now() - run->started + taken_before(run);
+    return limit > 0.0 && v2v_comm_rank(run->comm) == 0 ? now / limit : 0.0;
 }
 
 /* Rank 0's clock and every rank's signals decide; the votes travel with the gradients. */
@@ -268,7 +283,8 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     }
     v2v_sampler_warn(run.trainer.sampler, comm);
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
-    run.progress.most_s = job->max_time_s;
+    run.progress.most_s =
+        job->max_time_s > taken_before(&run) ? job->max_time_s - taken_before(&run) : 0.0;
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
     v2v_progress_end(&run.progress);

@@ -328,6 +328,25 @@ refuses 2 'corrected/weights.h5' train -c tiny.yaml --psf psf.h5 --input recordi
     --weights corrected/weights.h5
 cmp -s corrected/weights.h5 kept.h5 || fail 'a refused run took its weights'
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o begun_anew --force --weights kept.h5 --steps 1
+# A run goes on by its own weights, though those that it began with are gone; one without an average
+# does not begin to have one, and keeps its newest checkpoint.
+cp kept.h5 gone.h5
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o begun_with --weights gone.h5 --steps 1
+rm gone.h5
+works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o begun_with --weights gone.h5 --steps 2 --resume
+grep -q 'by its own weights, not gone.h5' stderr || fail "no word on its weights: $(cat stderr)"
+cp begun_with/weights.h5 newest.h5
+timed "$limit" train --psf psf.h5 --input recording.h5 -o begun_with --steps 3 --resume --set train.average=0.9
+[ $? -eq 78 ] || fail "a run began to average: $(cat stderr)"
+grep -q 'goes on with train.average=0 alone' stderr || fail "no word on its average: $(cat stderr)"
+cmp -s begun_with/weights.h5 newest.h5 || fail 'the newest checkpoint is another'
+# Where the learning rate goes by the time, it is that of all attempts.
+by_time=(train -c tiny.yaml --psf psf.h5 --input recording.h5 -o by_time --steps 100000
+    --set train.schedule=linear)
+works "${by_time[@]}" --max-time 2s
+before=$(wc -l <by_time/metrics.jsonl)
+works "${by_time[@]}" --max-time 2s --resume
+[ "$(wc -l <by_time/metrics.jsonl)" -le $((before + 1)) ] || fail 'a run was given its time twice'
 # Losses that aren't finite replace no checkpoint, and are no success where they are the last.
 works train -c tiny.yaml --psf psf.h5 --input recording.h5 -o ruined --steps 4
 for steps in 30 8; do

@@ -31,6 +31,7 @@ struct v2v_weights_info {
     char split[V2V_WEIGHTS_WORD_BYTES];        /**< which views which volume sees, "even-odd" */
     int64_t views, slices;
     int64_t step;    /**< training step, 0 for fresh weights */
+    int64_t seconds; /**< of training until then; older files say nothing: 0 */
     int64_t psf_sum; /**< v2v_psf_file_sum of the PSFs, as the network used them; 0: not known */
     struct v2v_level_range levels; /**< of what it was trained on; older files say nothing */
 };

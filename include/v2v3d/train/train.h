@@ -45,7 +45,8 @@ struct v2v_train_job {
     const char *weights; /**< start from this file; NULL: train.init by train.seed */
     int resume;          /**< go on from RUN/weights.h5, or .prev when it is bad */
     int force;           /**< an older run in RUN may be overwritten */
-    double max_time_s;   /**< checkpoint and stop after this; 0: no limit */
+    double max_time_s;   /**< checkpoint and stop after this, of a linear schedule with the time
+                              of earlier attempts; 0: no limit */
 };
 
 struct v2v_train_report {
