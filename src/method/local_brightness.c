@@ -18,6 +18,10 @@ static const double by_noise = 3.0;
 
 static const double most = 4.0;
 
+/* Variance of a sample without light, at least, where photons are all the noise there is: squares
+ * without a photon would have none. */
+static const double least_even = 1e-6;
+
 struct v2v_local_brightness {
     int64_t views, height, width;
     int64_t rows, columns; /* of squares */
@@ -89,7 +93,7 @@ void v2v_local_brightness_begin(struct v2v_local_brightness *local, const float 
 {
     const int64_t height = local->height, width = local->width;
     local->unit = unit;
-    local->even = even;
+    local->even = fmax(even, least_even);
     v2v_coarse_images(local->frame, views, local->views, height, width, SIDE, 1.0f);
     v2v_coarse_images(local->photons, photons, local->views, height, width, SIDE, 1.0f);
 }

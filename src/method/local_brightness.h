@@ -19,7 +19,7 @@ enum v2v_status v2v_local_brightness_create(struct v2v_local_brightness **local,
 void v2v_local_brightness_destroy(struct v2v_local_brightness **local);
 
 /** Start with a frame. The variance of a sample's noise is unit * (photons + even).
- *  @kind Local, no allocation. @param views, photons [v,y,x], finite @param even above 0 */
+ *  @kind Local, no allocation. @param views, photons [v,y,x], finite @param even 0 or more */
 void v2v_local_brightness_begin(struct v2v_local_brightness *local, const float *views,
                                 const float *photons, double unit, double even);
 

@@ -103,13 +103,16 @@ enum v2v_status v2v_richardson_lucy_describe_work(struct v2v_grid_work *work,
     const int64_t height = problem->height, width = problem->width;
     const int64_t images =
         v2v_mem_product(VOLUMES * psf->slices + VIEWS * psf->views, height, width);
+    const int64_t tables = /* of the sensitivity, in double precision */
+        v2v_mem_product(2 * psf->views * psf->slices, psf->height + 1, psf->width + 1);
     *work = (struct v2v_grid_work){
         .height = height,
         .unit = 1,
         .most_shards = INT_MAX,
         .most_branches = 1,
-        .bytes =
-            v2v_mem_bytes(images, v2v_projector_bytes(psf, height, width, V2V_SPLIT_SLICES, 1))};
+        .bytes = v2v_mem_bytes(
+            tables,
+            v2v_mem_bytes(images, v2v_projector_bytes(psf, height, width, V2V_SPLIT_SLICES, 1)))};
     return v2v_stop_rule_check(problem);
 }
 

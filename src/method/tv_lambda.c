@@ -605,7 +605,7 @@ enum v2v_status v2v_tv_settle_weights(struct v2v_deconv_settings *deconv,
     }
     V2V_TRY(v2v_par_agree(world, V2V_ALLOC(self, "tv.lambda", 1)));
     V2V_TRY(v2v_par_agree(world, prepare(self, problem, views, averaging)));
-    V2V_TRY(share(self, world));
+    V2V_TRY(v2v_par_agree(world, share(self, world)));
     V2V_TRY(v2v_par_agree(world, settle(deconv, self)));
 done:
     if (self != NULL) {

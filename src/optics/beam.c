@@ -279,12 +279,13 @@ static struct v2v_complex propagated(const struct v2v_beam *beam, struct v2v_com
     const double across = fy * fy + fx * fx;
     const double k = settings->refractive_index / settings->wavelength_um;
     const double edge = beam->pupil + 0.5 * beam->frequency; /* a disk that fills it is soft */
-    if (across > edge * edge || across >= k * k) {
+    const double outside = settings->immersion_index / settings->wavelength_um;
+    const int is_immersed = settings->immersion_index > 0;
+    if (across > edge * edge || across >= k * k || (is_immersed && across >= outside * outside)) {
         return (struct v2v_complex){0, 0};
     }
     double turns = z * sqrt(k * k - across);
-    if (settings->immersion_index > 0) {
-        const double outside = settings->immersion_index / settings->wavelength_um;
+    if (is_immersed) {
         turns += settings->depth_um * (sqrt(k * k - across) - sqrt(outside * outside - across));
     }
     if (beam->zernike.last > 0) {

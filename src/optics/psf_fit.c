@@ -326,8 +326,8 @@ static void order_by_slope(int64_t *order, const struct fit *fit)
     }
 }
 
-/* "0.00000 0.00000, ", as v2v_tilts_print writes them, or more. */
-enum { LETTERS_OF_TILT = 17 };
+/* "-0.00000 -0.00000, ", as v2v_tilts_print writes them, or more. */
+enum { LETTERS_OF_TILT = 19 };
 
 static enum v2v_status prepare(struct fit *fit)
 {
@@ -381,7 +381,9 @@ static enum v2v_status find_beam(double *value, struct fit *fit, int64_t view)
     for (size_t r = 0; r < sizeof radii_squared / sizeof *radii_squared; r++) {
         for (size_t p = 0; p < sizeof phases / sizeof *phases; p++) {
             double reached = 0;
+            const int64_t evaluations = fit->evaluations;
             *fit = start;
+            fit->evaluations = evaluations;
             fit->pinhole_pixels = 1.005 * sqrt(radii_squared[r]);
             fit->settings.pinhole_defocus_um = defocus_for(&fit->settings, phases[p]);
             V2V_TRY(fit_beam(&reached, fit, &view, 1, 0, 150));
@@ -393,6 +395,7 @@ static enum v2v_status find_beam(double *value, struct fit *fit, int64_t view)
             }
         }
     }
+    best.evaluations = fit->evaluations;
     *fit = best;
     V2V_TRY(fit_beam(value, fit, &view, 1, 0, 400));
 done:

@@ -74,11 +74,13 @@ void v2v_tilts_fini(struct v2v_tilts *tilts)
 enum v2v_status v2v_tilts_print(struct v2v_optics_settings *settings, const struct v2v_tilts *tilts)
 {
     const double pupil = settings->numerical_aperture / settings->wavelength_um;
+    const double most = 1.0 - 1e-5; /* what is rounded lies inside the pupil, too */
     size_t used = 0;
     for (int64_t v = 0; v < tilts->views; v++) {
-        const int wrote =
-            snprintf(settings->tilts + used, sizeof settings->tilts - used, "%s%.5f %.5f",
-                     v > 0 ? ", " : "", tilts->at[v][0] / pupil, tilts->at[v][1] / pupil);
+        const double y = tilts->at[v][0] / pupil, x = tilts->at[v][1] / pupil;
+        const double inwards = fmin(1.0, most / fmax(hypot(y, x), most));
+        const int wrote = snprintf(settings->tilts + used, sizeof settings->tilts - used,
+                                   "%s%.5f %.5f", v > 0 ? ", " : "", y * inwards, x * inwards);
         used += (size_t)wrote;
         if (used >= sizeof settings->tilts) {
             settings->tilts[0] = '\0';

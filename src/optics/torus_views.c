@@ -122,8 +122,11 @@ void v2v_torus_views_take(struct v2v_torus_views *views, const float *frame, dou
 
 void v2v_torus_views_take_whole(struct v2v_torus_views *views, const float *samples)
 {
+    const struct v2v_torus *torus = &views->torus;
     views->frame = NULL;
     views->weights.is_on = 0;
+    views->known_rows = (struct v2v_part){0, torus->height};
+    views->known_columns = (struct v2v_part){0, torus->width};
     memcpy(views->recorded, samples, (size_t)v2v_torus_views_samples(views) * sizeof *samples);
 }
 

@@ -330,6 +330,8 @@ static enum v2v_status list_frames(struct v2v_recon *recon)
     recon->frames = 0;
     v2v_mem_free(recon->todo);
     v2v_mem_free(recon->misfit);
+    recon->todo = NULL;
+    recon->misfit = NULL;
     V2V_TRY(V2V_ALLOC(recon->todo, "recon.frames", info->frames));
     V2V_TRY(V2V_ALLOC(recon->misfit, "recon.frames", info->frames));
     if (info->views != recon->views) {

@@ -27,13 +27,18 @@ static void make(double scale, double part, uint64_t seed)
     }
 }
 
-static void find(double factor)
+static void find_with(double factor, double unit, double even)
 {
     struct v2v_local_brightness *local = NULL;
     assert_ok(v2v_local_brightness_create(&local, VIEWS, HEIGHT, WIDTH));
-    v2v_local_brightness_begin(local, frame, photons, noise * noise, 1.0);
+    v2v_local_brightness_begin(local, frame, photons, unit, even);
     v2v_local_brightness_find(local, found, neighbour, factor);
     v2v_local_brightness_destroy(&local);
+}
+
+static void find(double factor)
+{
+    find_with(factor, noise * noise, 1.0);
 }
 
 /* ---- the twin ---- */
@@ -182,6 +187,27 @@ static void the_dark_has_the_factor_of_all(void **state)
     assert_true(sqrt(squares) < sqrt(0.08) * 1.5);
 }
 
+/* Where photons are all the noise there is, squares without one have none, and say nothing of
+ * others. */
+static void squares_without_a_photon_leave_others_alone(void **state)
+{
+    (void)state;
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const int64_t y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        const double light = x < 40 ? 0.0 : 100.0;
+        neighbour[i] = (float)light;
+        photons[i] = frame[i] = (float)(y < 30 ? light : 2.0 * light);
+    }
+    find_with(1.0, 1.0, 0.0);
+    for (int64_t i = 0; i < SAMPLES; i++) {
+        const int64_t y = i / WIDTH % HEIGHT, x = i % WIDTH;
+        assert_true(isfinite(found[i]));
+        if (x >= 50 && (y < 20 || y >= 40)) {
+            assert_true(fabs((double)found[i] - (y < 30 ? 1.0 : 2.0)) < 0.06);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -189,6 +215,7 @@ int main(void)
         cmocka_unit_test(noise_moves_little),
         cmocka_unit_test(what_flashes_is_found),
         cmocka_unit_test(the_dark_has_the_factor_of_all),
+        cmocka_unit_test(squares_without_a_photon_leave_others_alone),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -96,12 +96,30 @@ static void oblong_slices_are_refused(void **state)
     assert_int_equal(v2v_mem_held(), held);
 }
 
+/* Settings that a fit prints are ones that the simulation takes: a view that was made with a larger
+ * aperture is moved into the pupil. */
+static void a_view_at_the_pupils_edge_stays_inside(void **state)
+{
+    struct v2v_optics_settings optics = truth(), fitted = truth();
+    struct v2v_psf_file psf, model;
+    (void)state;
+    strcpy(optics.tilts, "0 0, 0.7 0.7, -0.6 0");
+    assert_ok(v2v_psf_simulate(&psf, &optics));
+    fitted.tilts[0] = '\0';
+    fitted.numerical_aperture = 0.45;
+    assert_ok(v2v_psf_fit(&fitted, &psf, NULL, 0));
+    assert_ok(v2v_psf_simulate(&model, &fitted));
+    v2v_psf_file_fini(&model);
+    v2v_psf_file_fini(&psf);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(fit_finds_what_a_set_was_made_with),
         cmocka_unit_test(fit_keeps_stated_sizes_and_finds_aberrations),
         cmocka_unit_test(oblong_slices_are_refused),
+        cmocka_unit_test(a_view_at_the_pupils_edge_stays_inside),
     };
     return cmocka_run_group_tests_name("optics.psf_fit", tests, NULL, NULL);
 }

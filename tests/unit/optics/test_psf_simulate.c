@@ -243,6 +243,27 @@ static void simulation_short_of_memory_is_refused(void **state)
     v2v_mem_set_limit(0);
 }
 
+/* Beyond what the immersion lets through nothing propagates, though the pupil's edge is soft. */
+static void an_aperture_near_the_immersions_index_gives_finite_psfs(void **state)
+{
+    struct v2v_optics_settings optics = small_optics();
+    struct v2v_psf_file psf;
+    (void)state;
+    optics.rings = 1;
+    optics.numerical_aperture = 1.325;
+    optics.needle_aperture = 0.3;
+    optics.refractive_index = 1.45;
+    optics.immersion_index = 1.33;
+    optics.depth_um = 5;
+    optics.pixel_size_um = 0.3;
+    optics.size = 32;
+    assert_ok(v2v_psf_simulate(&psf, &optics));
+    for (int64_t i = 0; i < psf.views * psf.slices * psf.height * psf.width; i++) {
+        assert_true(isfinite(psf.data[i]));
+    }
+    v2v_psf_file_fini(&psf);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -255,6 +276,7 @@ int main(void)
         cmocka_unit_test(thread_count_does_not_change_the_simulated_bits),
         cmocka_unit_test(impossible_optics_are_refused),
         cmocka_unit_test(simulation_short_of_memory_is_refused),
+        cmocka_unit_test(an_aperture_near_the_immersions_index_gives_finite_psfs),
     };
     return cmocka_run_group_tests_name("optics.psf_simulate", tests, NULL, NULL);
 }
