@@ -318,9 +318,15 @@ static void keep_frames(struct work *work, const struct v2v_session *session)
     }
     v2v_volume_suspend(&work->writer);
     if (v2v_step_on_root(session)) {
-        const enum v2v_status found = v2v_volume_left(&left, work->given->output, NULL);
+        struct v2v_status_record failure;
+        v2v_status_keep(&failure);
+        if (v2v_volume_left(&left, work->given->output, NULL) != V2V_OK) {
+            v2v_log(V2V_LOG_WARNING, "%s; frames may be done", v2v_status_message());
+            v2v_status_restore(&failure);
+            return;
+        }
         work->result.now = left.done - work->result.before;
-        if (found == V2V_OK && left.done > 0) {
+        if (left.done > 0) {
             v2v_log(V2V_LOG_WARNING, "%s: %lld of %lld frames are done; --resume goes on with them",
                     work->given->output, (long long)left.done, (long long)left.frames);
         }

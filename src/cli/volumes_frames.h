@@ -4,10 +4,6 @@
 
 #include "cli/volumes_quality.h"
 
-/** Of the views' pixels. 3 % of fibres cost total variation 3 dB; some 10 pixels, as of vessels9,
- *  nothing. */
-#define V2V_MUCH_SATURATED 1e-3
-
 /** Warn of a frame that is hardly anywhere as dark as its offset says: the reference, or the last
  *  one, where the offset may have drifted; not where the recording's own darkest samples were told
  *  already, or the offset is none.

@@ -6,6 +6,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
+#include "v2v3d/eval/unlike.h"
 #include "v2v3d/io/volume.h"
 #include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/saturation.h"
@@ -118,15 +119,11 @@ static enum v2v_status read_views(struct found *found, const struct v2v_volumes_
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
-    struct v2v_scaling offset = *made->scaling; /* with the shading of a calibration */
     V2V_TRY(V2V_ALLOC(found->of_view, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->displaced, "cli.quality", found->views));
     V2V_TRY(V2V_ALLOC(found->recorded, "cli.quality", samples));
-    V2V_TRY(v2v_recording_read_seen(made->recording, found->recorded, offset.offset, &found->blind,
-                                    found->shown));
-    found->saturated = (double)v2v_saturated_pixels(found->recorded, samples) / (double)samples;
-    offset.gain = 1.0;
-    v2v_scaling_apply(&offset, found->recorded, samples);
+    V2V_TRY(v2v_unlike_read(found->recorded, &found->blind, &found->saturated, made->recording,
+                            made->scaling, found->shown));
 done:
     return rc;
 }

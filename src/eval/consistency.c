@@ -304,9 +304,9 @@ static int is_another(const struct judge *self)
     return self->config.recon.neighbours > 0 || !self->ops->leaves_blind;
 }
 
-/** What averaging takes beside the estimators: on every rank the fusion, the views as recorded, and
- *  the frames that those used are means of. */
-static int64_t averaging_bytes(const struct judge *self)
+/** What is held already, and what averaging takes beside the estimators: on every rank the fusion,
+ *  the views as recorded, and the frames that those used are means of. */
+static int64_t bytes_beside(const struct judge *self)
 {
     enum { MAPS = 1 + VOLUMES };
     const struct v2v_problem *problem = &self->problem;
@@ -314,7 +314,7 @@ static int64_t averaging_bytes(const struct judge *self)
     const int64_t floats =
         v2v_fusion_floats(neighbours, views, problem->height, problem->width) +
         (is_another(self) ? v2v_mem_product(MAPS * views, problem->height, problem->width) : 0);
-    return v2v_mem_bytes(floats, 0);
+    return v2v_mem_bytes(floats, (int64_t)v2v_mem_held());
 }
 
 /** Collective(world). */
@@ -327,8 +327,7 @@ static enum v2v_status lay_out(struct judge *self, struct v2v_comm *world)
     if (self->job->writer != NULL) { /* the halves' and that of all views */
         work.bytes = 2 * v2v_smaller(work.bytes, INT64_MAX / 4);
     }
-    V2V_TRY(
-        v2v_estimator_lay_out(&self->grid, &work, 1, averaging_bytes(self), &self->config, world));
+    V2V_TRY(v2v_estimator_lay_out(&self->grid, &work, 1, bytes_beside(self), &self->config, world));
     V2V_TRY(v2v_par_agree(world, v2v_agreement_create(&self->agreement, world)));
 done:
     return rc;

@@ -209,11 +209,18 @@ done:
 static enum v2v_status write_data(struct export *out)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_volume_info *info = out->info;
     char temporary[V2V_PATH_BYTES];
+    int64_t unsynced = 0;
+    const int64_t of_frame =
+        v2v_mem_product(info->slices, info->height * info->width, sizeof(uint16_t));
     V2V_TRY(v2v_h5_begin(&out->file, temporary, out->path));
     rc = write_tables(out);
     for (int64_t t = 0; rc == V2V_OK && t < out->info->frames; t++) {
         rc = write_frame(out, t);
+        if (rc == V2V_OK) {
+            rc = v2v_file_sync_piece(&unsynced, of_frame, temporary);
+        }
     }
     rc = v2v_h5_end(rc, &out->file, temporary, out->path);
 done:

@@ -19,6 +19,13 @@ int v2v_file_exists(const char *path)
     return lstat(path, &status) == 0;
 }
 
+int64_t v2v_file_taken(const char *path)
+{
+    enum { BLOCK = 512 }; /* stat's, whatever the file system's */
+    struct stat status;
+    return lstat(path, &status) == 0 ? (int64_t)status.st_blocks * BLOCK : 0;
+}
+
 int v2v_file_is_folder(const char *path)
 {
     struct stat status;

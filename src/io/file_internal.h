@@ -27,6 +27,9 @@ enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUS
  */
 enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 
+/** Bytes that a file takes on its disk; 0: there is none. @kind Local. */
+int64_t v2v_file_taken(const char *path);
+
 /** The same in pieces, so that the end of a long file does not keep other ranks waiting: once some
  *  gigabytes more were written. @kind Local. @param pending 0 at first @return likewise */
 enum v2v_status v2v_file_sync_piece(int64_t *pending, int64_t written,

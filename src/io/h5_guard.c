@@ -4,6 +4,7 @@
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/log.h"
 #include <errno.h>
+#include <math.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -11,12 +12,14 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 /* Of processor time: an object of the file, and all of it. */
-enum { GUARD_SECONDS = 10, GUARD_MOST_SECONDS = 300 };
-/* Until the next object was looked at, by the clock: a disk may be slow, a processor busy. */
-#define GUARD_WAIT 60.0
+enum { GUARD_SECONDS = 10, GUARD_MOST_SECONDS = 60 };
+/* By the clock, for a disk may be slow and a processor busy: until the next object was looked at,
+ * and all of it. */
+static const double guard_wait = 60.0, guard_most_wait = 300.0;
 /* On top of what the process holds already: chunks of up to 2 GiB and their decoding. */
 #define GUARD_BYTES ((rlim_t)6 << 30)
 
@@ -28,9 +31,9 @@ enum { WELL = 0, LATE = -1, NOT_DONE = -2, FAILED = -3, STUCK = -4 };
 static void set_limit(int resource, rlim_t value, rlim_t most)
 {
     struct rlimit limit;
-    if (getrlimit(resource, &limit) == 0 &&
-        (limit.rlim_max == RLIM_INFINITY || most <= limit.rlim_max)) {
-        limit = (struct rlimit){.rlim_cur = value, .rlim_max = most};
+    if (getrlimit(resource, &limit) == 0) {
+        const rlim_t hard = most < limit.rlim_max ? most : limit.rlim_max;
+        limit = (struct rlimit){.rlim_cur = value < hard ? value : hard, .rlim_max = hard};
         setrlimit(resource, &limit);
     }
 }
@@ -41,8 +44,9 @@ static void limit_processor_time(void)
 {
     struct rusage used = {0};
     getrusage(RUSAGE_SELF, &used);
-    const rlim_t spent = (rlim_t)used.ru_utime.tv_sec + (rlim_t)used.ru_stime.tv_sec;
-    const rlim_t until = spent + GUARD_SECONDS;
+    const double parts = 1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+    const rlim_t whole = (rlim_t)used.ru_utime.tv_sec + (rlim_t)used.ru_stime.tv_sec;
+    const rlim_t until = whole + (rlim_t)parts + GUARD_SECONDS;
     set_limit(RLIMIT_CPU, until < GUARD_MOST_SECONDS ? until : GUARD_MOST_SECONDS,
               GUARD_MOST_SECONDS + 1);
 }
@@ -51,20 +55,20 @@ static void limit_processor_time(void)
 
 static int told = -1; /* in the child: the parent's pipe */
 
-/* An object is done: the parent waits for the next one. */
-static void tell(void)
-{
-    limit_processor_time();
-    if (told >= 0 && write(told, "", 1) != 1) {
-        _exit(1); /* there is no parent any more */
-    }
-}
-
 /* What can't be read with this little memory would take the caller long, or all memory. */
 static void need(int done)
 {
     if (!done) {
         _exit(1);
+    }
+}
+
+/* An object is done: the parent waits for the next one. */
+static void tell(void)
+{
+    limit_processor_time();
+    while (told >= 0 && write(told, "", 1) != 1) {
+        need(errno == EINTR); /* else there is no parent any more */
     }
 }
 
@@ -202,18 +206,19 @@ static void restrain_child(void)
  * be read every now and then? */
 static int ends_in_time(int in)
 {
-    double end = v2v_clock_now() + GUARD_WAIT;
+    const double last = v2v_clock_now() + guard_most_wait;
+    double end = v2v_clock_now() + guard_wait;
     struct pollfd waiting = {.fd = in, .events = POLLIN};
     for (;;) {
         char bytes[512];
-        const double left = end - v2v_clock_now();
-        const int ready = left > 0.0 ? poll(&waiting, 1, (int)(left * 1000.0) + 1) : 0;
+        const double left = fmax(fmin(end, last) - v2v_clock_now(), 0.0);
+        const int ready = poll(&waiting, 1, (int)ceil(left * 1000.0));
         const ssize_t got = ready > 0 ? read(in, bytes, sizeof bytes) : -1;
         if (ready == 0 || got == 0) {
             return got == 0;
         }
         if (got > 0) {
-            end = v2v_clock_now() + GUARD_WAIT;
+            end = v2v_clock_now() + guard_wait;
         } else if (errno != EINTR) {
             return 0;
         }
@@ -266,12 +271,16 @@ static enum v2v_status judge(const char *path, int how)
         return V2V_OK;
     }
     if (how == LATE) {
-        return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 looked at it for more than %d s", path,
-                        GUARD_SECONDS);
+        return V2V_FAIL(V2V_E_INPUT,
+                        "%s: is damaged: HDF5 looked at it for more than %d s, or at a part of it "
+                        "for more than %d s",
+                        path, GUARD_MOST_SECONDS, GUARD_SECONDS);
     }
     if (how == STUCK) {
-        return V2V_FAIL(V2V_E_IO, "%s: cannot be looked at: for %.0f s nothing of it was read",
-                        path, GUARD_WAIT);
+        return V2V_FAIL(V2V_E_IO,
+                        "%s: cannot be looked at: for %.0f s nothing of it was read, or in %.0f s "
+                        "not all of it",
+                        path, guard_wait, guard_most_wait);
     }
     if (how == FAILED) {
         return V2V_FAIL(V2V_E_INPUT, "%s: is damaged: HDF5 can't read all of it", path);
@@ -330,7 +339,8 @@ void v2v_file_guard_stop(void)
     helper = -1;
 }
 
-/* Files that were well, the last ones of this thread: a command opens its inputs several times. */
+/* Files that were well, the last ones of this thread: a command opens its inputs several times. A
+ * file that was just written may be written again without another time. */
 enum { REMEMBERED = 8 };
 static _Thread_local struct v2v_file_state well[REMEMBERED];
 static _Thread_local int next_well;
@@ -346,7 +356,7 @@ static int was_well(const struct v2v_file_state *state)
 
 enum v2v_status v2v_h5_guard(const char *path)
 {
-    enum v2v_status rc = V2V_OK;
+    enum { SETTLED_SECONDS = 2 };
     int how = NOT_DONE;
     ssize_t got = -1;
     const size_t bytes = strlen(path) + 1;
@@ -363,12 +373,14 @@ enum v2v_status v2v_h5_guard(const char *path)
             got = recv(helper, &how, sizeof how, 0);
         } while (got < 0 && errno == EINTR);
     }
-    rc = got == (ssize_t)sizeof how ? judge(path, how) : v2v_h5_guard_with(path, look_at_file);
-    if (rc == V2V_OK && is_there) {
+    if (got != (ssize_t)sizeof how) {
+        how = watch(path, look_at_file);
+    }
+    if (how == WELL && is_there && state.seconds + SETTLED_SECONDS < (int64_t)time(NULL)) {
         well[next_well] = state;
         next_well = (next_well + 1) % REMEMBERED;
     }
-    return rc;
+    return judge(path, how);
 }
 
 enum v2v_status v2v_h5_guard_input(struct v2v_file_state *state, const char *path)

@@ -1,5 +1,8 @@
 #include "io/h5_common.h"
 #include "io/h5_guard.h"
+#include "v2v3d/base/memory.h"
+
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -249,28 +252,27 @@ done:
     return rc;
 }
 
-/* Decoded chunks are kept, as many as the images along the first axis lie in: the next one may lie
- * in them, too. HDF5's own megabyte where there are more than the most bytes of them. */
+/* Where frames share chunks, decoded ones are kept, as many as a frame lies in: so does the next
+ * one. Else HDF5's own megabyte, as where they are more than the most bytes. */
 static void keep_chunks(hid_t access, hid_t set)
 {
-    const double most = 1e9;
+    enum { SLOTS_OF_CHUNK = 100, MOST_SLOTS = 1000000 }; /* as HDF5's manual advises; 8 MB */
+    const double most = fmin(1e9, 0.25 * (double)v2v_mem_room());
     hsize_t extent[H5S_MAX_RANK], chunk[H5S_MAX_RANK];
     hid_t creation = H5Dget_create_plist(set), space = H5Dget_space(set), type = H5Dget_type(set);
     const int rank = H5Sget_simple_extent_dims(space, extent, NULL);
     size_t slots = H5D_CHUNK_CACHE_NSLOTS_DEFAULT, bytes = H5D_CHUNK_CACHE_NBYTES_DEFAULT;
     if (rank > 0 && H5Pget_layout(creation) == H5D_CHUNKED &&
         H5Pget_chunk(creation, rank, chunk) == rank) {
-        double wanted = (double)H5Tget_size(type) * (double)chunk[0];
-        size_t count = 1;
+        double wanted = (double)H5Tget_size(type) * (double)chunk[0], count = 1.0;
         for (int i = 1; i < rank; i++) {
-            const hsize_t along = (extent[i] + chunk[i] - 1) / chunk[i];
-            wanted *= (double)(along * chunk[i]);
-            count *= (size_t)along;
+            const double along = ceil((double)extent[i] / (double)chunk[i]);
+            wanted *= along * (double)chunk[i];
+            count *= along;
         }
-        if (wanted <= most) {
-            enum { SLOTS_OF_CHUNK = 100 }; /* as HDF5's manual advises */
+        if (chunk[0] > 1 && wanted <= most && SLOTS_OF_CHUNK * count < MOST_SLOTS) {
             bytes = (size_t)wanted > bytes ? (size_t)wanted : bytes;
-            slots = SLOTS_OF_CHUNK * count + 1;
+            slots = SLOTS_OF_CHUNK * (size_t)count + 1;
         }
     }
     H5Pset_chunk_cache(access, slots, bytes, H5D_CHUNK_CACHE_W0_DEFAULT);

@@ -1,6 +1,7 @@
 #include "io/h5_packed.h"
 
 #include "io/deflate.h"
+#include "io/file_internal.h"
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
 #include "par/comm_mpi.h"
@@ -23,6 +24,7 @@ struct v2v_h5_packed {
     int64_t *bytes;             /* [z] of what is stored of a frame */
     uint8_t *received;          /* rank 0: one image of another rank */
     int64_t *received_bytes;    /* [z] likewise of its frame */
+    int64_t unsynced;           /* rank 0: bytes */
 };
 
 static hid_t stored_type(const struct v2v_h5_packed *packed)
@@ -263,6 +265,7 @@ static enum v2v_status write_chunk(struct v2v_h5_packed *packed, int set, int64_
     if (H5Dwrite_chunk(packed->set[set], H5P_DEFAULT, 0, at, (size_t)bytes, data) < 0) {
         V2V_TRY(V2V_H5_FAIL(V2V_E_IO, packed->path, v2v_h5_volume_sets[set], "writing failed"));
     }
+    V2V_TRY(v2v_file_sync_piece(&packed->unsynced, bytes, packed->path));
 done:
     return rc;
 }

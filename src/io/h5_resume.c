@@ -232,17 +232,16 @@ enum v2v_status v2v_h5_left(struct v2v_volume_left *left, const char *temporary,
     struct v2v_status_record earlier;
     v2v_status_keep(&earlier);
     *left = (struct v2v_volume_left){0};
-    if (!v2v_file_exists(temporary)) {
-        return V2V_OK;
-    }
     if (access(temporary, R_OK) != 0) {
-        return V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
+        return errno == ENOENT || errno == ENOTDIR
+                   ? V2V_OK
+                   : V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
     }
     rc = v2v_file_is_hdf5(temporary) ? count_left(left, temporary, task) : V2V_OK;
     if (rc != V2V_OK) {
         *left = (struct v2v_volume_left){0};
     }
-    if (rc != V2V_E_IO) { /* it holds no frames, or none that could be gone on with */
+    if (rc == V2V_E_INPUT) { /* it holds no frames, or none that could be gone on with */
         v2v_status_restore(&earlier);
         rc = V2V_OK;
     }

@@ -24,7 +24,7 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
     const int64_t image = v2v_mem_product(shape[2], shape[3], number * sets);
     const int64_t bytes = v2v_mem_product(shape[0], shape[1], image);
     V2V_ASSERT(shape[0] > 0 && shape[1] > 0 && image > 0);
-    return v2v_file_check_room(writer->path, bytes);
+    return v2v_file_check_room(writer->path, bytes - v2v_file_taken(writer->temporary));
 }
 
 /* One image a chunk, all space taken at once, nothing filled in: every image is written by exactly
@@ -80,7 +80,6 @@ static enum v2v_status create_file(struct v2v_h5_writer *writer, const struct v2
 {
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
-    V2V_TRY(v2v_file_clear(writer->temporary)); /* an earlier run's takes room, too */
     V2V_TRY(check_space(writer, plan));
     V2V_TRY(v2v_h5_create(&file, writer->temporary, 0,
                           v2v_mem_product(plan->shape[0], plan->shape[1], 1),

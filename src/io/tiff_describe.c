@@ -3,6 +3,7 @@
 #include "v2v3d/base/memory.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 enum v2v_status v2v_tiff_set_axes(struct v2v_tiff *tiff, const int64_t size[V2V_TIFF_AXES],
@@ -31,18 +32,29 @@ done:
     return rc;
 }
 
+/* Of a folder's files, which are alike, the first is told of. */
+static int is_told(const char *path, double x, double y)
+{
+    static _Thread_local char folder[V2V_PATH_BYTES];
+    static _Thread_local double last[2];
+    const char *slash = strrchr(path, '/');
+    const size_t length = slash != NULL ? (size_t)(slash - path) : 0;
+    const int is_same = x == last[0] && y == last[1] && length == strlen(folder) &&
+                        strncmp(folder, path, length) == 0;
+    snprintf(folder, sizeof folder, "%.*s", (int)length, path);
+    last[0] = x;
+    last[1] = y;
+    return is_same;
+}
+
 double v2v_tiff_pixel_size(const char *path, double x, double y)
 {
-    static _Thread_local double told[2]; /* a folder's files are alike */
-    const double rounding = 1e-4;        /* of decimals and fractions in files */
+    const double rounding = 1e-4; /* of decimals and fractions in files */
     if (x > 0.0 && y > 0.0 && fabs(x - y) > rounding * x) {
-        if (x == told[0] && y == told[1]) {
-            return 0.0;
+        if (!is_told(path, x, y)) {
+            v2v_log(V2V_LOG_WARNING, "%s: pixels of %g x %g um are not square: size not used", path,
+                    y, x);
         }
-        told[0] = x;
-        told[1] = y;
-        v2v_log(V2V_LOG_WARNING, "%s: pixels of %g x %g um are not square: size not used", path, y,
-                x);
         return 0.0;
     }
     return x;

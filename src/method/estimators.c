@@ -91,13 +91,13 @@ enum v2v_status v2v_estimator_lay_out(struct v2v_grid *grid, const struct v2v_gr
     struct v2v_grid_work own = *work;
     const struct v2v_grid_shape wanted = {branches, (int)config->parallel.shards};
     const int64_t limit = (int64_t)(config->parallel.max_mem_gb * 1e9);
-    int64_t held = (int64_t)v2v_mem_held(); /* PSFs among it */
+    int64_t elsewhere = beside; /* ranks may hold more or less */
     if (wanted.shards > work->most_shards) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "parallel.shards: %d ranks cannot share a frame, %d at most",
                          wanted.shards, work->most_shards));
     }
-    v2v_par_max_i64(world, &held, 1);
-    own.most_bytes = limit > 0 ? v2v_larger(limit - beside - held, 1) : 0;
+    v2v_par_max_i64(world, &elsewhere, 1);
+    own.most_bytes = limit > 0 ? v2v_larger(limit - elsewhere, 1) : 0;
     own.most_shards = config->parallel.reproducible
                           ? 1
                           : (int)v2v_smaller(work->most_shards, v2v_comm_size(world));

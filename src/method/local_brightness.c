@@ -18,9 +18,9 @@ static const double by_noise = 3.0;
 
 static const double most = 4.0;
 
-/* Variance of a sample without light, at least, where photons are all the noise there is: squares
- * without a photon would have none. */
-static const double least_even = 1e-6;
+/* Of the variance in the light, the least: photons may be all the noise there is, and squares
+ * without one have none. */
+static const double least_even = 0.01;
 
 struct v2v_local_brightness {
     int64_t views, height, width;

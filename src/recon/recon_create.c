@@ -168,6 +168,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     struct v2v_recon *made = NULL;
     struct v2v_grid_work work;
     struct v2v_problem own = *problem;
+    const int64_t held = (int64_t)v2v_mem_held();
     *recon = NULL;
     const int is_still = problem->skip > 0.0 && !ops->skips_light;
     rc = ops->describe_work(&work, problem);
@@ -196,7 +197,7 @@ enum v2v_status v2v_recon_create(struct v2v_recon **recon, const struct v2v_esti
     V2V_TRY(v2v_estimator_lay_out(
         &made->grid, &work,
         (int)v2v_smaller(problem->config->parallel.branches, work.most_branches),
-        v2v_mem_bytes(made->fused, 0), problem->config, world));
+        v2v_mem_bytes(made->fused, held), problem->config, world));
     rc = v2v_agreement_create(&made->agreement, world);
     V2V_TRY(v2v_par_agree(world, rc));
     if (!made->grid.idle) {

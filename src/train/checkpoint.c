@@ -253,7 +253,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path,
     const int has_last = trainer->average != NULL || v2v_weights_file_has(path, "last");
     const char *last = has_last ? "last" : "weights"; /* an average may end with this attempt */
     rc = v2v_weights_file_read(network->weights, path, last, fields);
-    if (rc == V2V_E_INPUT && trainer->average != NULL &&
+    if (rc == V2V_E_INPUT && trainer->average != NULL && !v2v_weights_file_has(path, "last") &&
         v2v_weights_file_read(network->weights, path, "weights", fields) == V2V_OK) {
         rc = V2V_FAIL(V2V_E_CONFIG,
                       "%s: its run averages no weights: it goes on with train.average=0 alone",
@@ -310,8 +310,15 @@ enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *fol
     int main_rank = v2v_comm_rank(trainer->grid.world) == 0;
     for (size_t i = 0; i < sizeof generation / sizeof *generation; i++) {
         V2V_TRY(v2v_par_agree(trainer->grid.world, path_in(path, folder, generation[i])));
-        int64_t there = v2v_file_exists(path);
-        v2v_par_max_i64(trainer->grid.world, &there, 1);
+        const int64_t there = v2v_file_exists(path);
+        int64_t ends[2] = {there, -there};
+        v2v_par_max_i64(trainer->grid.world, ends, 2);
+        if (ends[0] != -ends[1]) {
+            V2V_TRY(V2V_FAIL(V2V_E_IO,
+                             "%s: some ranks see this file, others don't: is the folder on a file "
+                             "system that all share?",
+                             path));
+        }
         if (!there) {
             continue;
         }

@@ -13,6 +13,7 @@
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/bulk.h"
 
+#include <math.h>
 #include <stdio.h>
 
 /* A step whose loss or gradient is not finite leaves the weights alone; after this many in a row,
@@ -130,8 +131,8 @@ static int checkpoint_due(const struct run *run)
            v2v_clock_now() - run->last_checkpoint >= run->job->config->train.checkpoint_every_s;
 }
 
-/* Of the time that is given, what earlier attempts took: all of them where the learning rate goes
- * by it. */
+/* Seconds of earlier attempts that count against the time that is given: with a linear schedule all
+ * of them, as the checkpoint says, else none. */
 static double taken_before(const struct run *run)
 {
     return run->job->config->train.schedule == V2V_SCHEDULE_LINEAR ? run->earlier_s : 0.0;
@@ -283,8 +284,9 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     }
     v2v_sampler_warn(run.trainer.sampler, comm);
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
-    run.progress.most_s =
-        job->max_time_s > taken_before(&run) ? job->max_time_s - taken_before(&run) : 0.0;
+    if (job->max_time_s > 0.0) {
+        run.progress.most_s = fmax(job->max_time_s - taken_before(&run), 1.0);
+    }
     struct v2v_par_time began = v2v_par_time_now();
     rc = loop(&run, report);
     v2v_progress_end(&run.progress);

@@ -120,12 +120,12 @@ enum v2v_status v2v_volume_resume(struct v2v_volume_writer **writer, const char 
 
 /** What an interrupted run left of an HDF5 volume under its temporary name. */
 struct v2v_volume_left {
-    int64_t done, frames; /**< 0 where nothing is there, or nothing that can be read */
+    int64_t done, frames; /**< 0 where nothing is there, or no volume that was begun */
     int is_same;          /**< of this task */
 };
 
 /** @kind Local. @param task as the attribute; may be NULL
- *  @return V2V_OK | V2V_E_IO (something is there, and may not or cannot be read now) */
+ *  @return V2V_OK | V2V_E_IO (it exists, but cannot be read now) | V2V_E_MEMORY */
 enum v2v_status v2v_volume_left(struct v2v_volume_left *left, const char *path,
                                 const char *task) V2V_MUST_CHECK;
 

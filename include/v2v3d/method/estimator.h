@@ -210,7 +210,7 @@ const struct v2v_estimator_ops *v2v_estimator_of_network(const struct v2v_networ
  *  @kind   Collective(world)
  *  @param  work of describe_work, with the number of frames
  *  @param  branches ranks that share a frame, outputs each; 0: as many as are best
- *  @param  beside bytes that every rank takes beside the estimator
+ *  @param  beside bytes that a rank holds already, PSFs among them, and takes beside the estimator
  *  @return V2V_OK | V2V_E_CONFIG (more ranks than can share a frame) or as v2v_grid_lay_out */
 enum v2v_status v2v_estimator_lay_out(struct v2v_grid *grid, const struct v2v_grid_work *work,
                                       int branches, int64_t beside, const struct v2v_config *config,

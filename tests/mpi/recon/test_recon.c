@@ -548,7 +548,9 @@ static void averaged_views_count_in_what_a_rank_may_hold(void **state)
         test_skip("one rank shares nothing");
     }
     assert_ok(method->describe_work(&work, &problem));
-    const int64_t both = work.bytes + floats * (int64_t)sizeof(float);
+    int64_t held = (int64_t)v2v_mem_held();
+    v2v_par_max_i64(test_world(), &held, 1);
+    const int64_t both = work.bytes + floats * (int64_t)sizeof(float) + held;
     config.parallel.branches = config.parallel.shards = 0;
     for (int is_less = 0; is_less < 2; is_less++) {
         config.parallel.max_mem_gb = 1e-9 * ((double)both + (is_less ? -0.5 : 0.5));

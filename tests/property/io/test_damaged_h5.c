@@ -108,7 +108,7 @@ static void damaged_recordings_are_read_or_refused_but_never_crash(void **state)
         }
         print_message("%d of %d refused, slowest %.2f s\n", refused, MUTATIONS, slowest);
         assert_true(refused > 0 && refused < MUTATIONS);
-        assert_true(slowest < 15.0); /* the guard's 10 s, and a busy machine */
+        assert_true(slowest < 65.0); /* the guard's 10 s, on a busy machine its minute */
     }
     assert_int_equal(v2v_mem_held(), 0);
 }
