@@ -340,6 +340,14 @@ timed "$limit" train --psf psf.h5 --input recording.h5 -o begun_with --steps 3 -
 [ $? -eq 78 ] || fail "a run began to average: $(cat stderr)"
 grep -q 'goes on with train.average=0 alone' stderr || fail "no word on its average: $(cat stderr)"
 cmp -s begun_with/weights.h5 newest.h5 || fail 'the newest checkpoint is another'
+# What is damaged steps aside for the older one, also where it is the average's.
+averaged=(train -c tiny.yaml --psf psf.h5 --input recording.h5 -o averaged --set train.average=0.9)
+works "${averaged[@]}" --steps 2 --set train.checkpoint_every_s=0
+"$V2V_POKE" averaged/weights.h5 "/last/$(h5ls averaged/weights.h5/last | awk 'NR == 1 { print $1 }')" 0 7 ||
+    fail 'nothing was damaged'
+works "${averaged[@]}" --steps 3 --resume
+grep -q 'cannot resume from averaged/weights.h5: .*is damaged' stderr || fail "no word on it: $(cat stderr)"
+grep -q 'resuming after step 1' stderr || fail "the older one isn't taken: $(cat stderr)"
 # Where the learning rate goes by the time, it is that of all attempts.
 by_time=(train -c tiny.yaml --psf psf.h5 --input recording.h5 -o by_time --steps 100000
     --set train.schedule=linear)

@@ -99,6 +99,25 @@ for words in '' '--iterations 3 --resume' '--frames 0:2 --resume' '--resume'; do
     refuses $code "long.h5: .*$pattern" "${common[@]}" --input rec.h5 -o long.h5 $words
     cmp -s long.h5.v2v3d-part left || fail "finished frames were touched ($words)"
 done
+# Nor are those that another user left, which only --force discards.
+if [ "$ranks" -eq 1 ] && command -v setpriv >/dev/null; then
+    mkdir -m 777 shared
+    cp left shared/long.h5.v2v3d-part
+    chmod 000 shared/long.h5.v2v3d-part
+    cp rec.h5 psf.h5 shared
+    chmod 755 . shared/rec.h5 shared/psf.h5
+    another=()
+    [ "$(id -u)" -ne 0 ] || another=(setpriv --reuid=65534 --regid=65534 --clear-groups)
+    for words in '' '--resume'; do
+        # shellcheck disable=SC2086
+        (cd shared && timeout "$limit" env HOME=/ "${another[@]}" "$program" "${common[@]}" --input rec.h5 \
+            -o long.h5 $words) 2>stderr
+        [ $? -eq 74 ] || fail "what another user left is no exit code 74 ($words): $(cat stderr)"
+        grep -q 'long.h5.v2v3d-part: Permission denied' stderr || fail "no word on it: $(cat stderr)"
+    done
+    chmod 644 shared/long.h5.v2v3d-part
+    cmp -s shared/long.h5.v2v3d-part left || fail "another user's frames were touched"
+fi
 timed "$limit" "${common[@]}" --input broken.h5 -o long.h5 --resume
 [ $? -eq 65 ] || fail "resumed, a NaN is no exit code 65: $(cat stderr)"
 grep -q 'resuming: 2 of 3 frames are done' stderr || fail "nothing was gone on with: $(cat stderr)"
