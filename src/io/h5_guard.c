@@ -115,8 +115,9 @@ static void read_ends(hid_t set, const char *path, const char *name)
     const int rank = H5Sget_simple_extent_ndims(space);
     need(rank >= 0 && memory >= 0);
     for (int end = 0; end < 2 && rank > 0 && H5Sget_simple_extent_npoints(space) > 0; end++) {
-        need(v2v_h5_chunks_check(chunks, name, at, ones) == V2V_OK &&
-             H5Sselect_elements(space, H5S_SELECT_SET, 1, at) >= 0 &&
+        need(v2v_h5_chunks_check(chunks, name, at, ones) == V2V_OK);
+        tell(); /* a chunk may have taken seconds */
+        need(H5Sselect_elements(space, H5S_SELECT_SET, 1, at) >= 0 &&
              H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, &value) >= 0 &&
              H5Sget_simple_extent_dims(space, at, NULL) == rank);
         for (int i = 0; i < rank; i++) {
@@ -250,8 +251,13 @@ static int watch(const char *path, void (*look)(const char *path))
         kill(child, SIGKILL);
     }
     pid_t ended = -1;
-    while ((ended = waitpid(child, &how, 0)) < 0 && errno == EINTR) {
-    }
+    const double killed = v2v_clock_now();
+    do { /* what waits for a disk may not even be killed */
+        ended = waitpid(child, &how, is_stuck ? WNOHANG : 0);
+        if (ended == 0) {
+            usleep(10000);
+        }
+    } while ((ended == 0 && v2v_clock_now() - killed < 1.0) || (ended < 0 && errno == EINTR));
     if (is_stuck) {
         return STUCK;
     }
@@ -339,24 +345,39 @@ void v2v_file_guard_stop(void)
     helper = -1;
 }
 
-/* Files that were well, the last ones of this thread: a command opens its inputs several times. A
- * file that was just written may be written again without another time. */
-enum { REMEMBERED = 8 };
-static _Thread_local struct v2v_file_state well[REMEMBERED];
-static _Thread_local int next_well;
+/* How looks ended, the last ones of this thread: a command opens its inputs several times. A file
+ * that was just written may be written again without another time. */
+enum { REMEMBERED = 8, SETTLED_SECONDS = 2 };
+static _Thread_local struct {
+    struct v2v_file_state state;
+    int how;
+} looked[REMEMBERED];
+static _Thread_local int next_looked;
 
-static int was_well(const struct v2v_file_state *state)
+static int is_remembered(int *how, const struct v2v_file_state *state)
 {
-    int is_known = 0;
     for (int i = 0; i < REMEMBERED; i++) {
-        is_known |= memcmp(&well[i], state, sizeof *state) == 0;
+        if (looked[i].state.inode != 0 && memcmp(&looked[i].state, state, sizeof *state) == 0) {
+            *how = looked[i].how;
+            return 1;
+        }
     }
-    return is_known;
+    return 0;
+}
+
+/* What could not be read may be read another time. */
+static void remember(int how, const struct v2v_file_state *state)
+{
+    if (how != NOT_DONE && how != FAILED &&
+        state->seconds + SETTLED_SECONDS < (int64_t)time(NULL)) {
+        looked[next_looked].state = *state;
+        looked[next_looked].how = how;
+        next_looked = (next_looked + 1) % REMEMBERED;
+    }
 }
 
 enum v2v_status v2v_h5_guard(const char *path)
 {
-    enum { SETTLED_SECONDS = 2 };
     int how = NOT_DONE;
     ssize_t got = -1;
     const size_t bytes = strlen(path) + 1;
@@ -365,8 +386,8 @@ enum v2v_status v2v_h5_guard(const char *path)
     v2v_status_keep(&earlier);
     const int is_there = v2v_file_remember(&state, path) == V2V_OK;
     v2v_status_restore(&earlier);
-    if (is_there && was_well(&state)) {
-        return V2V_OK;
+    if (is_there && is_remembered(&how, &state)) {
+        return judge(path, how);
     }
     if (helper >= 0 && send(helper, path, bytes, MSG_NOSIGNAL) == (ssize_t)bytes) {
         do {
@@ -376,9 +397,8 @@ enum v2v_status v2v_h5_guard(const char *path)
     if (got != (ssize_t)sizeof how) {
         how = watch(path, look_at_file);
     }
-    if (how == WELL && is_there && state.seconds + SETTLED_SECONDS < (int64_t)time(NULL)) {
-        well[next_well] = state;
-        next_well = (next_well + 1) % REMEMBERED;
+    if (is_there) {
+        remember(how, &state);
     }
     return judge(path, how);
 }

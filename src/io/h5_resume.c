@@ -1,5 +1,6 @@
 #include "io/h5_resume.h"
 
+#include "io/file_internal.h"
 #include "io/h5_checksum.h"
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
@@ -128,8 +129,11 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
             continue;
         }
         v2v_watchdog_beat("checking frames that are done");
-        verdict->good[t] =
-            v2v_h5_summed_frame(&summed, &sum, t) == V2V_OK && sum == verdict->checksum[t];
+        const enum v2v_status read = v2v_h5_summed_frame(&summed, &sum, t);
+        if (read != V2V_OK) { /* is it the disk, which may be read another time? */
+            V2V_TRY(v2v_file_probe(path));
+        }
+        verdict->good[t] = read == V2V_OK && sum == verdict->checksum[t];
     }
 done:
     v2v_h5_summed_close(&summed);
@@ -165,6 +169,21 @@ done:
     return rc;
 }
 
+/* What is refused may be read well another time: a disk that fails is no damage. Collective(comm),
+ * agreed. */
+static enum v2v_status good_frames_for_sure(uint8_t *done, const char *path,
+                                            const struct v2v_h5_plan *plan,
+                                            const struct v2v_comm *comm)
+{
+    enum v2v_status rc = v2v_h5_good_frames(done, path, plan, comm);
+    if (rc == V2V_E_INPUT) {
+        V2V_TRY(v2v_par_agree(comm, v2v_comm_rank(comm) == 0 ? v2v_file_probe(path) : V2V_OK));
+        rc = v2v_h5_good_frames(done, path, plan, comm);
+    }
+done:
+    return rc;
+}
+
 enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
                               const struct v2v_h5_plan *plan, const struct v2v_comm *comm)
 {
@@ -175,7 +194,7 @@ enum v2v_status v2v_h5_resume(int *found, uint8_t *done, const char *temporary,
     if (!*found) {
         return V2V_OK;
     }
-    rc = v2v_h5_good_frames(done, temporary, plan, comm);
+    rc = good_frames_for_sure(done, temporary, plan, comm);
     if (rc == V2V_E_INPUT) {
         if (v2v_comm_rank(comm) == 0) {
             v2v_log(V2V_LOG_WARNING, "%s; all frames are computed anew", v2v_status_message());
@@ -238,6 +257,10 @@ enum v2v_status v2v_h5_left(struct v2v_volume_left *left, const char *temporary,
                    : V2V_FAIL(V2V_E_IO, "%s: %s", temporary, strerror(errno));
     }
     rc = v2v_file_is_hdf5(temporary) ? count_left(left, temporary, task) : V2V_OK;
+    if (rc == V2V_E_INPUT) {
+        const enum v2v_status probed = v2v_file_probe(temporary);
+        rc = probed == V2V_OK ? count_left(left, temporary, task) : probed;
+    }
     if (rc != V2V_OK) {
         *left = (struct v2v_volume_left){0};
     }

@@ -4,6 +4,7 @@
 #include "io/h5_resume.h"
 #include "io/h5_writer_internal.h"
 #include "par/comm_mpi.h"
+#include "v2v3d/base/bounds.h"
 #include "v2v3d/base/fault.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
@@ -24,7 +25,8 @@ static enum v2v_status check_space(const struct v2v_h5_writer *writer,
     const int64_t image = v2v_mem_product(shape[2], shape[3], number * sets);
     const int64_t bytes = v2v_mem_product(shape[0], shape[1], image);
     V2V_ASSERT(shape[0] > 0 && shape[1] > 0 && image > 0);
-    return v2v_file_check_room(writer->path, bytes - v2v_file_taken(writer->temporary));
+    const int64_t taken = v2v_file_taken(writer->temporary); /* by an earlier run: it goes */
+    return v2v_file_check_room(writer->path, bytes > taken ? bytes - taken : v2v_smaller(bytes, 0));
 }
 
 /* One image a chunk, all space taken at once, nothing filled in: every image is written by exactly
