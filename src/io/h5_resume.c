@@ -107,14 +107,20 @@ struct verdict {
     int64_t *good;      /* [t] 1: verified by this rank */
 };
 
+static void forget(struct verdict *verdict)
+{
+    v2v_mem_free(verdict->good);
+    v2v_mem_free(verdict->checksum);
+    v2v_mem_free(verdict->marked);
+}
+
 /* A frame that can't be read is none: only a lack of memory is a failure. */
-static enum v2v_status verify(struct verdict *verdict, const char *path,
-                              const struct v2v_h5_plan *plan, struct v2v_part mine)
+static enum v2v_status verify(struct verdict *verdict, const char *path, const char *const *dataset,
+                              int64_t frames, struct v2v_part mine)
 {
     enum v2v_status rc = V2V_OK;
     hid_t file = H5I_INVALID_HID;
     struct v2v_h5_summed summed = {0};
-    const int64_t frames = plan->shape[0];
     V2V_TRY(V2V_ALLOC(verdict->marked, "io.resume", frames));
     V2V_TRY(V2V_ALLOC(verdict->checksum, "io.resume", frames));
     V2V_TRY(V2V_ALLOC(verdict->good, "io.resume", frames));
@@ -122,7 +128,7 @@ static enum v2v_status verify(struct verdict *verdict, const char *path,
     V2V_TRY(v2v_h5_read_of_frames(verdict->marked, file, path, "/done", H5T_NATIVE_UINT8, frames));
     V2V_TRY(v2v_h5_read_of_frames(verdict->checksum, file, path, V2V_H5_CHECKSUM, H5T_NATIVE_UINT64,
                                   frames));
-    V2V_TRY(v2v_h5_summed_open(&summed, path, plan->dataset));
+    V2V_TRY(v2v_h5_summed_open(&summed, path, dataset));
     for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
         uint64_t sum = 0;
         if (verdict->marked[t] != 1) {
@@ -151,7 +157,7 @@ enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct
         rc = check_file(path, plan);
     }
     V2V_TRY(v2v_par_agree(comm, rc));
-    rc = verify(&verdict, path, plan,
+    rc = verify(&verdict, path, plan->dataset, frames,
                 v2v_par_part(frames, v2v_comm_size(comm), v2v_comm_rank(comm)));
     V2V_TRY(v2v_par_agree(comm, rc));
     v2v_par_sum_i64(comm, verdict.good, frames);
@@ -163,9 +169,31 @@ enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct
         }
     }
 done:
-    v2v_mem_free(verdict.good);
-    v2v_mem_free(verdict.checksum);
-    v2v_mem_free(verdict.marked);
+    forget(&verdict);
+    return rc;
+}
+
+enum v2v_status v2v_h5_check_written(const char *path, const char *const *dataset, int64_t frames,
+                                     const struct v2v_comm *comm)
+{
+    enum v2v_status rc = V2V_OK;
+    struct verdict verdict = {0};
+    int64_t bad = 0;
+    rc = verify(&verdict, path, dataset, frames,
+                v2v_par_part(frames, v2v_comm_size(comm), v2v_comm_rank(comm)));
+    V2V_TRY(v2v_par_agree(comm, rc));
+    v2v_par_sum_i64(comm, verdict.good, frames);
+    while (bad < frames && verdict.good[bad] != 0) {
+        bad++;
+    }
+    if (bad < frames) {
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT,
+                         "%s: frame %lld is not what was written to it: the file that was gone on "
+                         "with is damaged; --force makes it anew",
+                         path, (long long)bad));
+    }
+done:
+    forget(&verdict);
     return rc;
 }
 

@@ -19,6 +19,14 @@
 enum v2v_status v2v_h5_good_frames(uint8_t *done, const char *path, const struct v2v_h5_plan *plan,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 
+/** Do the checksums of all frames of a file that was gone on with hold? Where its structure is
+ *  damaged frames may lie in one another's place.
+ *  @kind Collective(comm). @param dataset as the plan's
+ *  @return V2V_OK | V2V_E_INPUT (names the first that doesn't) | V2V_E_IO | V2V_E_MEMORY; agreed
+ *  @cost reads the file once, shared by the ranks */
+enum v2v_status v2v_h5_check_written(const char *path, const char *const *dataset, int64_t frames,
+                                     const struct v2v_comm *comm) V2V_MUST_CHECK;
+
 /** Is there a file under the temporary name that the plan can go on with, and which of its frames
  *  are good? One of another task or shape, or a damaged one, is reported and not taken.
  *  @kind Collective(comm). @param done [t], 1 where a frame is good; untouched when not *found

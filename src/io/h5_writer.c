@@ -1,6 +1,7 @@
 #include "io/file_internal.h"
 #include "io/h5_checksum.h"
 #include "io/h5_common.h"
+#include "io/h5_resume.h"
 #include "io/h5_writer_internal.h"
 #include "io/volume_pack.h"
 #include "v2v3d/base/fault.h"
@@ -228,6 +229,9 @@ enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer)
         rc = v2v_file_sync(own->temporary); /* each host has written a part of it */
     }
     V2V_TRY(v2v_h5_writer_settle(own, rc));
+    if (own->resumed && own->pack == NULL) { /* else it is read and checked there */
+        V2V_TRY(v2v_h5_check_written(own->temporary, own->dataset, own->shape[0], own->comm));
+    }
     V2V_TRY(give_name(own));
     own->created = 0;
 done:
@@ -244,7 +248,7 @@ void v2v_h5_writer_abandon(struct v2v_h5_writer **writer)
         return;
     }
     v2v_write_behind_destroy(&own->behind);
-    if (own->created && v2v_comm_rank(own->comm) == 0) {
+    if (own->created && !own->resumed && v2v_comm_rank(own->comm) == 0) {
         unlink(own->temporary); /* before the close, which may not come back */
     }
     if (own->broken) {

@@ -22,7 +22,8 @@ struct v2v_volume_storage;
 
 /** What to create. */
 struct v2v_h5_plan {
-    const char *dataset[V2V_H5_WRITER_SETS]; /**< names; NULL where there is none */
+    const char *dataset[V2V_H5_WRITER_SETS]; /**< names, which outlive the writer; NULL where
+                                                  there is none */
     int64_t shape[4];                        /**< [t,m,y,x] of each */
     int is_uint16;                           /**< in the file; in memory they are float32 */
     int with_done;                           /**< a dataset /done [t], at first 0 */
@@ -83,14 +84,16 @@ enum v2v_status v2v_h5_writer_mark_later(struct v2v_h5_writer *writer, int64_t t
 
 /** Mark all done if nothing was marked; close; move into place. *writer is NULL afterwards, whether
  *  it succeeded or not; after a failure what was written is left as by v2v_h5_writer_suspend.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_IO; agreed */
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_INPUT (what was gone on with holds
+ *  other numbers than were written to it) | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_h5_writer_finish(struct v2v_h5_writer **writer) V2V_MUST_CHECK;
 
 /** Close, and leave what was written for a later run to go on with; removed if it has no task or no
  *  frame is done. Accepts NULL. @kind Collective(comm) */
 void v2v_h5_writer_suspend(struct v2v_h5_writer **writer);
 
-/** Close and remove what was written; accepts NULL. @kind Collective(comm) */
+/** Close and remove what was written, but what was gone on with; accepts NULL. @kind
+ *  Collective(comm) */
 void v2v_h5_writer_abandon(struct v2v_h5_writer **writer);
 
 #endif

@@ -220,6 +220,7 @@ enum v2v_status v2v_h5_writer_create(struct v2v_h5_writer **writer, const char *
     fresh->pack = plan->pack;
     fresh->lock = -1;
     memcpy(fresh->shape, plan->shape, sizeof fresh->shape);
+    memcpy(fresh->dataset, plan->dataset, sizeof fresh->dataset);
     rc = v2v_text_format(fresh->path, sizeof fresh->path, "%s", path);
     if (rc == V2V_OK) {
         rc = v2v_file_temporary(fresh->temporary, path);

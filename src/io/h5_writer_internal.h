@@ -12,6 +12,7 @@ struct v2v_h5_writer {
     const struct v2v_volume_pack *pack; /* or NULL */
     hid_t file, done, checksum;
     hid_t set[V2V_H5_WRITER_SETS];
+    const char *dataset[V2V_H5_WRITER_SETS]; /* the plan's */
     int64_t shape[4];
     int64_t place[V2V_H5_WRITER_SETS], done_place, checksum_place; /* -1: none */
     struct v2v_write_behind *behind; /* NULL: nothing was put to be written later yet */

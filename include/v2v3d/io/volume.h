@@ -176,7 +176,8 @@ enum v2v_status v2v_volume_mark_later(struct v2v_volume_writer *writer, int64_t 
 enum v2v_status v2v_volume_wait(struct v2v_volume_writer *writer) V2V_MUST_CHECK;
 /** Write what is left and give the file its name; the writer is gone, whatever happens. After a
  *  failure a file that has a task and done frames is left for v2v_volume_resume, another is
- *  dropped. @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_MEMORY; agreed */
+ *  dropped. @kind Collective(comm). @return V2V_OK | V2V_E_IO | V2V_E_INPUT (what was gone on with
+ *  holds other numbers than were written to it) | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_volume_finish(struct v2v_volume_writer **writer) V2V_MUST_CHECK;
 /** Close an unfinished file and leave it for v2v_volume_resume, when it has a task and done frames;
  *  else drop it. Accepts NULL. @kind Collective(comm) */

@@ -387,6 +387,28 @@ static void a_frame_whose_data_were_damaged_is_not_done(void **state)
     assert_volume();
 }
 
+/* Where its structure is damaged what is written to one frame lies in another one's place. */
+static void a_volume_that_was_gone_on_with_is_read_before_it_has_its_name(void **state)
+{
+    (void)state;
+    const struct v2v_attribute attribute = {.name = V2V_VOLUME_TASK, .text = "one"};
+    struct v2v_volume_writer *writer = NULL;
+    use("vol.h5");
+    assert_ok(attempt("one", 0, 2, 0));
+    assert_ok(attempt("one", 2, FRAMES - 1, 2));
+    assert_ok(v2v_volume_resume(&writer, path, &shape, MEAN_ONLY, &attribute, 1, test_world()));
+    v2v_par_barrier(test_world());
+    if (rank() == 0) {
+        damage_the_file();
+    }
+    v2v_par_barrier(test_world());
+    assert_int_equal(v2v_volume_finish(&writer), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "frame 1 is not what was written to it"));
+    assert_false(v2v_file_exists(path));
+    assert_ok(attempt("one", 0, FRAMES, FRAMES - 2));
+    assert_volume();
+}
+
 static void two_writers_of_one_file_are_refused(void **state)
 {
     (void)state;
@@ -521,6 +543,7 @@ int main(int argc, char **argv)
         balanced(an_output_that_one_rank_does_not_see_fails_on_every_rank),
         balanced(an_abandoned_volume_leaves_nothing),
         balanced(an_interrupted_volume_is_gone_on_with_frame_by_frame),
+        balanced(a_volume_that_was_gone_on_with_is_read_before_it_has_its_name),
         balanced(a_frame_whose_data_were_damaged_is_not_done),
         balanced(two_writers_of_one_file_are_refused),
         balanced(a_file_has_one_sum_on_any_ranks),
