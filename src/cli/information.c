@@ -1,6 +1,7 @@
 #include "cli/information.h"
 
 #include "cli/steps.h"
+#include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/attributes.h"
 #include "v2v3d/io/level.h"
@@ -77,7 +78,9 @@ static enum v2v_status describe_volume(struct v2v_report *report, const char *pa
         done += v2v_volume_has(volume, t);
     }
     v2v_report_number(report, "frames done", (double)done, "");
-    if (v2v_volume_left(&left, path, NULL) == V2V_OK && left.done > 0) {
+    if (v2v_volume_left(&left, path, NULL) != V2V_OK) {
+        v2v_log(V2V_LOG_WARNING, "%s", v2v_status_message());
+    } else if (left.done > 0) {
         v2v_report_number(report, "frames of an interrupted run", (double)left.done, "");
     }
     if (info->frames > 0 && v2v_volume_has(volume, frame)) {

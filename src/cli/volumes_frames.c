@@ -5,7 +5,6 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/eval/unlike.h"
 
-#include <stddef.h>
 #include <stdio.h>
 
 static int64_t frames_of(const struct v2v_volumes_made *made)
@@ -49,12 +48,13 @@ static void warn_of_zero(double above, double below, int64_t t, int64_t such,
     }
 }
 
-/* How many frames have a figure, by its offset, that is not 0, and the first of them. */
-static int64_t count(int64_t *first, const struct v2v_unlike *frames, size_t figure, int64_t all)
+/* How many frames have a figure that is not 0, and the first of them. */
+static int64_t count(int64_t *first, const struct v2v_unlike *frames, enum v2v_unlike_figure figure,
+                     int64_t all)
 {
     int64_t found = 0;
     for (int64_t t = all - 1; t >= 0; t--) {
-        if (*(const double *)((const char *)&frames[t] + figure) != 0.0) {
+        if (frames[t].figure[figure] != 0.0) {
             found++;
             *first = t;
         }
@@ -62,40 +62,38 @@ static int64_t count(int64_t *first, const struct v2v_unlike *frames, size_t fig
     return found;
 }
 
-#define COUNT(first, frames, figure, all)                                                          \
-    count((first), (frames), offsetof(struct v2v_unlike, figure), (all))
-
 static void warn(const struct v2v_unlike *frames, int64_t shown,
                  const struct v2v_volumes_made *made)
 {
     int64_t first = 0;
     const int64_t before = made->first, all = frames_of(made);
-    const int64_t unseen = COUNT(&first, frames, unseen, all);
+    const int64_t unseen = count(&first, frames, V2V_UNLIKE_UNSEEN, all);
     if (unseen > 0) {
         v2v_log(V2V_LOG_WARNING,
                 "%lld of %lld frames, frame %lld the first of them, show nothing above their noise",
                 (long long)unseen, (long long)all, (long long)(before + first));
     }
-    const int64_t odd = COUNT(&first, frames, odd, all);
+    const int64_t odd = count(&first, frames, V2V_UNLIKE_ODD, all);
     if (odd > 0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: view %lld is %.2f times as bright as in frame %lld, beside the other "
                 "views; %lld of %lld frames have such a view",
-                (long long)(before + first), (long long)frames[first].odd - 1, frames[first].times,
-                (long long)(before + shown), (long long)odd, (long long)all);
+                (long long)(before + first), (long long)frames[first].figure[V2V_UNLIKE_ODD] - 1,
+                frames[first].figure[V2V_UNLIKE_TIMES], (long long)(before + shown), (long long)odd,
+                (long long)all);
     }
-    const int64_t above = COUNT(&first, frames, above, all);
-    warn_of_zero(above > 0 ? frames[first].above : 0.0, 0.0, first, above, made);
-    const int64_t below = COUNT(&first, frames, below, all);
-    warn_of_zero(0.0, below > 0 ? frames[first].below : 0.0, first, below, made);
-    const int64_t clipped = COUNT(&first, frames, clipped, all);
+    const int64_t above = count(&first, frames, V2V_UNLIKE_ABOVE, all);
+    warn_of_zero(above > 0 ? frames[first].figure[V2V_UNLIKE_ABOVE] : 0.0, 0.0, first, above, made);
+    const int64_t below = count(&first, frames, V2V_UNLIKE_BELOW, all);
+    warn_of_zero(0.0, below > 0 ? frames[first].figure[V2V_UNLIKE_BELOW] : 0.0, first, below, made);
+    const int64_t clipped = count(&first, frames, V2V_UNLIKE_CLIPPED, all);
     if (clipped > 0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: %.2g %% of its pixels are saturated: how bright its volume is there "
                 "they don't tell; "
                 "%lld of %lld frames are such",
-                (long long)(before + first), 100.0 * frames[first].clipped, (long long)clipped,
-                (long long)all);
+                (long long)(before + first), 100.0 * frames[first].figure[V2V_UNLIKE_CLIPPED],
+                (long long)clipped, (long long)all);
     }
 }
 

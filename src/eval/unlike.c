@@ -60,7 +60,7 @@ static void judge(struct v2v_unlike *unlike, struct v2v_match *of_view, const fl
     const int64_t height = info->height, width = info->width;
     double times = 1.0;
     if (!v2v_structure_is_seen(views, info->views, height, width)) {
-        unlike->unseen = 1.0;
+        unlike->figure[V2V_UNLIKE_UNSEEN] = 1.0;
         return;
     }
 #pragma omp parallel for schedule(static)
@@ -71,8 +71,8 @@ static void judge(struct v2v_unlike *unlike, struct v2v_match *of_view, const fl
     }
     const int64_t odd = v2v_match_odd_view(&times, of_view, info->views);
     if (odd >= 0 && (times < much_dimmer || times > 1.0 / much_dimmer)) {
-        unlike->odd = (double)(odd + 1);
-        unlike->times = times;
+        unlike->figure[V2V_UNLIKE_ODD] = (double)(odd + 1);
+        unlike->figure[V2V_UNLIKE_TIMES] = times;
     }
 }
 
@@ -89,19 +89,20 @@ static enum v2v_status judge_own(struct v2v_unlike *frames, const struct v2v_unl
     V2V_TRY(V2V_ALLOC(views, "eval.unlike", samples));
     V2V_TRY(V2V_ALLOC(scratch, "eval.unlike", samples));
     for (int64_t t = mine.first; t < mine.first + mine.count; t++) {
-        struct v2v_unlike *unlike = &frames[t];
+        double *const figure = frames[t].figure;
         double clipped = 0.0;
         v2v_watchdog_beat("looking at the frames");
         if (t == input->shown) {
             continue;
         }
         V2V_TRY(v2v_unlike_read(views, NULL, &clipped, input->recording, input->scaling, t));
-        unlike->clipped = clipped > V2V_MUCH_SATURATED ? clipped : 0.0;
+        figure[V2V_UNLIKE_CLIPPED] = clipped > V2V_MUCH_SATURATED ? clipped : 0.0;
         if (input->asks_zero) {
-            v2v_unlike_zero(&unlike->above, &unlike->below, views, scratch, input);
+            v2v_unlike_zero(&figure[V2V_UNLIKE_ABOVE], &figure[V2V_UNLIKE_BELOW], views, scratch,
+                            input);
         }
         v2v_blind_fill(views, info->views, info->height * info->width);
-        judge(unlike, of_view, views, input);
+        judge(&frames[t], of_view, views, input);
     }
 done:
     v2v_mem_free(scratch);
@@ -114,12 +115,11 @@ enum v2v_status v2v_unlike_frames(struct v2v_unlike *frames, const struct v2v_un
                                   const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    enum { FIGURES = sizeof *frames / sizeof frames->unseen }; /* doubles, all of them */
     const int64_t count = v2v_recording_info(input->recording)->frames;
     memset(frames, 0, (size_t)count * sizeof *frames);
     rc = judge_own(frames, input, v2v_par_part(count, v2v_comm_size(comm), v2v_comm_rank(comm)));
     V2V_TRY(v2v_par_agree(comm, rc));
-    v2v_par_sum_f64(comm, &frames->unseen, FIGURES * count);
+    v2v_par_sum_f64(comm, frames->figure, V2V_UNLIKE_FIGURES * count);
 done:
     return rc;
 }
@@ -145,8 +145,11 @@ static int is_worse(const struct v2v_misfit *misfit, const struct v2v_misfit *be
 /* Frames that are unlike in another way count for nothing. */
 static int is_known(const struct v2v_unlike *unlike, const struct v2v_misfit *misfit)
 {
-    return misfit->coarse > 0.0 && unlike->unseen == 0.0 && unlike->odd == 0.0 &&
-           unlike->above + unlike->below + unlike->clipped == 0.0;
+    int is_like = 1;
+    for (int i = 0; i < V2V_UNLIKE_FIGURES; i++) {
+        is_like = is_like && unlike->figure[i] == 0.0;
+    }
+    return is_like && misfit->coarse > 0.0;
 }
 
 struct v2v_unlike_explained v2v_unlike_explained(const struct v2v_unlike *frames,

@@ -2,9 +2,7 @@
 
 #include "io/file_internal.h"
 #include "v2v3d/base/fault.h"
-#include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
-#include "v2v3d/par/watchdog.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -266,31 +264,6 @@ enum v2v_status v2v_file_sync_piece(int64_t *pending, int64_t written, const cha
     }
     *pending = 0;
     return v2v_file_sync(path);
-}
-
-enum v2v_status v2v_file_probe(const char *path)
-{
-    enum { PIECE = 1 << 22 };
-    enum v2v_status rc = V2V_OK;
-    char *bytes = NULL;
-    ssize_t got = 1;
-    const int descriptor = open(path, O_RDONLY | O_CLOEXEC);
-    V2V_TRY(V2V_ALLOC(bytes, "io.probe", PIECE));
-    for (off_t at = 0; descriptor >= 0 && got > 0; at += got) {
-        v2v_watchdog_beat("reading a file that seems to be damaged");
-        do {
-            got = pread(descriptor, bytes, PIECE, at);
-        } while (got < 0 && errno == EINTR);
-    }
-    if (descriptor < 0 || got < 0) {
-        V2V_TRY(V2V_FAIL(V2V_E_IO, "%s: cannot be read now: %s", path, strerror(errno)));
-    }
-done:
-    v2v_mem_free(bytes);
-    if (descriptor >= 0) {
-        (void)close(descriptor);
-    }
-    return rc;
 }
 
 /* Does the name still stand for the open file? Its last holder may have removed it meanwhile. */

@@ -27,9 +27,6 @@ enum v2v_status v2v_file_commit(const char *temporary, const char *path) V2V_MUS
  */
 enum v2v_status v2v_file_sync(const char *path) V2V_MUST_CHECK;
 
-/** Can all of a file be read? @kind Local. @return V2V_OK | V2V_E_IO | V2V_E_MEMORY. @cost it is */
-enum v2v_status v2v_file_probe(const char *path) V2V_MUST_CHECK;
-
 /** Bytes that a file takes on its disk; 0: there is none. @kind Local. */
 int64_t v2v_file_taken(const char *path);
 

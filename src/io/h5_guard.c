@@ -226,6 +226,20 @@ static int ends_in_time(int in)
     }
 }
 
+/* What was killed while it waits for a disk may not end: it is left behind after a second. */
+static pid_t wait_for(pid_t child, int *how, int is_killed)
+{
+    const double began = v2v_clock_now();
+    pid_t ended = -1;
+    do {
+        ended = waitpid(child, how, is_killed ? WNOHANG : 0);
+        if (ended == 0) {
+            usleep(10000);
+        }
+    } while ((ended == 0 && v2v_clock_now() - began < 1.0) || (ended < 0 && errno == EINTR));
+    return ended;
+}
+
 static int watch(const char *path, void (*look)(const char *path))
 {
     int ends[2] = {-1, -1}, how = 0;
@@ -250,14 +264,7 @@ static int watch(const char *path, void (*look)(const char *path))
     if (is_stuck) {
         kill(child, SIGKILL);
     }
-    pid_t ended = -1;
-    const double killed = v2v_clock_now();
-    do { /* what waits for a disk may not even be killed */
-        ended = waitpid(child, &how, is_stuck ? WNOHANG : 0);
-        if (ended == 0) {
-            usleep(10000);
-        }
-    } while ((ended == 0 && v2v_clock_now() - killed < 1.0) || (ended < 0 && errno == EINTR));
+    const pid_t ended = wait_for(child, &how, is_stuck);
     if (is_stuck) {
         return STUCK;
     }

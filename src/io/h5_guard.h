@@ -10,8 +10,8 @@
  *  hung or crashed it. A child with limits of processor time (10 s an object, 60 s in all) and of
  *  memory opens the file, reads its attributes and the ends of its datasets. What else is wrong
  *  with the file is the caller's to find. The helper of v2v_file_guard_start forks the child;
- *  without it this process does. A file that is seconds old is
- *  not looked at again until it changes.
+ *  without it this process does. A file that is seconds old is not looked at again until it
+ *  changes.
  *  @kind Local. @return V2V_OK | V2V_E_INPUT (crash, limit, unreadable) | V2V_E_IO (for 60 s
  *  nothing of it was read, or in 300 s not all)
  *  @cost one fork, of a helper that holds next to nothing; where the system refuses to fork, a

@@ -1,6 +1,5 @@
 #include "io/h5_resume.h"
 
-#include "io/file_internal.h"
 #include "io/h5_checksum.h"
 #include "io/h5_chunks.h"
 #include "io/h5_common.h"
@@ -9,6 +8,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/io/file.h"
+#include "v2v3d/io/file_sum.h"
 #include "v2v3d/par/watchdog.h"
 #include <errno.h>
 #include <string.h>
@@ -107,6 +107,15 @@ struct verdict {
     int64_t *good;      /* [t] 1: verified by this rank */
 };
 
+/* Can all of a file be read? Where not it is the disk's failure, and no damage. Collective(comm),
+ * agreed. */
+static enum v2v_status check_disk(const char *path, const struct v2v_comm *comm)
+{
+    uint64_t sum = 0;
+    const enum v2v_status rc = v2v_file_sum(&sum, path, comm);
+    return rc == V2V_E_INPUT ? V2V_FAIL(V2V_E_IO, "%s: cannot be read now", path) : rc;
+}
+
 static void forget(struct verdict *verdict)
 {
     v2v_mem_free(verdict->good);
@@ -137,7 +146,7 @@ static enum v2v_status verify(struct verdict *verdict, const char *path, const c
         v2v_watchdog_beat("checking frames that are done");
         const enum v2v_status read = v2v_h5_summed_frame(&summed, &sum, t);
         if (read != V2V_OK) { /* is it the disk, which may be read another time? */
-            V2V_TRY(v2v_file_probe(path));
+            V2V_TRY(check_disk(path, NULL));
         }
         verdict->good[t] = read == V2V_OK && sum == verdict->checksum[t];
     }
@@ -205,7 +214,7 @@ static enum v2v_status good_frames_for_sure(uint8_t *done, const char *path,
 {
     enum v2v_status rc = v2v_h5_good_frames(done, path, plan, comm);
     if (rc == V2V_E_INPUT) {
-        V2V_TRY(v2v_par_agree(comm, v2v_comm_rank(comm) == 0 ? v2v_file_probe(path) : V2V_OK));
+        V2V_TRY(check_disk(path, comm));
         rc = v2v_h5_good_frames(done, path, plan, comm);
     }
 done:
@@ -286,8 +295,8 @@ enum v2v_status v2v_h5_left(struct v2v_volume_left *left, const char *temporary,
     }
     rc = v2v_file_is_hdf5(temporary) ? count_left(left, temporary, task) : V2V_OK;
     if (rc == V2V_E_INPUT) {
-        const enum v2v_status probed = v2v_file_probe(temporary);
-        rc = probed == V2V_OK ? count_left(left, temporary, task) : probed;
+        const enum v2v_status disk = check_disk(temporary, NULL);
+        rc = disk == V2V_OK ? count_left(left, temporary, task) : disk;
     }
     if (rc != V2V_OK) {
         *left = (struct v2v_volume_left){0};

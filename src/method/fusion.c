@@ -31,9 +31,6 @@ static struct gate of_all(int64_t views)
     return (struct gate){1.0f + 1.34f / sqrtf((float)views), 12.0f};
 }
 
-/* Of the variance in the light, the least of photons. */
-static const float least_variance = 0.01f;
-
 /* Variance of the mean over that of as many frames of their own noise, from which on frames share
  * it: structure, too, makes some difference. */
 static const double least_shared = 1.5;
@@ -228,7 +225,8 @@ V2V_SIMD_CLONES static void difference_row(float *restrict to, const float *rest
                                            int64_t width)
 {
     for (int64_t x = 0; x < width; x++) {
-        const float f = factor[x], least = least_variance * (1.0f + noise_in_light(beside, f));
+        const float f = factor[x],
+                    least = (float)V2V_PHOTONS_LEAST_VARIANCE * (1.0f + noise_in_light(beside, f));
         const float variance = (1.0f + f) * photons[x] + (1.0f + f * f) * beside.even;
         const float root = sqrtf(variance > least ? variance : least);
         to[x] = (views[x] - f * neighbour[x]) * beside.inverse / root;

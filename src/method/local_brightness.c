@@ -1,5 +1,6 @@
 #include "method/local_brightness.h"
 
+#include "method/photons.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/tensor/coarse.h"
@@ -17,10 +18,6 @@ static const double expected = 1.0;
 static const double by_noise = 3.0;
 
 static const double most = 4.0;
-
-/* Of the variance in the light, the least: photons may be all the noise there is, and squares
- * without one have none. */
-static const double least_even = 0.01;
 
 struct v2v_local_brightness {
     int64_t views, height, width;
@@ -93,7 +90,7 @@ void v2v_local_brightness_begin(struct v2v_local_brightness *local, const float 
 {
     const int64_t height = local->height, width = local->width;
     local->unit = unit;
-    local->even = fmax(even, least_even);
+    local->even = fmax(even, V2V_PHOTONS_LEAST_VARIANCE);
     v2v_coarse_images(local->frame, views, local->views, height, width, SIDE, 1.0f);
     v2v_coarse_images(local->photons, photons, local->views, height, width, SIDE, 1.0f);
 }

@@ -5,6 +5,10 @@
 #include "v2v3d/method/estimator.h"
 #include <stdint.h>
 
+/** Of the variance in the light, the least that counts: photons may be all the noise there is, and
+ *  what has none would have no noise. */
+#define V2V_PHOTONS_LEAST_VARIANCE 0.01
+
 struct v2v_photons {
     double bright;   /**< 99.9th percentile of the views: few samples may be anything */
     double gain;     /**< the variance is gain * level + variance, in the views' units .. */

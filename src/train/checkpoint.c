@@ -288,17 +288,15 @@ done:
 }
 
 /* Files are opened by their names, and a name may be another file on another host. Agreed. */
-static enum v2v_status agree_on_steps(const struct v2v_trainer *trainer, const char *path,
-                                      int64_t steps)
+static enum v2v_status check_same(const struct v2v_comm *world, const char *path, int64_t number)
 {
-    int64_t ends[2] = {steps, -steps};
-    v2v_par_max_i64(trainer->grid.world, ends, 2);
-    return ends[0] == -ends[1]
-               ? V2V_OK
-               : V2V_FAIL(V2V_E_IO,
-                          "%s: ranks read checkpoints of %lld to %lld steps by this "
-                          "name: is the folder on a file system that all share?",
-                          path, (long long)-ends[1], (long long)ends[0]);
+    int64_t ends[2] = {number, -number};
+    v2v_par_max_i64(world, ends, 2);
+    return ends[0] == -ends[1] ? V2V_OK
+                               : V2V_FAIL(V2V_E_IO,
+                                          "%s: ranks see different files by this name: is the "
+                                          "folder on a file system that all share?",
+                                          path);
 }
 
 enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *folder,
@@ -311,20 +309,13 @@ enum v2v_status v2v_checkpoint_read(struct v2v_trainer *trainer, const char *fol
     for (size_t i = 0; i < sizeof generation / sizeof *generation; i++) {
         V2V_TRY(v2v_par_agree(trainer->grid.world, path_in(path, folder, generation[i])));
         const int64_t there = v2v_file_exists(path);
-        int64_t ends[2] = {there, -there};
-        v2v_par_max_i64(trainer->grid.world, ends, 2);
-        if (ends[0] != -ends[1]) {
-            V2V_TRY(V2V_FAIL(V2V_E_IO,
-                             "%s: some ranks see this file, others don't: is the folder on a file "
-                             "system that all share?",
-                             path));
-        }
+        V2V_TRY(check_same(trainer->grid.world, path, there));
         if (!there) {
             continue;
         }
         read = v2v_par_agree(trainer->grid.world, read_file(trainer, path, trained));
         if (read == V2V_OK) {
-            V2V_TRY(agree_on_steps(trainer, path, trained->steps));
+            V2V_TRY(check_same(trainer->grid.world, path, trained->steps));
             int promotes = i > 0 && main_rank;
             V2V_TRY(
                 v2v_par_agree(trainer->grid.world, promotes ? promote_previous(folder) : V2V_OK));

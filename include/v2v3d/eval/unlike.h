@@ -26,14 +26,19 @@ struct v2v_unlike_input {
     int is_zero_told;       /**< bool: above the offset it isn't: that was told, or is meant */
 };
 
-/** Of one frame; 0: it isn't unlike. */
+/** Figures of one frame; 0: it isn't unlike. */
+enum v2v_unlike_figure {
+    V2V_UNLIKE_UNSEEN,  /**< 1: it shows nothing above its noise */
+    V2V_UNLIKE_ODD,     /**< 1 + the view that is less than half as bright, or more than twice .. */
+    V2V_UNLIKE_TIMES,   /**< .. as in the reference, beside the other views: so many times */
+    V2V_UNLIKE_ABOVE,   /**< its dark lies so much above the offset .. */
+    V2V_UNLIKE_BELOW,   /**< .. or below */
+    V2V_UNLIKE_CLIPPED, /**< part of its samples that is saturated, from V2V_MUCH_SATURATED on */
+    V2V_UNLIKE_FIGURES
+};
+
 struct v2v_unlike {
-    double unseen;  /**< 1: it shows nothing above its noise */
-    double odd;     /**< 1 + the view that is less than half as bright, or more than twice .. */
-    double times;   /**< .. as in the reference, beside the other views: so many times */
-    double above;   /**< its dark lies so much above the offset .. */
-    double below;   /**< .. or below */
-    double clipped; /**< part of its samples that is saturated, from V2V_MUCH_SATURATED on */
+    double figure[V2V_UNLIKE_FIGURES];
 };
 
 /** How far the dark of views lies above zero, where that is asked for, or below; 0, 0: it does not.
