@@ -33,8 +33,8 @@
  * are in units of sigma here, so that lambda is one number for all scenes. Noise of photons
  * weighs the squares by the inverse of its variance. */
 
-/* Over-relaxation, below 2. */
-static const float relax = 1.8f;
+/* Over-relaxation, below 2; and where samples have weights, which move the views, too. */
+static const float relax = 1.7f, relax_if_weighted = 1.6f;
 
 /* Iterations from one look at the views beyond the frame to the next. */
 enum { EXTEND_EVERY = 2 };
@@ -42,19 +42,28 @@ enum { EXTEND_EVERY = 2 };
 /* At most, where deconv.iterations doesn't say; ended before by the tolerance. */
 enum { MOST_ITERATIONS = 500 };
 
-/* Size of a dual's step: of sigma lambda / brightness, and its bounds. What answers a negative
- * sample deeper than so many times the brightness is as large as that: steps grow by the root of
- * it. */
-static const double step_factor = 2.0, least_step = 1.0 / 2048.0, most_step = 4.0, deep = 10.0;
+/* Bounds of a dual's step. What answers a negative sample deeper than so many times the brightness
+ * is as large as that: steps grow by the root of it. */
+static const double least_step = 1.0 / 2048.0, most_step = 4.0, deep = 10.0;
 
 /* Differences below this part of sigma are weighted by their squares: fewer steps where the scene
  * is smooth. */
 static const double smooth_below = 0.03;
 
-/* Of x and of its Laplacian in K, whose differences count as they are: that changes steps, not the
- * minimum. Where a voxel sees more of the noise there is more below zero to be taken out: the first
- * goes by the root of it (tests/bench/iteration.md). */
-static const double plain = 0.5, bend = 0.5;
+/* Of the Laplacian in K, whose differences count as they are: that changes steps, not the minimum.
+ */
+static const double bend = 0.7;
+
+/* Size of a dual's step, of sigma lambda / brightness, and how much of x itself is in K: neither
+ * changes the minimum. Where a voxel sees more of the noise there is more below zero to be taken
+ * out: x goes by the root of it (tests/bench/iteration.md). Where light fills more of the voxels
+ * than half, which an early volume shows, little is below zero, and light has far to go along z
+ * (tests/bench/quality.md). */
+static const struct pace {
+    double step, plain;
+} usual_pace = {2.0, 0.5}, pace_if_filled = {16.0, 0.1};
+static const double half_filled = 0.5;
+enum { PACE_LOOK = 10 };
 
 /* v2v_psf_voxel_noise of the 13 views of 39 slices that the constants here were chosen for. */
 static const double usual_voxel_noise = 0.02976;
@@ -69,12 +78,10 @@ static const double part_if_sparse = 1.0 / 3.0;
 
 /* Where light would fit into less of the voxels than this, the tolerance goes with how much less,
  * down to the least part: the dark about points, which is nearly all there is, takes long to become
- * so, and moves the volume by little (tests/bench/quality.md). */
+ * so, and moves the volume by little. Where it fills more than half, the tolerance goes with the
+ * square of how much more: light that is everywhere finds its depth slowly
+ * (tests/bench/quality.md). */
 static const double filled_by_points = 0.005, least_of_points = 0.02;
-
-/* Where light fills more of the voxels than this, the tolerance goes with the square of how much
- * more: light that is everywhere finds its depth slowly (tests/bench/quality.md). */
-static const double half_filled = 0.5;
 
 /* Weights below count as this one: none, nearly. */
 static const double least_lambda = 1e-6;
@@ -294,18 +301,16 @@ static double weight_of(const struct tv *self)
     return fmax(self->lambda, least_lambda);
 }
 
-/* The duals' size over the volume's, about; shorter where differences along z, which bound steps at
- * all frequencies, count more than others. In steps of its own, so that frames alike share their
+/* The duals' size over the volume's, about. In steps of its own, so that frames alike share their
  * factors. */
-static double step_of(const struct tv *self)
+static double step_of(const struct tv *self, double factor)
 {
     const struct v2v_tv_level *level = &self->level;
     const double weight = weight_of(self) * (1.0 + self->curvature);
-    const double wanted = step_factor * level->sigma * weight / level->brightness *
-                          sqrt(fmax(level->deepest / deep, 1.0));
+    const double wanted =
+        factor * level->sigma * weight / level->brightness * sqrt(fmax(level->deepest / deep, 1.0));
     const double bounded = fmin(fmax(wanted, least_step), most_step);
-    return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light /
-           fmax(self->depth * self->depth, 1.0);
+    return exp2(round(SIZES * log2(bounded)) / SIZES) * self->light * self->light;
 }
 
 /* The first rows and columns of a volume on the torus, none below zero. */
@@ -396,11 +401,13 @@ static double shrink_of(double step, double weight)
 }
 
 /* lambda and steps are meant for PSFs that sum to 1 a view. */
-static struct v2v_tv_steps steps_of(const struct tv *self, double step)
+static struct v2v_tv_steps steps_of(const struct tv *self, const struct pace *pace)
 {
+    const struct v2v_tv_level *level = &self->level;
+    const double step = step_of(self, pace->step);
     const double light = self->light, lambda = weight_of(self) * light;
     const double bent = self->curvature > 0.0 ? bend : 0.0;
-    const double kept = plain * sqrt(fmax(self->seen, 1.0));
+    const double kept = pace->plain * sqrt(fmax(self->seen, 1.0));
     return (struct v2v_tv_steps){
         .lambda = (float)lambda,
         .depth = (float)self->depth,
@@ -411,7 +418,28 @@ static struct v2v_tv_steps steps_of(const struct tv *self, double step)
         .sigma = (float)step,
         .shrink = (float)shrink_of(step, lambda * light),
         .shrink_bent = (float)shrink_of(step * bent * bent, lambda * light * self->curvature),
-        .relax = relax};
+        .relax = level->gain > 0.0 || level->frames > 0.0 ? relax_if_weighted : relax};
+}
+
+static void set_pace(struct tv *self, const struct pace *pace)
+{
+    v2v_watchdog_beat("inverses of the data step");
+    self->steps = steps_of(self, pace);
+    const struct v2v_penalty penalty = v2v_tv_planes_penalty(&self->steps);
+    v2v_data_step_factor(self->step, &penalty);
+}
+
+/* Has light far to go along z? What has a weight of its own is pulled below zero everywhere. */
+static int is_filled(const struct tv *self)
+{
+    return self->sparsity == 0.0 && v2v_data_step_filled(self->step) > half_filled;
+}
+
+/* From the next iteration on. */
+static void change_pace(struct tv *self, const struct pace *from, const struct pace *to)
+{
+    v2v_tv_planes_rescale(&self->planes, (float)(from->plain / to->plain));
+    set_pace(self, to);
 }
 
 static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v_monitor *monitor)
@@ -425,13 +453,10 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
     const double variance = (double)v2v_data_step_known(self->step) * level->mean_variance;
     double change = INFINITY, tolerance = self->tolerance;
     int64_t done = 0;
-    v2v_watchdog_beat("inverses of the data step");
-    self->steps = steps_of(self, step_of(self));
-    const struct v2v_penalty penalty = v2v_tv_planes_penalty(&self->steps);
-    v2v_data_step_factor(self->step, &penalty);
+    set_pace(self, &usual_pace);
     for (int64_t i = 1, enough = 0; i <= most && !enough && change > tolerance; i++) {
         v2v_watchdog_beat("an iteration of total variation");
-        v2v_data_step_advance(self->step, self->planes.volume, relax);
+        v2v_data_step_advance(self->step, self->planes.volume, self->steps.relax);
         if (i % EXTEND_EVERY == 0) {
             const double squares = v2v_data_step_extend(self->step);
             estimator->misfit.missed = variance > 0.0 ? sqrt(squares / variance) : 0.0;
@@ -440,6 +465,10 @@ static enum v2v_status iterate(struct v2v_estimator *estimator, const struct v2v
         v2v_tv_planes_step(&self->planes, &self->steps);
         change = v2v_data_step_change(self->step);
         V2V_TRY(v2v_par_agree(self->comm, look(estimator, i, change)));
+        if (i == PACE_LOOK && is_filled(self)) {
+            change_pace(self, &usual_pace, &pace_if_filled);
+            change = INFINITY; /* not known of these steps */
+        }
         enough = monitor != NULL && monitor->enough(monitor->context, i, &now);
         done = i;
     }

@@ -18,9 +18,21 @@ struct v2v_penalty v2v_tv_planes_penalty(const struct v2v_tv_steps *steps)
 {
     const double plain = (double)steps->plain, bend = (double)steps->bend;
     const double depth = (double)steps->depth, sigma = (double)steps->sigma;
-    return (struct v2v_penalty){.constant = sigma * (plain * plain + 4.0 * depth * depth),
+    return (struct v2v_penalty){.constant = sigma * plain * plain,
                                 .differences = sigma,
+                                .depth = sigma * depth * depth,
                                 .curvature = sigma * bend * bend};
+}
+
+void v2v_tv_planes_rescale(struct v2v_tv_planes *planes, float factor)
+{
+    const int64_t inside = planes->rows * planes->width;
+#pragma omp parallel for schedule(static) num_threads(planes->threads)
+    for (int64_t z = 0; z < planes->slices; z++) {
+        for (int64_t i = z * inside; i < (z + 1) * inside; i++) {
+            planes->positive[i] *= factor;
+        }
+    }
 }
 
 int64_t v2v_tv_planes_floats(int64_t slices, int64_t rows, int64_t width)

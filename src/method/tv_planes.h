@@ -53,6 +53,9 @@ struct v2v_tv_steps {
  *  @kind Local. */
 struct v2v_penalty v2v_tv_planes_penalty(const struct v2v_tv_steps *steps);
 
+/** Duals of x >= 0 times `factor`, for `plain` over it: K^T u stays. Local. */
+void v2v_tv_planes_rescale(struct v2v_tv_planes *planes, float factor);
+
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */
 enum v2v_status v2v_tv_planes_init(struct v2v_tv_planes *planes, int64_t slices, int64_t rows,
                                    int64_t width, const struct v2v_comm *comm) V2V_MUST_CHECK;

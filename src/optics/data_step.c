@@ -3,6 +3,7 @@
 #include "optics/projector_plan.h"
 #include "optics/spectrum_block.h"
 #include "optics/torus_views.h"
+#include "optics/tridiagonal.h"
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/pi.h"
@@ -18,7 +19,7 @@ struct v2v_data_step {
     struct v2v_torus_views seen;
 
     struct v2v_penalty penalty; /* of the factors; all 0: none yet */
-    float *penalties;           /* [block,V2V_BLOCK]: by frequency */
+    float *pivots;              /* [block,z,V2V_BLOCK]: one over those of P */
     float *factor;              /* [block,pair,2,V2V_BLOCK] of the inverses, upper triangles */
     float *volume;              /* [block,z,2,V2V_BLOCK]: spectra of the x that advance moves */
     float *change;              /* [block,2,V2V_BLOCK]: squares of what it moved by, and of x' */
@@ -26,8 +27,8 @@ struct v2v_data_step {
     float unit;                 /* of its squares: as bright as the views, a pixel */
     double filled;              /* v2v_data_step_filled of the last change */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
-    float *scratch;             /* [thread,2 v,2,V2V_BLOCK] */
-    double *entries;            /* [thread,v2v_hermitian_scratch] */
+    float *scratch;             /* [thread,2 v + z,2,V2V_BLOCK] */
+    double *entries;            /* [thread,entries_of] */
     double *squares;            /* [v, square]: of v2v_data_step_coarse */
     double *sums;               /* [torus height] or [2,column]: squares of a row of all views, or
                                    of a column of all slices' spectra; then x's sum */
@@ -40,14 +41,26 @@ static double pixels_of(const struct v2v_data_step *step)
 
 /* Numbers of each array. */
 struct sizes {
-    int64_t penalties, factor, volume, change, spectra, scratch, entries, sums, squares;
+    int64_t pivots, factor, volume, change, spectra, scratch, entries, sums, squares;
 };
+
+static int64_t pivots_of_block(int64_t slices)
+{
+    return slices * V2V_BLOCK;
+}
+
+/* What a thread inverts a block with: pivots of P, A times its root, and room of the inverse. */
+static int64_t entries_of(int64_t views, int64_t slices)
+{
+    return pivots_of_block(slices) + views * slices * V2V_BLOCK_FLOATS +
+           v2v_hermitian_scratch(views);
+}
 
 static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
                              const struct v2v_torus *torus)
 {
     return (struct sizes){
-        .penalties = v2v_mem_product(blocks, V2V_BLOCK, 1),
+        .pivots = v2v_mem_product(blocks, pivots_of_block(slices), 1),
         .volume = v2v_mem_product(blocks, slices, V2V_BLOCK_FLOATS),
         .change = v2v_mem_product(blocks, V2V_BLOCK_FLOATS, 1),
         .squares = v2v_mem_product(views, torus->height / V2V_DATA_STEP_SQUARE,
@@ -55,8 +68,8 @@ static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
         .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1) + 1),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
         .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
-        .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views, V2V_BLOCK_FLOATS),
-        .entries = v2v_mem_product(omp_get_max_threads(), v2v_hermitian_scratch(views), 1)};
+        .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views + slices, V2V_BLOCK_FLOATS),
+        .entries = v2v_mem_product(omp_get_max_threads(), entries_of(views, slices), 1)};
 }
 
 int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_torus *torus,
@@ -71,7 +84,7 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
     own.rows = v2v_par_part(torus->height, ranks, 0);
     const struct sizes sizes = sizes_of(psf->views, psf->slices, layout.blocks, &own);
     const struct v2v_torus_views seen = {.views = psf->views, .torus = own};
-    return v2v_mem_bytes(sizes.penalties + sizes.factor + sizes.volume + sizes.change +
+    return v2v_mem_bytes(sizes.pivots + sizes.factor + sizes.volume + sizes.change +
                              2 * v2v_torus_views_samples(&seen) + sizes.spectra + sizes.scratch +
                              2 * (sizes.entries + sizes.sums + sizes.squares),
                          v2v_projector_bytes_beyond(psf, torus->height, torus->width,
@@ -85,7 +98,7 @@ static enum v2v_status take_memory(struct v2v_data_step *step, const struct v2v_
     const struct sizes sizes =
         sizes_of(step->views, step->slices, step->projector->layout.blocks, torus);
     V2V_TRY(v2v_torus_views_init(&step->seen, step->views, height, width, torus));
-    V2V_TRY(V2V_ALLOC(step->penalties, "data_step.factor", sizes.penalties));
+    V2V_TRY(V2V_ALLOC(step->pivots, "data_step.factor", sizes.pivots));
     V2V_TRY(V2V_ALLOC(step->factor, "data_step.factor", sizes.factor));
     V2V_TRY(V2V_ALLOC(step->volume, "data_step.volume", sizes.volume));
     V2V_TRY(V2V_ALLOC(step->change, "data_step.volume", sizes.change));
@@ -128,7 +141,7 @@ void v2v_data_step_destroy(struct v2v_data_step **step)
     *step = NULL;
     if (old != NULL) {
         v2v_projector_destroy(&old->projector);
-        v2v_mem_free(old->penalties);
+        v2v_mem_free(old->pivots);
         v2v_mem_free(old->factor);
         v2v_mem_free(old->volume);
         v2v_mem_free(old->change);
@@ -150,6 +163,11 @@ struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step)
 static float *factor_of(const struct v2v_data_step *step, int64_t block)
 {
     return step->factor + block * v2v_hermitian_pairs(step->views) * V2V_BLOCK_FLOATS;
+}
+
+static float *pivots_of(const struct v2v_data_step *step, int64_t block)
+{
+    return step->pivots + block * pivots_of_block(step->slices);
 }
 
 static float *spectra_of(const struct v2v_data_step *step, int64_t block)
@@ -175,23 +193,33 @@ static double penalty_at(const struct v2v_data_step *step, const struct v2v_pena
 static void invert_block(struct v2v_data_step *step, int64_t b)
 {
     const struct v2v_frequency_block *block = &step->projector->block[b];
-    double *entries = step->entries + omp_get_thread_num() * v2v_hermitian_scratch(step->views);
-    double penalties[V2V_BLOCK];
+    const int64_t views = step->views, slices = step->slices;
+    double *pivots = step->entries + omp_get_thread_num() * entries_of(views, slices);
+    double *root = pivots + pivots_of_block(slices);
+    double *scratch = root + views * slices * V2V_BLOCK_FLOATS, penalties[V2V_BLOCK];
     for (int64_t f = 0; f < V2V_BLOCK; f++) {
         const int64_t at = block->first + v2v_smaller(f, block->width - 1);
         penalties[f] = penalty_at(step, &step->penalty, at);
-        step->penalties[b * V2V_BLOCK + f] = (float)penalties[f];
     }
-    v2v_hermitian_inverse(factor_of(step, b), entries, v2v_projector_otf(step->projector, b, 0),
-                          step->views, step->slices, penalties);
+    v2v_tridiagonal_factor(pivots, penalties, step->penalty.depth, slices);
+    for (int64_t i = 0; i < pivots_of_block(slices); i++) {
+        pivots_of(step, b)[i] = (float)pivots[i];
+    }
+    for (int64_t v = 0; v < views; v++) {
+        v2v_tridiagonal_root(root + v * slices * V2V_BLOCK_FLOATS,
+                             v2v_projector_otf(step->projector, b, v), pivots, step->penalty.depth,
+                             slices);
+    }
+    v2v_hermitian_inverse(factor_of(step, b), scratch, root, views, slices);
 }
 
 void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty)
 {
     const struct v2v_penalty *old = &step->penalty;
-    V2V_ASSERT(penalty->constant > 0.0 && penalty->differences >= 0.0 && penalty->curvature >= 0.0);
+    V2V_ASSERT(penalty->constant > 0.0 && penalty->differences >= 0.0 && penalty->depth >= 0.0 &&
+               penalty->curvature >= 0.0);
     if (old->constant == penalty->constant && old->differences == penalty->differences &&
-        old->curvature == penalty->curvature) {
+        old->depth == penalty->depth && old->curvature == penalty->curvature) {
         return;
     }
     step->penalty = *penalty;
@@ -259,6 +287,12 @@ static float *volume_of(const struct v2v_data_step *step, int64_t block)
     return step->volume + block * step->slices * V2V_BLOCK_FLOATS;
 }
 
+/* P^-1 of the slices of one block. */
+static void divide(const struct v2v_data_step *step, int64_t b, float *slice)
+{
+    v2v_tridiagonal_solve(slice, pivots_of(step, b), (float)step->penalty.depth, step->slices);
+}
+
 /* v -> x of the slices of one block; y - A x goes where the views' spectra belong. */
 static void solve_block(struct v2v_data_step *step, int64_t b, float *slice)
 {
@@ -267,25 +301,30 @@ static void solve_block(struct v2v_data_step *step, int64_t b, float *slice)
     const struct v2v_frequency_block *block = &projector->block[b];
     const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
     const int64_t of_view = step->slices * V2V_BLOCK_FLOATS;
-    float *rest = step->scratch + omp_get_thread_num() * 2 * step->views * V2V_BLOCK_FLOATS;
+    float *rest =
+        step->scratch + omp_get_thread_num() * (2 * step->views + step->slices) * V2V_BLOCK_FLOATS;
     float *solved = rest + step->views * V2V_BLOCK_FLOATS;
+    float *moved = solved + step->views * V2V_BLOCK_FLOATS;
     for (int64_t v = 0; v < step->views; v++) {
         v2v_block_rest(rest + v * V2V_BLOCK_FLOATS, recorded + v * V2V_BLOCK_FLOATS,
                        otf + v * of_view, slice, step->slices);
     }
     v2v_hermitian_multiply(solved, factor_of(step, b), rest, step->views);
+    memset(moved, 0, (size_t)of_view * sizeof *moved);
     for (int64_t v = 0; v < step->views; v++) {
-        v2v_block_project_adjoint(slice, otf + v * of_view, solved + v * V2V_BLOCK_FLOATS,
+        v2v_block_project_adjoint(moved, otf + v * of_view, solved + v * V2V_BLOCK_FLOATS,
                                   step->slices);
     }
-    v2v_block_scale(solved, step->penalties + b * V2V_BLOCK, step->views);
+    divide(step, b, moved);
+    v2v_block_add(slice, moved, step->slices);
     v2v_block_merge(projector->view_spectra + block->first, solved, layout->view_stride,
                     step->views, block->width);
 }
 
 static void advance_block(struct v2v_data_step *step, int64_t b, float *slice)
 {
-    v2v_block_descend(slice, volume_of(step, b), step->penalties + b * V2V_BLOCK, step->slices);
+    divide(step, b, slice);
+    v2v_block_descend(slice, volume_of(step, b), step->slices);
     solve_block(step, b, slice);
     v2v_block_move(step->change + b * V2V_BLOCK_FLOATS, slice, volume_of(step, b), step->relax,
                    step->unit, step->slices);

@@ -22,7 +22,7 @@ int64_t v2v_hermitian_scratch(int64_t n)
 
 /* sum over z of a[z] conj(b[z]). */
 V2V_SIMD_CLONES
-static void product(struct entry *sum, const float *a, const float *b, int64_t columns)
+static void product(struct entry *sum, const double *a, const double *b, int64_t columns)
 {
     double re[V2V_BLOCK] = {0}, im[V2V_BLOCK] = {0};
     for (int64_t z = 0; z < columns; z++, a += V2V_BLOCK_FLOATS, b += V2V_BLOCK_FLOATS) {
@@ -87,8 +87,8 @@ static void sweep(struct entry *a, struct entry *column, int64_t n, int64_t k)
     }
 }
 
-void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix, int64_t n,
-                           int64_t columns, const double *c)
+void v2v_hermitian_inverse(float *inverse, double *scratch, const double *matrix, int64_t n,
+                           int64_t columns)
 {
     const int64_t stride = columns * V2V_BLOCK_FLOATS;
     struct entry *a = (struct entry *)(void *)scratch, *column = a + v2v_hermitian_pairs(n);
@@ -97,7 +97,7 @@ void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix,
             product(&a[lower(i, j)], matrix + i * stride, matrix + j * stride, columns);
         }
         for (int f = 0; f < V2V_BLOCK; f++) {
-            a[lower(i, i)].re[f] += c[f];
+            a[lower(i, i)].re[f] += 1.0;
         }
     }
     for (int64_t k = 0; k < n; k++) {

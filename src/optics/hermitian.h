@@ -13,13 +13,12 @@ static inline int64_t v2v_hermitian_pairs(int64_t n)
 /** Doubles that v2v_hermitian_inverse works in. */
 int64_t v2v_hermitian_scratch(int64_t n);
 
-/** inverse = (B B^H + c)^-1 in double precision, rounded. B B^H is positive semidefinite and c > 0,
- *  so that elimination needs no pivots.
- *  @param c [V2V_BLOCK]
+/** inverse = (1 + B B^H)^-1 in double precision, rounded. B B^H is positive semidefinite, so that
+ *  elimination needs no pivots.
  *  @param inverse [pair,2,V2V_BLOCK] out: row by row of the upper triangle
  *  @param matrix B, [n,columns,2,V2V_BLOCK] */
-void v2v_hermitian_inverse(float *inverse, double *scratch, const float *matrix, int64_t n,
-                           int64_t columns, const double *c);
+void v2v_hermitian_inverse(float *inverse, double *scratch, const double *matrix, int64_t n,
+                           int64_t columns);
 
 /** y = inverse * x; both [n,2,V2V_BLOCK]. */
 void v2v_hermitian_multiply(float *y, const float *inverse, const float *x, int64_t n);

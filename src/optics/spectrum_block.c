@@ -122,28 +122,20 @@ void v2v_block_project_adjoint(float *slice, const float *otf, const float *view
 }
 
 V2V_SIMD_CLONES
-void v2v_block_scale(float *numbers, const float *factors, int64_t n)
+void v2v_block_add(float *numbers, const float *others, int64_t n)
 {
-    for (int64_t i = 0; i < 2 * n; i++, numbers += V2V_BLOCK) {
 #pragma omp simd
-        for (int64_t f = 0; f < V2V_BLOCK; f++) {
-            numbers[f] *= factors[f];
-        }
+    for (int64_t i = 0; i < n * V2V_BLOCK_FLOATS; i++) {
+        numbers[i] += others[i];
     }
 }
 
 V2V_SIMD_CLONES
-void v2v_block_descend(float *gradient, const float *x, const float *penalty, int64_t slices)
+void v2v_block_descend(float *step, const float *x, int64_t n)
 {
-    float inverse[V2V_BLOCK];
-    for (int64_t f = 0; f < V2V_BLOCK; f++) {
-        inverse[f] = 1.0f / penalty[f];
-    }
-    for (int64_t i = 0; i < 2 * slices; i++, gradient += V2V_BLOCK, x += V2V_BLOCK) {
 #pragma omp simd
-        for (int64_t f = 0; f < V2V_BLOCK; f++) {
-            gradient[f] = x[f] - gradient[f] * inverse[f];
-        }
+    for (int64_t i = 0; i < n * V2V_BLOCK_FLOATS; i++) {
+        step[i] = x[i] - step[i];
     }
 }
 

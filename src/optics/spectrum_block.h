@@ -38,11 +38,11 @@ void v2v_block_rest(float *rest, const float *recorded, const float *otf, const 
 /** slice[z,f] += conj(otf[z,f]) * view[f]. */
 void v2v_block_project_adjoint(float *slice, const float *otf, const float *view, int64_t slices);
 
-/** numbers[n,2,V2V_BLOCK] *= factors[V2V_BLOCK]. */
-void v2v_block_scale(float *numbers, const float *factors, int64_t n);
+/** numbers += others; both [n,2,V2V_BLOCK]. */
+void v2v_block_add(float *numbers, const float *others, int64_t n);
 
-/** gradient <- x - gradient / penalty; both [slices,2,V2V_BLOCK]. @param penalty [V2V_BLOCK] */
-void v2v_block_descend(float *gradient, const float *x, const float *penalty, int64_t slices);
+/** step <- x - step; both [n,2,V2V_BLOCK]. */
+void v2v_block_descend(float *step, const float *x, int64_t n);
 
 /** next <- 2 next - x, and x <- x + relax (next - x).
  *  @param change [2,V2V_BLOCK]: sums over the slices of |next - x|^2 and |next|^2, times unit^2

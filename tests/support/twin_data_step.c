@@ -7,7 +7,7 @@
 
 typedef double complex number;
 
-enum { MOST_VIEWS = 8, MOST_SIDE = 256 };
+enum { MOST = 8, MOST_SIDE = 256 }; /* views, slices; pixels */
 
 static void *take(int64_t count, size_t size)
 {
@@ -87,7 +87,7 @@ static void kernel_to_torus(const struct twin_data_step *step, double *image, co
 void twin_data_step_init(struct twin_data_step *step)
 {
     const int64_t pixels = pixels_of(step), kernels = step->views * step->slices;
-    if (step->views > MOST_VIEWS || step->torus_height > MOST_SIDE ||
+    if (step->views > MOST || step->slices > MOST || step->torus_height > MOST_SIDE ||
         step->torus_width > MOST_SIDE) {
         abort();
     }
@@ -139,20 +139,7 @@ void twin_data_step_begin(struct twin_data_step *step, const float *views, doubl
 
 /* ---- the step ---- */
 
-/* A A^H of a frequency. */
-static void square(const struct twin_data_step *step, number a[MOST_VIEWS][MOST_VIEWS], int64_t f)
-{
-    for (int64_t i = 0; i < step->views; i++) {
-        for (int64_t j = 0; j < step->views; j++) {
-            a[i][j] = 0.0;
-            for (int64_t z = 0; z < step->slices; z++) {
-                a[i][j] += otf_at(step, i, z, f) * conj(otf_at(step, j, z, f));
-            }
-        }
-    }
-}
-
-static void multiply(number *y, number a[MOST_VIEWS][MOST_VIEWS], const number *x, int64_t n)
+static void multiply(number *y, number a[MOST][MOST], const number *x, int64_t n)
 {
     for (int64_t i = 0; i < n; i++) {
         y[i] = 0.0;
@@ -163,7 +150,7 @@ static void multiply(number *y, number a[MOST_VIEWS][MOST_VIEWS], const number *
 }
 
 /* a x = b of a positive definite matrix; x replaces b. */
-static void solve(number a[MOST_VIEWS][MOST_VIEWS], number *b, int64_t n)
+static void solve(number a[MOST][MOST], number *b, int64_t n)
 {
     for (int64_t k = 0; k < n; k++) {
         for (int64_t i = k + 1; i < n; i++) {
@@ -182,6 +169,7 @@ static void solve(number a[MOST_VIEWS][MOST_VIEWS], number *b, int64_t n)
     }
 }
 
+/* What a frequency of the plane counts by, and P of it. */
 static double penalty_of(const struct twin_data_step *step, const struct twin_penalty *penalty,
                          int64_t f)
 {
@@ -194,15 +182,56 @@ static double penalty_of(const struct twin_data_step *step, const struct twin_pe
            penalty->curvature * bent * bent;
 }
 
-static void step_of_frequency(const struct twin_data_step *step, number *slices, double penalty,
-                              int64_t f)
+static void penalty_matrix(const struct twin_data_step *step, number p[MOST][MOST],
+                           const struct twin_penalty *penalty, int64_t f)
+{
+    memset(p, 0, MOST * sizeof p[0]);
+    for (int64_t z = 0; z < step->slices; z++) {
+        p[z][z] += penalty_of(step, penalty, f);
+    }
+    for (int64_t z = 0; z + 1 < step->slices; z++) {
+        p[z][z] += penalty->depth;
+        p[z + 1][z + 1] += penalty->depth;
+        p[z][z + 1] -= penalty->depth;
+        p[z + 1][z] -= penalty->depth;
+    }
+}
+
+/* x <- P^-1 x. */
+static void divide(const struct twin_data_step *step, number *x, const struct twin_penalty *penalty,
+                   int64_t f)
+{
+    number p[MOST][MOST];
+    penalty_matrix(step, p, penalty, f);
+    solve(p, x, step->slices);
+}
+
+/* pulled[v] = P^-1 A^H of a view, and a = 1 + A P^-1 A^H. */
+static void square(const struct twin_data_step *step, number a[MOST][MOST],
+                   number pulled[MOST][MOST], const struct twin_penalty *penalty, int64_t f)
+{
+    for (int64_t j = 0; j < step->views; j++) {
+        for (int64_t z = 0; z < step->slices; z++) {
+            pulled[j][z] = conj(otf_at(step, j, z, f));
+        }
+        divide(step, pulled[j], penalty, f);
+        for (int64_t i = 0; i < step->views; i++) {
+            a[i][j] = i == j ? 1.0 : 0.0;
+            for (int64_t z = 0; z < step->slices; z++) {
+                a[i][j] += otf_at(step, i, z, f) * pulled[j][z];
+            }
+        }
+    }
+}
+
+static void step_of_frequency(const struct twin_data_step *step, number *slices,
+                              const struct twin_penalty *penalty, int64_t f)
 {
     const int64_t pixels = pixels_of(step);
     const number *views = (const number *)(const void *)step->spectra;
-    number a[MOST_VIEWS][MOST_VIEWS], s[MOST_VIEWS];
-    square(step, a, f);
+    number a[MOST][MOST], pulled[MOST][MOST], s[MOST];
+    square(step, a, pulled, penalty, f);
     for (int64_t v = 0; v < step->views; v++) {
-        a[v][v] += penalty;
         s[v] = views[v * pixels + f];
         for (int64_t z = 0; z < step->slices; z++) {
             s[v] -= otf_at(step, v, z, f) * slices[z * pixels + f];
@@ -211,7 +240,7 @@ static void step_of_frequency(const struct twin_data_step *step, number *slices,
     solve(a, s, step->views);
     for (int64_t z = 0; z < step->slices; z++) {
         for (int64_t v = 0; v < step->views; v++) {
-            slices[z * pixels + f] += conj(otf_at(step, v, z, f)) * s[v];
+            slices[z * pixels + f] += pulled[v][z] * s[v];
         }
     }
 }
@@ -227,11 +256,15 @@ void twin_data_step_run(const struct twin_data_step *step, double *volume, const
         to_spectra(step, step->gradient_spectra, gradient, step->slices);
     }
     for (int64_t f = 0; f < pixels; f++) {
-        const double p = penalty_of(step, penalty, f);
+        number moved[MOST] = {0.0};
         for (int64_t z = 0; z < step->slices && gradient != NULL; z++) {
-            slices[z * pixels + f] -= pull[z * pixels + f] / p;
+            moved[z] = pull[z * pixels + f];
         }
-        step_of_frequency(step, slices, p, f);
+        divide(step, moved, penalty, f);
+        for (int64_t z = 0; z < step->slices; z++) {
+            slices[z * pixels + f] -= moved[z];
+        }
+        step_of_frequency(step, slices, penalty, f);
     }
     for (int64_t z = 0; z < step->slices; z++) {
         transform(step, slices + z * pixels, 1.0);
@@ -269,10 +302,10 @@ void twin_data_step_extend(struct twin_data_step *step, const double *volume)
 /* ---- condition ---- */
 
 /* The largest eigenvalue of a Hermitian matrix, or of its inverse, by powers of it. */
-static double largest_eigenvalue(number a[MOST_VIEWS][MOST_VIEWS], int64_t n, int is_inverse)
+static double largest_eigenvalue(number a[MOST][MOST], int64_t n, int is_inverse)
 {
     enum { POWERS = 200 };
-    number x[MOST_VIEWS], y[MOST_VIEWS], copy[MOST_VIEWS][MOST_VIEWS];
+    number x[MOST], y[MOST], copy[MOST][MOST];
     double length = 0.0;
     for (int64_t i = 0; i < n; i++) {
         x[i] = 1.0 + 0.3 * (double)i; /* of no symmetry */
@@ -299,13 +332,10 @@ static double largest_eigenvalue(number a[MOST_VIEWS][MOST_VIEWS], int64_t n, in
 double twin_data_step_condition(const struct twin_data_step *step,
                                 const struct twin_penalty *penalty)
 {
-    number a[MOST_VIEWS][MOST_VIEWS];
+    number a[MOST][MOST], pulled[MOST][MOST];
     double worst = 1.0;
     for (int64_t f = 0; f < pixels_of(step); f++) {
-        square(step, a, f);
-        for (int64_t v = 0; v < step->views; v++) {
-            a[v][v] += penalty_of(step, penalty, f);
-        }
+        square(step, a, pulled, penalty, f);
         worst = fmax(worst,
                      largest_eigenvalue(a, step->views, 0) * largest_eigenvalue(a, step->views, 1));
     }

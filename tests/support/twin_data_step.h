@@ -24,9 +24,10 @@ void twin_data_step_fini(struct twin_data_step *step);
 /** y = views * scale, beyond the frame from edge to opposite edge in a straight line. */
 void twin_data_step_begin(struct twin_data_step *step, const float *views, double scale);
 
-/** P of a step, constant + differences D^T D + curvature L^T L (optics/data_step.h). */
+/** P of a step, constant + differences D^T D + depth Z^T Z + curvature L^T L
+ *  (optics/data_step.h). */
 struct twin_penalty {
-    double constant, differences, curvature;
+    double constant, differences, depth, curvature;
 };
 
 /** volume [z,torus]: v on entry, argmin 1/2 |A x - y|^2 + g^T x + 1/2 |x - v|_P^2 on return.
@@ -37,7 +38,7 @@ void twin_data_step_run(const struct twin_data_step *step, double *volume, const
 /** Beyond the frame, y becomes A volume. */
 void twin_data_step_extend(struct twin_data_step *step, const double *volume);
 
-/** The condition of A A^H + p, the worst of all frequencies. */
+/** The condition of 1 + A P^-1 A^H, the worst of all frequencies. */
 double twin_data_step_condition(const struct twin_data_step *step,
                                 const struct twin_penalty *penalty);
 

@@ -6,11 +6,11 @@
 
 /* Over-relaxation; the part of the noise below which differences are weighted by their squares;
  * iterations from one look beyond the frame to the next. */
-static const double relax = 1.8, smooth_below = 0.03;
-enum { EXTEND_EVERY = 2, AXES = 3 };
+static const double relax = 1.7, smooth_below = 0.03;
+enum { EXTEND_EVERY = 2, AXES = 3, PACE_LOOK = 10 };
 
 /* Of the Laplacian of x in the operator. */
-static const double bend = 0.5;
+static const double bend = 0.7;
 
 /* On the torus, [z,y,x] each. */
 struct planes {
@@ -39,8 +39,10 @@ static double laplacian(const struct planes *p, const double *x, int64_t i)
     return sum;
 }
 
-static void move_duals(struct planes *p, const struct twin_tv *settings, double sigma)
+static void move_duals(struct planes *p, const struct twin_tv *settings,
+                       const struct twin_pace *pace)
 {
+    const double sigma = pace->step;
     const double shrink = 1.0 / (1.0 + sigma * smooth_below / settings->weight);
     const double bound = settings->weight * settings->curvature / bend;
     const double shrink_curved = 1.0 / (1.0 + sigma * bend * smooth_below / bound);
@@ -62,14 +64,14 @@ static void move_duals(struct planes *p, const struct twin_tv *settings, double 
         }
         const double curved = shrink_curved * (p->curved[i] + sigma * bend * laplacian(p, e, i));
         p->curved[i] += relax * (fmax(-bound, fmin(bound, curved)) - p->curved[i]);
-        const double positive = p->positive[i] + sigma * settings->plain * e[i];
-        p->positive[i] +=
-            relax * (fmin(settings->sparse / settings->plain, positive) - p->positive[i]);
+        const double positive = p->positive[i] + sigma * pace->plain * e[i];
+        p->positive[i] += relax * (fmin(settings->sparse / pace->plain, positive) - p->positive[i]);
     }
 }
 
 /* The adjoint of the differences, of the duals, at a voxel. */
-static double pull(const struct planes *p, const struct twin_tv *settings, int64_t i)
+static double pull(const struct planes *p, const struct twin_tv *settings,
+                   const struct twin_pace *pace, int64_t i)
 {
     const int64_t before = neighbour(p, i, -1, 0, 0), behind = neighbour(p, i, 1, 0, 0);
     const double above_z = before < 0 ? 0.0 : p->dual[2][before];
@@ -77,15 +79,15 @@ static double pull(const struct planes *p, const struct twin_tv *settings, int64
     return p->dual[0][neighbour(p, i, 0, 0, -1)] - p->dual[0][i] +
            p->dual[1][neighbour(p, i, 0, -1, 0)] - p->dual[1][i] +
            settings->depth * (above_z - own_z) + bend * laplacian(p, p->curved, i) +
-           settings->plain * p->positive[i];
+           pace->plain * p->positive[i];
 }
 
-struct twin_penalty twin_tv_penalty(const struct twin_tv *settings)
+struct twin_penalty twin_tv_penalty(const struct twin_tv *settings, const struct twin_pace *pace)
 {
-    const double a = settings->depth, step = settings->step;
-    return (struct twin_penalty){.constant =
-                                     step * (settings->plain * settings->plain + 4.0 * a * a),
+    const double step = pace->step;
+    return (struct twin_penalty){.constant = step * pace->plain * pace->plain,
                                  .differences = step,
+                                 .depth = step * settings->depth * settings->depth,
                                  .curvature = step * bend * bend};
 }
 
@@ -100,12 +102,12 @@ static double length_of(const double *x, int64_t count)
 
 /* @return |x'| */
 static double iterate(struct planes *p, struct twin_data_step *step, const struct twin_tv *settings,
-                      int64_t iteration)
+                      const struct twin_pace *pace, int64_t iteration)
 {
-    const struct twin_penalty penalty = twin_tv_penalty(settings);
+    const struct twin_penalty penalty = twin_tv_penalty(settings, pace);
     memcpy(p->next, p->volume, (size_t)p->voxels * sizeof *p->next);
     for (int64_t i = 0; i < p->voxels; i++) {
-        p->gradient[i] = pull(p, settings, i);
+        p->gradient[i] = pull(p, settings, pace, i);
     }
     twin_data_step_run(step, p->next, p->gradient, &penalty);
     if (iteration % EXTEND_EVERY == 0) {
@@ -115,8 +117,19 @@ static double iterate(struct planes *p, struct twin_data_step *step, const struc
         p->extrapolated[i] = 2.0 * p->next[i] - p->volume[i];
         p->volume[i] += relax * (p->next[i] - p->volume[i]);
     }
-    move_duals(p, settings, settings->step);
+    move_duals(p, settings, pace);
     return length_of(p->next, p->voxels);
+}
+
+/* Would the light fill more than half of the voxels, if each had the same? */
+static int is_filled(const struct planes *p)
+{
+    const double length = length_of(p->next, p->voxels);
+    double light = 0.0;
+    for (int64_t i = 0; i < p->voxels; i++) {
+        light += p->volume[i];
+    }
+    return light * light > 0.5 * length * length * (double)p->voxels;
 }
 
 double twin_tv_run(double *volume, struct twin_data_step *step, const struct twin_tv *settings)
@@ -139,8 +152,15 @@ double twin_tv_run(double *volume, struct twin_data_step *step, const struct twi
     }
     p.curved = memory + (4 + AXES) * p.voxels;
     p.gradient = memory + (5 + AXES) * p.voxels;
+    const struct twin_pace *pace = &settings->pace, *filled = &settings->pace_if_filled;
     for (int64_t i = 1; i <= settings->iterations; i++) {
-        longest = fmax(longest, iterate(&p, step, settings, i));
+        longest = fmax(longest, iterate(&p, step, settings, pace, i));
+        if (i == PACE_LOOK && is_filled(&p)) {
+            for (int64_t k = 0; k < p.voxels; k++) {
+                p.positive[k] *= pace->plain / filled->plain; /* the same pull */
+            }
+            pace = filled;
+        }
     }
     for (int64_t i = 0; i < p.slices * step->height * step->width; i++) {
         const int64_t row = i / step->width;

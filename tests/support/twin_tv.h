@@ -7,13 +7,15 @@
 struct twin_tv {
     double weight, depth, curvature; /**< lambda, a and c, for PSFs that sum to 1 a view */
     double sparse;                   /**< what x costs */
-    double step;                     /**< of the duals */
-    double plain;                    /**< of x in the operator K */
+    struct twin_pace {
+        double step;        /**< of the duals */
+        double plain;       /**< of x in the operator K */
+    } pace, pace_if_filled; /**< .. from iteration 11 on, where light fills more than half */
     int64_t iterations;
 };
 
 /** The penalty of a step towards the views. */
-struct twin_penalty twin_tv_penalty(const struct twin_tv *settings);
+struct twin_penalty twin_tv_penalty(const struct twin_tv *settings, const struct twin_pace *pace);
 
 /** volume [z,height,width], in units of the noise: of views that the step has begun in units of the
  *  noise, and that it extends. @return the longest volume on the way, what is below 0 with it, over

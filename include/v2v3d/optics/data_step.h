@@ -1,9 +1,9 @@
 /** The step of a convex method towards the views, in closed form.
  *
  *  Purpose: argmin over x of 1/2 |A x - y|^2 + 1/2 |x - v|_P^2, without iterations, where |x|_P^2 =
- *  x^T P x counts every frequency of the plane by a number p of its own (struct v2v_penalty). On a
- *  torus A is a matrix of views x slices for every frequency, so that
- *      x = v + A^H s,   (A A^H + p) s = y - A v,   A x = y - p s
+ *  x^T P x (struct v2v_penalty) is tridiagonal along z for every frequency of the plane. On a torus
+ *  A is a matrix of views x slices for every frequency, so that
+ *      x = v + P^-1 A^H s,   (1 + A P^-1 A^H) s = y - A v,   A x = y - s
  *  takes one Hermitian inverse of views x views a frequency, made once for all frames.
  *  Invariants: the torus holds the frame at its origin and a border that no light crosses but
  *  V2V_DATA_STEP_LOST of any slice's; views are unknown there and follow the volume
@@ -68,13 +68,14 @@ int64_t v2v_data_step_bytes(const struct v2v_psf_file *psf, const struct v2v_tor
 /** @kind Local. */
 struct v2v_torus v2v_data_step_torus(const struct v2v_data_step *step);
 
-/** P = constant + differences D^T D + curvature L^T L: D the forward differences along y and x, L
- *  the Laplacian (1 2 1; 2 -12 2; 1 2 1) / 4. The first is above 0, the others not below. */
+/** P = constant + differences D^T D + depth Z^T Z + curvature L^T L: D the forward differences
+ *  along y and x, Z those along z, L the Laplacian (1 2 1; 2 -12 2; 1 2 1) / 4. The first is above
+ *  0, the others not below. */
 struct v2v_penalty {
-    double constant, differences, curvature;
+    double constant, differences, depth, curvature;
 };
 
-/** Invert A A^H + p, in double precision, kept in single. @kind Local, no allocation.
+/** Invert 1 + A P^-1 A^H, in double precision, kept in single. @kind Local, no allocation.
  *  @cost views^3 products a frequency, eight times as dear as single ones; nothing for the same
  *  penalty as before */
 void v2v_data_step_factor(struct v2v_data_step *step, const struct v2v_penalty *penalty);

@@ -33,8 +33,8 @@ static void make_views(float *views, double noise)
 }
 
 /* What the program takes of these views: noise, and the step of the duals. */
-static double step_of(double *sigma, const float *views, int64_t count, int64_t images,
-                      double weight)
+static struct twin_pace pace_of(double *sigma, const float *views, int64_t count, int64_t images,
+                                double weight, const struct twin_pace *factors)
 {
     static float scratch[SAMPLES];
     const double found = v2v_noise_of_images(scratch, views, images, HEIGHT, WIDTH);
@@ -48,8 +48,9 @@ static double step_of(double *sigma, const float *views, int64_t count, int64_t 
     const double brightness = fmax((double)v2v_select(scratch, count, bright), 1e-3 * most);
     *sigma = fmax(found, 1e-4 * fmax(brightness, 1e-3 * fmax(most, deepest)));
     const double deep = sqrt(fmax(1.0, deepest / (10.0 * brightness)));
-    const double step = fmin(fmax(2.0 * *sigma * weight / brightness * deep, 1.0 / 2048.0), 4.0);
-    return exp2(round(2.0 * log2(step)) / 2.0);
+    const double wanted = factors->step * *sigma * weight / brightness * deep;
+    const double step = fmin(fmax(wanted, 1.0 / 2048.0), 4.0);
+    return (struct twin_pace){exp2(round(2.0 * log2(step)) / 2.0), factors->plain};
 }
 
 static void estimate(float *volume, const float *views, const struct v2v_psf_file *psf,
@@ -79,9 +80,9 @@ static double voxel_noise_of(const struct v2v_psf_file *psf)
     return sqrt(squares / (double)psf->slices) / light;
 }
 
-static double plain_of(const struct v2v_psf_file *psf)
+static double times_plain_of(const struct v2v_psf_file *psf)
 {
-    return 0.5 * sqrt(fmax(voxel_noise_of(psf) / 0.02976, 1.0));
+    return sqrt(fmax(voxel_noise_of(psf) / 0.02976, 1.0));
 }
 
 static void check_sparse(const char *what, struct v2v_psf_file *psf, const float *views,
@@ -97,15 +98,18 @@ static void check_sparse(const char *what, struct v2v_psf_file *psf, const float
     config.deconv.tolerance = 0.0;
     config.deconv.sparsity = (struct v2v_number){V2V_NUMBER_GIVEN, sparsity};
     v2v_psf_normalize_views(psf);
+    const double plain = times_plain_of(psf);
     const struct v2v_torus torus = v2v_data_step_torus_of(psf, HEIGHT, WIDTH);
-    const struct twin_tv settings = {
-        .weight = config.deconv.lambda.value,
-        .depth = config.deconv.depth,
-        .curvature = config.deconv.curvature,
-        .sparse = sparsity * voxel_noise_of(psf),
-        .plain = plain_of(psf),
-        .step = step_of(&sigma, views, psf->views * PIXELS, psf->views, weight),
-        .iterations = ITERATIONS};
+    const struct twin_tv settings = {.weight = config.deconv.lambda.value,
+                                     .depth = config.deconv.depth,
+                                     .curvature = config.deconv.curvature,
+                                     .sparse = sparsity * voxel_noise_of(psf),
+                                     .pace = pace_of(&sigma, views, psf->views * PIXELS, psf->views,
+                                                     weight, &(struct twin_pace){2.0, 0.5 * plain}),
+                                     .pace_if_filled =
+                                         pace_of(&sigma, views, psf->views * PIXELS, psf->views,
+                                                 weight, &(struct twin_pace){16.0, 0.1 * plain}),
+                                     .iterations = ITERATIONS};
     struct twin_data_step step = {.views = psf->views,
                                   .slices = psf->slices,
                                   .kernel_height = psf->height,
@@ -123,9 +127,10 @@ static void check_sparse(const char *what, struct v2v_psf_file *psf, const float
     }
     estimate(volume, views, psf, &config);
     const double error = test_relative_l2_to_double(volume, expected, psf->slices * PIXELS);
-    const struct twin_penalty penalty = twin_tv_penalty(&settings);
+    const struct twin_penalty penalty = twin_tv_penalty(&settings, &settings.pace);
     print_message("%s: noise %.3g, step %.4g, on the way %.3g, condition %.3g, error %.1e\n", what,
-                  sigma, settings.step, longest, twin_data_step_condition(&step, &penalty), error);
+                  sigma, settings.pace.step, longest, twin_data_step_condition(&step, &penalty),
+                  error);
     /* Of the transforms; of inverses and gradients, over the least penalty. */
     const double rounding = ITERATIONS * test_rounding(transforms) + 0x1p-23 / penalty.constant;
     assert_true(error <= rounding * fmax(longest, 1.0));

@@ -93,9 +93,10 @@ static void bend(double *to, const double *plane)
     }
 }
 
-/* to += P plane. */
-static void penalize(double *to, const double *plane, const struct v2v_penalty *penalty)
+/* to += P volume, of slice z. */
+static void penalize(double *to, const double *volume, int64_t z, const struct v2v_penalty *penalty)
 {
+    const double *plane = volume + z * pixels;
     static double once[MOST], twice[MOST];
     bend(once, plane);
     bend(twice, once);
@@ -105,13 +106,16 @@ static void penalize(double *to, const double *plane, const struct v2v_penalty *
                               at_torus(plane, row, column - 1) + at_torus(plane, row, column + 1);
         to[i] += penalty->constant * plane[i] + penalty->differences * (4.0 * plane[i] - around) +
                  penalty->curvature * twice[i];
+        to[i] += z > 0 ? penalty->depth * (plane[i] - plane[i - pixels]) : 0.0;
+        to[i] += z + 1 < SLICES ? penalty->depth * (plane[i] - plane[i + pixels]) : 0.0;
     }
 }
 
 /* Its largest number of a frequency. */
 static double largest_of(const struct v2v_penalty *penalty)
 {
-    return penalty->constant + 8.0 * penalty->differences + 16.0 * penalty->curvature;
+    return penalty->constant + 8.0 * penalty->differences + 4.0 * penalty->depth +
+           16.0 * penalty->curvature;
 }
 
 /* |A^T (A x - y) + P (x - v) + g| over the lengths of its terms, |A| <= 1: 0 at the minimum, in
@@ -137,7 +141,7 @@ static double gradient_with(const float *x, const float *v, const float *g,
             convolve(gradient + z * pixels, image + w * pixels, w, z, 1);
             convolve(from_views + z * pixels, y + w * pixels, w, z, 1);
         }
-        penalize(gradient + z * pixels, moved + z * pixels, penalty);
+        penalize(gradient + z * pixels, moved, z, penalty);
     }
     for (int64_t i = 0; i < SLICES * pixels; i++) {
         const double of_g = g != NULL ? (double)g[i] : 0.0, sum = gradient[i] + of_g;
@@ -219,7 +223,9 @@ static void the_step_is_the_minimum(void **state)
 }
 
 static const struct v2v_penalty penalties[] = {
-    {0.02, 0.0, 0.0}, {0.01, 0.05, 0.0}, {0.02, 0.0, 0.03}, {0.003, 0.04, 0.02}};
+    {0.02, 0.0, 0.0, 0.0},   {0.01, 0.05, 0.0, 0.0},  {0.02, 0.0, 0.0, 0.03},
+    {0.02, 0.05, 0.0, 0.03}, {0.02, 0.05, 0.01, 0.0}, {0.003, 0.04, 0.05, 0.02},
+    {0.003, 0.04, 0.0, 0.02}}; /* neighbours differ in one, too */
 enum { PENALTIES = sizeof penalties / sizeof *penalties };
 
 static void frequencies_have_penalties_of_their_own(void **state)
