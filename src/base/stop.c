@@ -7,16 +7,31 @@
 /* Written by the signal handler. */
 static volatile sig_atomic_t requested;
 
-/* Of the first SIGTERM or SIGINT, milliseconds of a clock that wraps around; 0: none came. */
+/* When, milliseconds of a clock that wraps around. */
 static volatile sig_atomic_t asked_ms;
 
 /* Signals that belong together: timeout(1) sends one to the process and one to its group. */
 enum { ONE_ASKING_MS = 1000 };
 
+static unsigned now_ms(void)
+{
+    struct timespec now = {0};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (unsigned)now.tv_sec * 1000u + (unsigned)(now.tv_nsec / 1000000);
+}
+
+static void ask(void)
+{
+    if (!requested) {
+        asked_ms = (sig_atomic_t)now_ms();
+    }
+    requested = 1;
+}
+
 static void on_signal(int number)
 {
     (void)number;
-    requested = 1;
+    ask();
 }
 
 void v2v_stop_install(void)
@@ -27,24 +42,15 @@ void v2v_stop_install(void)
     sigaction(SIGUSR2, &action, NULL);
 }
 
-static unsigned now_ms(void)
-{
-    struct timespec now = {0};
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (unsigned)now.tv_sec * 1000u + (unsigned)(now.tv_nsec / 1000000) + 1u;
-}
-
-/* The first asks, what comes a second later ends the process as it would have without a handler. */
+/* What comes a second after the first signal ends the process as it would have without a handler.
+ */
 static void on_ending(int number)
 {
-    const unsigned now = now_ms();
-    if (!requested) {
-        asked_ms = (sig_atomic_t)now;
-    } else if (asked_ms == 0 || now - (unsigned)asked_ms >= ONE_ASKING_MS) {
+    if (requested && now_ms() - (unsigned)asked_ms >= ONE_ASKING_MS) {
         signal(number, SIG_DFL);
         raise(number);
     }
-    requested = 1;
+    ask();
 }
 
 void v2v_stop_heed_ending(void)

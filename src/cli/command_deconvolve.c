@@ -19,7 +19,7 @@ static const struct v2v_option options[] = {
         "lambda", "deconv.lambda", "L|auto",
         "tv: weight of the variation, in noise of the views; auto: by views left out of "
         "the first frame; default: by the noise, but auto where more than noise is missed, and "
-        "where points and lines of light want less"),
+        "where points and lines of light want less, or few slices more"),
     V2V_OPTION_SET(
         "noise", "deconv.noise", "auto|gaussian|poisson",
         "tv: the same for all samples, or of photons; auto (default): as the first frame shows"),

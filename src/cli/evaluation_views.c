@@ -246,7 +246,7 @@ static void warn(struct work *work, const char *text)
 {
     struct v2v_evaluation *evaluation = work->evaluation;
     const size_t used = strlen(evaluation->warnings);
-    if (v2v_step_on_root(work->session)) {
+    if (v2v_step_on_root(work->session) && !work->session->common->quiet) {
         v2v_log(V2V_LOG_WARNING, "%s", text);
     }
     snprintf(evaluation->warnings + used, sizeof evaluation->warnings - used, "%s%s",

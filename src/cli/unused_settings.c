@@ -42,9 +42,8 @@ static const struct {
 /* Those that a network's training goes by where it lists them, and terms of the loss that only
  * views which it has not seen have. */
 static const char *const of_some_networks[] = {
-    "model.width",       "model.features",   "model.volume_scale",
-    "model.view_split",  "model.view_seed",  "model.align",
-    "model.homogeneous", "recon.neighbours", NULL};
+    "model.width", "model.features",    "model.volume_scale", "model.view_split", "model.view_seed",
+    "model.align", "model.homogeneous", "model.merge",        "recon.neighbours", NULL};
 static const char *const of_unseen_views[] = {"loss.fft", "loss.pos",     "loss.dc",
                                               "loss.tv",  "loss.profile", NULL};
 

@@ -88,7 +88,8 @@ const struct v2v_key v2v_key_table[] = {
     WHOLE(parallel, shards, 0, 4096, 0, "ranks of a frame, with a slab of rows each; 0: chosen"),
     WHOLE(parallel, slabs, 0, 64, 0, "of rows in training: bits depend on it; 0: as shards"),
     WHOLE(parallel, threads, 0, 4096, 0, "OpenMP threads of a rank; 0: cores / ranks of this host"),
-    WORD(parallel, split, V2V_SPLIT_AUTO, "how ranks share projections", "auto", "slices", "slabs"),
+    WORD(parallel, split, V2V_SPLIT_AUTO, "how ranks share projections; tv and diner: by slabs",
+         "auto", "slices", "slabs"),
     WORD(parallel, transform, V2V_TRANSFORM_AUTO, "how slabs exchange rows for columns",
          "auto", "own", "fftw3-mpi"),
     REAL(parallel, watchdog_s, 0.0, 86400.0, 600.0,
@@ -118,7 +119,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(psf, normalize, V2V_NORMALIZE_VIEW, "view: each view sums to 1", "view", "none"),
     WORD(psf, reduce, V2V_REDUCE_SUM,
          "how depth slices add up in a projection, of networks, project and evaluate; "
-         "deconvolution sums",
+         "deconvolution and simulation sum",
          "sum", "mean"),
 
     WHOLE(optics, rings, 0, 16, 2, "rings of tilted views about the central one"),
@@ -228,7 +229,7 @@ const struct v2v_key v2v_key_table[] = {
     WORD(deconv, stop, V2V_STOP_FIXED, "when held-out views gain no more", "fixed", "heldout"),
     USUAL(deconv, lambda, 0.0, 1e3, 0.03,
           "tv: weight of the variation, in noise of the views; auto: by views left out; default: "
-          "by the noise, auto where more than noise is missed or far less is wanted"),
+          "by the noise, auto where more than noise is missed, or less or more is wanted"),
     WORD(deconv, noise, V2V_NOISE_MODEL_AUTO,
          "tv: the same for all samples, or of photons; auto: as the first frame shows", "auto",
          "gaussian", "poisson"),

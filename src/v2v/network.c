@@ -13,9 +13,9 @@ enum { BRANCHES = 2 };
  * structures falls by 0.01 dB at most. */
 #define SKIP_AUTO 0.055
 
-static const char *const keys[] = {
-    "model.width",      "model.features",  "model.volume_scale", "model.homogeneous",
-    "model.view_split", "model.view_seed", "model.align",        NULL};
+static const char *const keys[] = {"model.width",       "model.features",   "model.volume_scale",
+                                   "model.homogeneous", "model.view_split", "model.view_seed",
+                                   "model.align",       "model.merge",      NULL};
 
 static struct v2v_model_spec spec_of(const struct v2v_network_spec *spec)
 {

@@ -300,7 +300,8 @@ enum v2v_status v2v_config_set(struct v2v_config *config, const char *assignment
 enum v2v_status v2v_config_check(const struct v2v_config *config) V2V_MUST_CHECK;
 
 /** The value of "section.key" as v2v_config_set takes it. @kind Local. @param text of `bytes`; 64
- *  are enough for all but texts. @return V2V_OK | V2V_E_CONFIG (no such key) */
+ *  are enough for all but texts. @return V2V_OK | V2V_E_CONFIG (no such key) | V2V_E_INPUT (it
+ *  does not fit) */
 enum v2v_status v2v_config_get(char *text, size_t bytes, const struct v2v_config *config,
                                const char *key) V2V_MUST_CHECK;
 

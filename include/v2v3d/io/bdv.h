@@ -31,8 +31,8 @@ int v2v_bdv_levels(struct v2v_bdv_level level[V2V_BDV_MOST_LEVELS],
 /** Write a volume for BigDataViewer: HDF5 of uint16 (which it stores as int16) with a pyramid of
  *  means, and the XML that names it. A volume's step is written as of V2V_VOLUME_STEP.
  *  @kind Rank-0, of a volume that is open on all ranks. @param storage its peak and compression
- *  @return V2V_OK | V2V_E_INPUT | V2V_E_IO | V2V_E_MEMORY. @cost a frame of floats and one of
- *  integers; reads the volume twice unless there is a peak
+ *  @return V2V_OK | V2V_E_INPUT | V2V_E_IO | V2V_E_BUSY | V2V_E_MEMORY
+ *  @cost a frame of floats and one of integers; reads the volume twice unless there is a peak
  *  @source Pietzsch et al., Nature Methods 12, 481-483 (2015); https://imagej.net/plugins/bdv */
 enum v2v_status v2v_bdv_write(const char *path, struct v2v_volume *volume,
                               const struct v2v_volume_storage *storage) V2V_MUST_CHECK;

@@ -25,8 +25,8 @@ struct v2v_scaling {
  *  offset, becomes 0.2 (REFERENCE.md 1). Where nothing is stated and auto takes 0, the pedestal is
  *  what the first frame has at least (v2v_pedestal_of_images). Reads all frames once when the
  *  offset has to be guessed or the gain is auto, split over ranks.
- *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (auto gain and a mean that no float32 gain
- *  makes 0.2); agreed */
+ *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (auto gain and a mean that
+ *  no float32 gain makes 0.2); agreed */
 enum v2v_status v2v_scaling_decide(struct v2v_scaling *scaling, struct v2v_recording *recording,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

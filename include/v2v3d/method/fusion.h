@@ -41,9 +41,10 @@ void v2v_fusion_begin(struct v2v_fusion *fusion, const float *views);
 const float *v2v_fusion_align(struct v2v_fusion *fusion, const float *views,
                               const float *neighbour);
 
-/** Add a neighbour u: y[v,y,x] += w f y_u, w = f^-2 / (1 + 2 max(0, E - 1.5)), where f makes its
- *  brightness that of t, and E is the mean square of the smoothed difference of the two frames
- *  about a pixel, in units of what noise makes. Noise of photons follows the light, and w with
+/** Add a neighbour u: y[v,y,x] += w f y_u, w = f^-2 / (1 + 2 max(0, E - 1.5) + 12 max(0, M - 1 -
+ *  1.34 / sqrt V)), where f makes its brightness that of t, E is the mean square of the smoothed
+ *  difference of the two frames about a pixel, in units of what noise makes, and M that of all
+ *  views. Noise of photons follows the light, and w with
  *  it.
  *  Nothing is added where E is not finite, nor anywhere where frame t is not, or has no noise.
  *  @kind   Local, no allocation; the same bits with any number of threads

@@ -49,8 +49,8 @@ struct v2v_denoise_report {
 
 /** @kind   Collective(comm)
  *  @return V2V_OK | V2V_STOPPED | V2V_E_INPUT (a clean recording of other sizes; weights) |
- *          V2V_E_CONFIG | V2V_E_IO | V2V_E_MEMORY | V2V_E_NUMERIC; agreed; without V2V_OK there is
- *          no output
+ *          V2V_E_USAGE (the output's name) | V2V_E_BUSY | V2V_E_CONFIG | V2V_E_IO | V2V_E_MEMORY |
+ *          V2V_E_NUMERIC; agreed; without V2V_OK there is no output
  *  @cost   a rank holds the frames of one network input, all views of them, twice */
 enum v2v_status v2v_denoise_run(const struct v2v_denoise_job *job,
                                 struct v2v_denoise_report *report,
