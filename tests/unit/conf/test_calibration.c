@@ -147,6 +147,8 @@ static void frames_of_another_size_have_other_fields(void **state)
     c.view[1].shading[4] = 0.1;
     assert_false(v2v_calibration_has_distortion(&c));
     assert_ok(v2v_calibration_check(&c, 2, 64, 48, "r.h5"));
+    assert_int_equal(v2v_calibration_check(&c, 2, 64, 32, "r.h5"), V2V_E_INPUT);
+    assert_int_equal(v2v_calibration_check(&c, 2, 32, 48, "r.h5"), V2V_E_INPUT);
     assert_int_equal(v2v_calibration_check(&c, 2, 32, 32, "r.h5"), V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "r.h5: 2 views of 32 x 32"));
     c.view[0].distortion_x[0] = -0.1;

@@ -39,6 +39,26 @@ static void noise_alone_is_nothing_missed(void **state)
     }
 }
 
+/* 100 squares of which noise has 1 each, all of them give or take the root of 200: of what is not
+ * eight times that above their sum, 113, nothing is known. */
+static void what_noise_may_make_is_nothing_missed(void **state)
+{
+    (void)state;
+    struct v2v_structure found = {.yy = 180.0, .dyy = 256.0, .differences = 1.0, .squares = 100.0};
+    assert_true(isnan(v2v_structure_missed(&found)));
+    found.yy = 220.0;
+    assert_true(v2v_structure_missed(&found) == 1.0); /* of views alone */
+    found = (struct v2v_structure){.yy = 1100.0,
+                                   .yp = sqrt(920.0),
+                                   .pp = 1.0,
+                                   .dyy = 256.0,
+                                   .differences = 1.0,
+                                   .squares = 100.0};
+    assert_true(v2v_structure_missed(&found) == 0.0);
+    found.yp = sqrt(880.0); /* 1100 - 880 - 100 of 1100 - 100 */
+    assert_true(fabs(v2v_structure_missed(&found) - sqrt(0.12)) < 1e-4);
+}
+
 /* A tenth of another structure, however much noise lies over it. */
 static void what_the_volume_lacks_is_seen_through_noise(void **state)
 {
@@ -193,6 +213,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(noise_alone_is_nothing_missed),
+        cmocka_unit_test(what_noise_may_make_is_nothing_missed),
         cmocka_unit_test(what_the_volume_lacks_is_seen_through_noise),
         cmocka_unit_test(views_without_structure_miss_nothing_that_is_known),
         cmocka_unit_test(a_dark_view_is_lacking_beside_plain_ones),

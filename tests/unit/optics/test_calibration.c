@@ -43,21 +43,21 @@ static void kernels_go_where_they_are_told(void **state)
     struct v2v_calibration c;
     assert_ok(v2v_calibration_init(&c, PSF_VIEWS, 64, 64));
     c.view[0] =
-        (struct v2v_view_calibration){.gain = 1.25, .shift = {3.3, -1.7}, .slope = {0.5, -0.8}};
+        (struct v2v_view_calibration){.gain = 1.25, .shift = {3.3, -1.7}, .slope = {0.8, -0.8}};
     c.view[1].gain = 0.5;
     assert_ok(v2v_calibration_apply_to_psf(&psf, &c));
-    /* ceil(3.3 + 0.5) and two pixels on every side; centres stay centres */
-    assert_int_equal(psf.height, PSF_HEIGHT + 12);
-    assert_int_equal(psf.width, PSF_WIDTH + 12);
+    /* ceil(3.3 + 0.8) and two pixels on every side; centres stay centres */
+    assert_int_equal(psf.height, PSF_HEIGHT + 14);
+    assert_int_equal(psf.width, PSF_WIDTH + 14);
     for (int v = 0; v < PSF_VIEWS; v++) {
         for (int z = 0; z < PSF_SLICES; z++) {
             double worst = 0.0;
             const double depth = (z - 2) / 2.0, *const a = parallax[v];
             const struct v2v_view_calibration *view = &c.view[v];
             for (int64_t i = 0; i < psf.height * psf.width; i++) {
-                const double dy = (double)(i / psf.width - 25) - a[0] * (z - 2) - view->shift[0] -
+                const double dy = (double)(i / psf.width - 26) - a[0] * (z - 2) - view->shift[0] -
                                   view->slope[0] * depth;
-                const double dx = (double)(i % psf.width - 27) - a[1] * (z - 2) - view->shift[1] -
+                const double dx = (double)(i % psf.width - 28) - a[1] * (z - 2) - view->shift[1] -
                                   view->slope[1] * depth;
                 const double got =
                     (double)psf.data[(v * PSF_SLICES + z) * psf.height * psf.width + i];

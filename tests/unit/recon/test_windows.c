@@ -98,6 +98,16 @@ static void one_place_takes_one_window_also_in_a_corner(void **state)
     }
 }
 
+/* Twice the margin is beside the core, however large it is. */
+static void a_large_place_has_its_margins(void **state)
+{
+    (void)state;
+    memset(changed, 0, sizeof changed);
+    mark(10, 38, 20, 48); /* 112 pixels, 120 with the halo, 136 with margins: above the least */
+    assert_int_equal(cover(), 1);
+    assert_covered(1);
+}
+
 /* Of a frame with odd sides the border is odd. */
 static void odd_sides_begin_at_even_places(void **state)
 {
@@ -194,6 +204,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nothing_changed_takes_no_window),
         cmocka_unit_test(one_place_takes_one_window_also_in_a_corner),
+        cmocka_unit_test(a_large_place_has_its_margins),
         cmocka_unit_test(odd_sides_begin_at_even_places),
         cmocka_unit_test(places_far_apart_take_a_window_each),
         cmocka_unit_test(a_frame_that_changed_everywhere_is_not_cut),
