@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -38,6 +39,25 @@ static void a_crash_of_the_child_is_bad_input(void **state)
     assert_string_equal(v2v_status_message(), "a.h5: is damaged: HDF5 crashed on it (signal 6)");
     assert_int_equal(v2v_h5_guard_with("a.h5", look_and_fail), V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "a.h5: is damaged"));
+}
+
+static void look_at_limits(const char *file)
+{
+    struct rlimit core, space, time;
+    (void)file;
+    getrlimit(RLIMIT_CORE, &core);
+    getrlimit(RLIMIT_AS, &space);
+    getrlimit(RLIMIT_CPU, &time);
+#ifdef __SANITIZE_ADDRESS__
+    space.rlim_cur = 0; /* is not bounded there */
+#endif
+    _exit(!(core.rlim_max == 0 && space.rlim_cur != RLIM_INFINITY && time.rlim_cur <= 60));
+}
+
+static void the_child_is_bounded(void **state)
+{
+    (void)state;
+    assert_ok(v2v_h5_guard_with("a.h5", look_at_limits));
 }
 
 static pid_t only_child(void)
@@ -91,6 +111,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_crash_of_the_child_is_bad_input),
+        cmocka_unit_test(the_child_is_bounded),
         cmocka_unit_test(a_helper_looks_until_it_is_stopped),
     };
     return cmocka_run_group_tests_name("h5_guard", tests, NULL, NULL);

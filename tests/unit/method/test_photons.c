@@ -86,6 +86,16 @@ static void a_frame_settles_the_noise_of_those_after_it(void **state)
     assert_settles(V2V_NOISE_MODEL_GAUSSIAN);
 }
 
+/* 4000 samples or more tell photons. */
+static void few_samples_are_not_clear(void **state)
+{
+    (void)state;
+    const struct v2v_camera camera = v2v_camera_of(&config);
+    make_views(0.1, 0.01);
+    assert_false(v2v_photons_find(scratch, views, 2, SIDE, SIDE, &camera).is_clear);
+    assert_true(v2v_photons_find(scratch, views, 3, SIDE, SIDE, &camera).is_clear);
+}
+
 /* The same frame by another model is another volume: it is the configuration that counts. */
 static void what_was_settled_is_what_a_frame_is_weighed_by(void **state)
 {
@@ -202,6 +212,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_frame_settles_the_noise_of_those_after_it, setup, drop),
+        cmocka_unit_test_setup_teardown(few_samples_are_not_clear, setup, drop),
         cmocka_unit_test_setup_teardown(what_was_settled_is_what_a_frame_is_weighed_by, setup,
                                         drop),
         cmocka_unit_test_setup_teardown(five_standard_errors_are_photons, setup, drop),

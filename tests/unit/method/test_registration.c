@@ -47,6 +47,26 @@ static void show(float *image, float *deep, const struct v2v_view_calibration *v
     }
 }
 
+/* A round at a prediction, of samples `times` as bright at `truth`, of which the first are blind. */
+static void step(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
+                 float times, unsigned terms, int smoothing, int64_t blind)
+{
+    static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, view};
+    struct v2v_registration registration;
+    struct v2v_registration_images images;
+    assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
+    show(seen, deep, truth);
+    show(predicted, deep, view);
+    for (int64_t i = 0; i < PIXELS; i++) {
+        seen[i] = i < blind ? V2V_BLIND : times * seen[i];
+    }
+    v2v_registration_compare(&registration, &images, seen, predicted, deep, terms, smoothing,
+                             v2v_registration_judged(HEIGHT), v2v_registration_judged(WIDTH));
+    (void)v2v_registration_step(&c, &registration, terms, smoothing);
+    v2v_registration_images_fini(&images);
+}
+
 /* The first pixels of a view are blind.
  * @return the farthest that any number of the view is from `truth` after the rounds */
 static double fit_seen(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
@@ -110,6 +130,21 @@ static void all_that_is_asked_for_is_found(void **state)
                 5e-3);
 }
 
+/* Derivatives are those of the smoothed image, and a gain at most doubles at once: rounds would come
+ * to the same end without. */
+static void a_round_goes_as_far_as_it_should(void **state)
+{
+    (void)state;
+    const struct v2v_view_calibration there = {.gain = 1.0},
+                                      moved = {.gain = 1.0, .shift = {0.2, -0.1}};
+    struct v2v_view_calibration view = there;
+    step(&view, &moved, 1.0f, V2V_REGISTER_SHIFT, 3, 0);
+    assert_true(fabs(view.shift[0] - 0.2) < 0.03 && fabs(view.shift[1] + 0.1) < 0.03);
+    view = there;
+    step(&view, &there, 4.0f, V2V_REGISTER_SHIFT, 1, 0);
+    assert_true(fabs(view.gain - 2.0) < 1e-6);
+}
+
 /* .. and beside blind samples: the upper half of what is judged. */
 static void blind_samples_count_for_nothing(void **state)
 {
@@ -121,6 +156,11 @@ static void blind_samples_count_for_nothing(void **state)
     const unsigned terms = V2V_REGISTER_SHIFT | V2V_REGISTER_SLOPE;
     assert_true(fit_seen(&view, &truth, terms, 1, BLIND) < 1e-3);
     assert_true(fit_seen(&coarse, &truth, terms, 3, BLIND) < 1e-3);
+    const struct v2v_view_calibration there = {.gain = 1.0};
+    view = there;
+    step(&view, &there, 1.1f, V2V_REGISTER_SHIFT, 3, BLIND); /* nor those smoothed with them */
+    assert_true(fabs(log(view.gain) - 0.1) < 1e-5);          /* the step is of a logarithm */
+    assert_true(fabs(view.shift[0]) < 1e-5 && fabs(view.shift[1]) < 1e-5);
     float recorded[4] = {2.0f, V2V_BLIND, 4.0f, 0.0f};
     const float prediction[4] = {1.0f, 100.0f, 2.0f, 0.0f};
     const struct v2v_part line = {0, 1}, all = {0, 4};
@@ -288,6 +328,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(all_that_is_asked_for_is_found),
+        cmocka_unit_test(a_round_goes_as_far_as_it_should),
         cmocka_unit_test(blind_samples_count_for_nothing),
         cmocka_unit_test(fine_fields_are_found_where_they_are_asked_for),
         cmocka_unit_test(what_is_not_asked_for_stays),

@@ -83,6 +83,7 @@ static void what_is_judged_holds_light(void **state)
     assert_judged_from(24, 5.0f, 45);  /* 21 of 45 columns where the square has 52 of 100 */
     assert_judged_from(8, 5.0f, 30);   /* 6 of 30: the noise inside counts as none */
     assert_judged_from(8, 5.0f, 20);
+    assert_judged_from(8, 2.0f, 15); /* none of 15: there is noise alone inside */
 }
 
 int main(void)

@@ -108,6 +108,7 @@ static void noise_is_measured_and_seldom_looks_like_light(void **state)
 {
     (void)state;
     int64_t above = 0;
+    double sum = 0.0;
     struct v2v_shifts shifts = small_shifts(VIEWS, SLICES);
     fill_background(0.0, 0.3);
     double noise = carve(&shifts), expected = 0.3 / sqrt(VIEWS) / V2V_CARVE_BOX;
@@ -117,8 +118,10 @@ static void noise_is_measured_and_seldom_looks_like_light(void **state)
     assert_true(fabs(noise / expected - 1.0) <= 4.0 * 0.006 * 1.5);
     for (int64_t i = 0; i < ROWS * COLUMNS; i++) {
         above += (double)light[i] > 3.0 * noise;
+        sum += (double)light[i];
     }
     assert_true(above <= ROWS * COLUMNS / 100);
+    assert_true(fabs(sum) < ROWS * COLUMNS * noise); /* nor does the background */
     v2v_shifts_fini(&shifts);
 }
 
