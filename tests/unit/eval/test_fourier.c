@@ -52,6 +52,31 @@ static double resolution_of(double limit, double own_from)
     return v2v_fourier_resolution(rings, HEIGHT / 2);
 }
 
+/* A wave along y has both its frequencies in half a spectrum, one along x has one of them. */
+static void waves_along_either_axis_count_alike(void **state)
+{
+    (void)state;
+    enum { SIDE = 48, RINGS = SIDE / 2 };
+    static float along_y[SIDE * SIDE], along_x[SIDE * SIDE];
+    struct v2v_ring of_y[RINGS] = {{0}}, of_x[RINGS] = {{0}};
+    struct v2v_fourier *fourier = NULL;
+    double most = 0.0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        along_y[i] = (float)cos(0.9 * (i / SIDE));
+        along_x[i] = (float)cos(0.9 * (i % SIDE));
+    }
+    assert_ok(v2v_fourier_create(&fourier, SIDE, SIDE));
+    v2v_fourier_correlate(fourier, of_y, along_y, along_y);
+    v2v_fourier_correlate(fourier, of_x, along_x, along_x);
+    v2v_fourier_destroy(&fourier);
+    for (int r = 0; r < RINGS; r++) {
+        most = fmax(most, of_y[r].first);
+    }
+    for (int r = 0; r < RINGS; r++) {
+        assert_true(fabs(of_y[r].first - of_x[r].first) < 1e-6 * most);
+    }
+}
+
 /* The window widens a line by about a ring (1 / 96 of a cycle a pixel) to either side, so that what
  * is shared and what is not mix in two of them: the limit is met to that. */
 static void shared_frequencies_end_where_the_correlation_does(void **state)
@@ -211,6 +236,7 @@ static void a_flat_image_lies_nowhere(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(waves_along_either_axis_count_alike),
         cmocka_unit_test(shared_frequencies_end_where_the_correlation_does),
         cmocka_unit_test(narrow_images_share_no_more_than_wide_ones),
         cmocka_unit_test(dim_slices_count_less),

@@ -154,6 +154,31 @@ static void the_sum_of_a_folder_knows_order_and_bytes(void **state)
     assert_true(first != other);
 }
 
+/* 32 MiB of zeros but for one byte, which is in the first piece of 16 MiB or in the second. */
+static uint64_t sum_with_byte_at(const char *name, long at)
+{
+    enum { BYTES = 2 << 24 };
+    uint64_t sum = 0;
+    char file[600];
+    snprintf(file, sizeof file, "%s/%s", path, name);
+    FILE *out = fopen(file, "wbe");
+    assert_non_null(out);
+    assert_int_equal(fseek(out, at, SEEK_SET), 0);
+    assert_int_equal(fputc('x', out), 'x');
+    assert_int_equal(fflush(out), 0);
+    assert_int_equal(ftruncate(fileno(out), BYTES), 0);
+    assert_int_equal(fclose(out), 0);
+    assert_ok(v2v_file_sum(&sum, file, NULL));
+    return sum;
+}
+
+static void the_sum_of_a_file_knows_where_its_pieces_are(void **state)
+{
+    (void)state;
+    use_folder(0, 0);
+    assert_true(sum_with_byte_at("a.raw", 0) != sum_with_byte_at("b.raw", 1 << 24));
+}
+
 /* Files of one frame state the time from frame to frame, whether or not the caller counts views. */
 static void a_file_is_an_interval(void **state)
 {
@@ -272,6 +297,7 @@ int main(void)
         cmocka_unit_test(every_file_of_many_is_read_and_watched),
         cmocka_unit_test(a_file_is_an_interval),
         cmocka_unit_test(the_sum_of_a_folder_knows_order_and_bytes),
+        cmocka_unit_test(the_sum_of_a_file_knows_where_its_pieces_are),
         cmocka_unit_test(a_number_that_is_missing_is_warned_of),
         cmocka_unit_test(pixels_of_another_size_are_warned_of_by_the_files_name),
     };

@@ -69,6 +69,24 @@ static void centroids_half_way_round_to_the_even_flipped_pixel(void **state)
     v2v_mem_free(psf.data);
 }
 
+/* 0.1 of a pixel is more than samples are rounded by. */
+static void centroids_beside_half_way_round_to_the_nearer_pixel(void **state)
+{
+    struct v2v_psf_file psf;
+    struct v2v_shifts shifts;
+    (void)state;
+    make_psf(&psf, 1, 2, 9, 9); /* centre 4 */
+    *pixel(&psf, 0, 0, 5, 4) = 0.6f;
+    *pixel(&psf, 0, 0, 6, 4) = 0.4f;
+    *pixel(&psf, 0, 1, 5, 4) = 0.4f;
+    *pixel(&psf, 0, 1, 6, 4) = 0.6f;
+    assert_ok(v2v_shifts_from_psf(&shifts, &psf));
+    const int32_t dy[] = {1, 2};
+    assert_memory_equal(shifts.dy, dy, sizeof dy);
+    v2v_shifts_fini(&shifts);
+    v2v_mem_free(psf.data);
+}
+
 static void slice_without_energy_has_shift_zero(void **state)
 {
     struct v2v_psf_file psf;
@@ -194,6 +212,7 @@ int main(void)
         cmocka_unit_test(shift_of_a_point_is_its_distance_from_the_centre),
         cmocka_unit_test(shift_of_an_even_side_counts_from_the_flipped_centre),
         cmocka_unit_test(centroids_half_way_round_to_the_even_flipped_pixel),
+        cmocka_unit_test(centroids_beside_half_way_round_to_the_nearer_pixel),
         cmocka_unit_test(slice_without_energy_has_shift_zero),
         cmocka_unit_test(shifts_short_of_memory_hold_nothing),
         cmocka_unit_test(flip_that_maps_the_set_onto_itself_names_the_partners),
