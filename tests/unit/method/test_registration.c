@@ -47,7 +47,7 @@ static void show(float *image, float *deep, const struct v2v_view_calibration *v
     }
 }
 
-/* A round at a prediction, of samples `times` as bright at `truth`, of which the first are blind. */
+/* A round, of samples `times` as bright as those at `truth`, of which the first are blind. */
 static void step(struct v2v_view_calibration *view, const struct v2v_view_calibration *truth,
                  float times, unsigned terms, int smoothing, int64_t blind)
 {
@@ -130,8 +130,8 @@ static void all_that_is_asked_for_is_found(void **state)
                 5e-3);
 }
 
-/* Derivatives are those of the smoothed image, and a gain at most doubles at once: rounds would come
- * to the same end without. */
+/* Derivatives are those of the smoothed image, and a gain at most doubles at once: rounds would
+ * come to the same end without. */
 static void a_round_goes_as_far_as_it_should(void **state)
 {
     (void)state;
