@@ -129,15 +129,17 @@ extern const struct v2v_command v2v_command_weights_init;
                    "PSFs: each view sums to 1, or as they are")
 #define V2V_OPTION_CALIBRATION(type, field)                                                        \
     V2V_OPTION_FILE(type, field, "calibration", 0, "of the views: v2v3d calibrate")
-#define V2V_OPTIONS_PAGES                                                                          \
+/* Of a recording; more: what else the options have, as .needs. */
+#define V2V_OPTIONS_PAGES_WITH(more)                                                               \
     V2V_OPTION_SET("views", "input.views", "V",                                                    \
-                   "TIFF input: views of a frame; 0: as PSFs or file"),                            \
+                   "TIFF input: views of a frame; 0: as PSFs or file", more),                      \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
-                       "page (HDF5: view) of the first frame's first view, from 0"),               \
+                       "page (HDF5: view) of the first frame's first view, from 0", more),         \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \
-                       "pages (HDF5: views) from frame to frame; 1: sliding window"),              \
+                       "pages (HDF5: views) from frame to frame; 1: sliding window", more),        \
         V2V_OPTION_SET("layout", "input.layout", "auto|views|frames",                              \
-                       "a folder of TIFFs: a file a view, or files of whole frames")
+                       "a folder of TIFFs: a file a view, or files of whole frames", more)
+#define V2V_OPTIONS_PAGES V2V_OPTIONS_PAGES_WITH(.needs = NULL)
 #define V2V_OPTION_SLICES                                                                          \
     V2V_OPTION_SET("slices", "input.slices", "Z", "slices, where the file does not say")
 #define V2V_OPTION_CHANNEL                                                                         \

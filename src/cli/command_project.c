@@ -30,7 +30,7 @@ static const struct v2v_option options[] = {
     V2V_OPTION_SET("reduce", "psf.reduce", "sum|mean", "over depth"),
     V2V_OPTION_CALIBRATION(struct arguments, calibration),
     V2V_OPTION_NORMALIZE,
-    V2V_OPTIONS_PAGES,
+    V2V_OPTIONS_PAGES_WITH(.needs = "adjoint"),
     V2V_OPTION_SLICES,
     V2V_OPTIONS_INPUT,
     V2V_OPTIONS_SIZES,
@@ -159,35 +159,19 @@ done:
     return rc;
 }
 
-/* What is projected is missing, or one of two, or goes with options of a recording. */
-static enum v2v_status check_options(const struct arguments *given)
-{
-    static const char *const of_recordings[] = {"input.views", "input.first_view", "input.stride",
-                                                "input.layout"};
-    enum v2v_status rc = V2V_OK;
-    if (given->adjoint && given->input != NULL && given->volume != NULL) {
-        return V2V_FAIL(V2V_E_USAGE, "--adjoint is of a recording (--input), not of --volume");
-    }
-    if (given->volume == NULL && (!given->adjoint || given->input == NULL)) {
-        return V2V_FAIL(V2V_E_USAGE, "--%s FILE is missing", given->adjoint ? "input" : "volume");
-    }
-    for (size_t i = 0; i < sizeof of_recordings / sizeof *of_recordings && !given->adjoint; i++) {
-        if (v2v_options_set(&given->common, of_recordings[i])) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s is of recordings (--adjoint), not of a volume",
-                             of_recordings[i]));
-        }
-    }
-done:
-    return rc;
-}
-
 static enum v2v_status run(const void *arguments, struct v2v_session *session)
 {
     const struct arguments *given = arguments;
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
     const char *recording = given->input != NULL ? given->input : given->volume;
-    V2V_TRY(check_options(given));
+    if (given->adjoint && given->input != NULL && given->volume != NULL) {
+        V2V_TRY(
+            V2V_FAIL(V2V_E_USAGE, "--adjoint is of a recording (--input), not of --volume, too"));
+    }
+    if (given->adjoint ? recording == NULL : given->volume == NULL) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--%s FILE is missing", given->adjoint ? "input" : "volume"));
+    }
     V2V_TRY(v2v_step_output(
         session, given->output,
         (const char *const[]){given->psf, given->calibration, given->volume, given->input}, 4));

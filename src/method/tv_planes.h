@@ -53,7 +53,7 @@ struct v2v_tv_steps {
  *  @kind Local. */
 struct v2v_penalty v2v_tv_planes_penalty(const struct v2v_tv_steps *steps);
 
-/** Duals of x >= 0 times `factor`, for `plain` over it: K^T u stays. Local. */
+/** Duals of x >= 0 times `factor`, for `plain` over it: K^T u stays. @kind Local. */
 void v2v_tv_planes_rescale(struct v2v_tv_planes *planes, float factor);
 
 /** @kind Local. @return V2V_OK | V2V_E_MEMORY; _fini after both */

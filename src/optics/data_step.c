@@ -27,7 +27,7 @@ struct v2v_data_step {
     float unit;                 /* of its squares: as bright as the views, a pixel */
     double filled;              /* v2v_data_step_filled of the last change */
     float *spectra;             /* [block,v,2,V2V_BLOCK]: of y */
-    float *scratch;             /* [thread,2 v + z,2,V2V_BLOCK] */
+    float *scratch;             /* [thread,scratch_of] */
     double *entries;            /* [thread,entries_of] */
     double *squares;            /* [v, square]: of v2v_data_step_coarse */
     double *sums;               /* [torus height] or [2,column]: squares of a row of all views, or
@@ -56,6 +56,12 @@ static int64_t entries_of(int64_t views, int64_t slices)
            v2v_hermitian_scratch(views);
 }
 
+/* What a thread works in: two numbers a view, and one a slice, of a frequency. */
+static int64_t scratch_of(int64_t views, int64_t slices)
+{
+    return (2 * views + slices) * V2V_BLOCK_FLOATS;
+}
+
 static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
                              const struct v2v_torus *torus)
 {
@@ -68,7 +74,7 @@ static struct sizes sizes_of(int64_t views, int64_t slices, int64_t blocks,
         .sums = v2v_larger(torus->height, 2 * (torus->width / 2 + 1) + 1),
         .factor = v2v_mem_product(blocks, v2v_hermitian_pairs(views), V2V_BLOCK_FLOATS),
         .spectra = v2v_mem_product(blocks, views, V2V_BLOCK_FLOATS),
-        .scratch = v2v_mem_product(omp_get_max_threads(), 2 * views + slices, V2V_BLOCK_FLOATS),
+        .scratch = v2v_mem_product(omp_get_max_threads(), scratch_of(views, slices), 1),
         .entries = v2v_mem_product(omp_get_max_threads(), entries_of(views, slices), 1)};
 }
 
@@ -301,8 +307,7 @@ static void solve_block(struct v2v_data_step *step, int64_t b, float *slice)
     const struct v2v_frequency_block *block = &projector->block[b];
     const float *recorded = spectra_of(step, b), *otf = v2v_projector_otf(projector, b, 0);
     const int64_t of_view = step->slices * V2V_BLOCK_FLOATS;
-    float *rest =
-        step->scratch + omp_get_thread_num() * (2 * step->views + step->slices) * V2V_BLOCK_FLOATS;
+    float *rest = step->scratch + omp_get_thread_num() * scratch_of(step->views, step->slices);
     float *solved = rest + step->views * V2V_BLOCK_FLOATS;
     float *moved = solved + step->views * V2V_BLOCK_FLOATS;
     for (int64_t v = 0; v < step->views; v++) {

@@ -7,10 +7,10 @@ void v2v_tridiagonal_factor(double *inverse_d, const double *p, double depth, in
 {
     for (int64_t z = 0; z < slices; z++) {
         const double neighbours = (double)(z > 0) + (double)(z + 1 < slices);
-        const double *before = inverse_d + (z - 1) * V2V_BLOCK;
+        double *own = inverse_d + z * V2V_BLOCK;
         for (int64_t f = 0; f < V2V_BLOCK; f++) {
-            const double eliminated = z > 0 ? depth * depth * before[f] : 0.0;
-            inverse_d[z * V2V_BLOCK + f] = 1.0 / (p[f] + depth * neighbours - eliminated);
+            const double eliminated = z > 0 ? depth * depth * own[f - V2V_BLOCK] : 0.0;
+            own[f] = 1.0 / (p[f] + depth * neighbours - eliminated);
         }
     }
 }

@@ -60,6 +60,9 @@ same fftw.h5 alone.h5 /views
 works project --psf one/psf.h5 --input lfi.h5 --adjoint -o fftw_adjoint.h5 --normalize none \
     --set parallel.split=slabs --set parallel.transform=fftw3-mpi
 same fftw_adjoint.h5 adjoint.h5 /volume
+refuses 2 '--stride needs --adjoint' project --psf one/psf.h5 --volume one/truth.h5 -o out.h5 --stride 7
+refuses 2 'of a recording' project --psf one/psf.h5 --volume one/truth.h5 --input lfi.h5 --adjoint \
+    -o out.h5
 refuses 78 'parallel.split.*slices' project --psf one/psf.h5 --volume one/truth.h5 -o out.h5 \
     --set parallel.split=rows
 

@@ -125,6 +125,10 @@ tells 'frame 1: [0-9.]* % of its pixels are saturated: .* 2 of 4 frames are such
 works "${scene[@]}" --noise gaussian:1 -o grainy.h5 --truth grainy_truth.h5
 works deconvolve --psf psf.h5 --input grainy.h5 -o grainy_volume.h5
 tells 'the volume has [1-9][.0-9]* times the light of its views, by noise where it is dark'
+works evaluate --volume grainy_volume.h5 --psf psf.h5 --input grainy.h5
+tells 'times the light of its views in frame'
+works evaluate --volume grainy_volume.h5 --psf psf.h5 --input grainy.h5 --quiet
+misses 'times the light'
 works deconvolve --psf psf.h5 --input good.h5 -o good_again.h5
 misses 'times the light'
 works project --psf psf.h5 --volume grainy_truth.h5 -o aside.h5 --slice-spacing 3
