@@ -152,11 +152,12 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTIONS_INPUT                                                                          \
     V2V_OPTION_CHANNEL, V2V_OPTION_DATASET("HDF5: read this dataset, not /views or /volume"),      \
         V2V_OPTION_PIXEL_SIZE
-#define V2V_OPTIONS_SIZES                                                                          \
+#define V2V_OPTION_SLICE_SPACING                                                                   \
     V2V_OPTION_SET("slice-spacing", "input.slice_spacing_um", "UM",                                \
-                   "of the volume, whatever input and PSFs say"),                                  \
-        V2V_OPTION_SET("frame-interval", "input.frame_interval_s", "S",                            \
-                       "from frame to frame of the input, whatever it says")
+                   "of the volume, whatever input and PSFs say")
+#define V2V_OPTIONS_SIZES                                                                          \
+    V2V_OPTION_SLICE_SPACING, V2V_OPTION_SET("frame-interval", "input.frame_interval_s", "S",      \
+                                             "from frame to frame of the input, whatever it says")
 #define V2V_OPTION_OFFSET                                                                          \
     V2V_OPTION_SET("offset", "input.offset", "none|auto|N", "subtracted from the counts")
 #define V2V_OPTION_GAIN                                                                            \

@@ -20,7 +20,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MOST_REPEAT = 99, OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
+enum { SIZE = 256, REPEAT = 3, MOST_REPEAT = 99, OUTPUTS = V2V_NETWORK_MOST_OUTPUTS };
 
 /* Ways to compute the configured network, the most exact one first: settings over the
  * configuration, bf16 where the processor has it. */
@@ -52,16 +52,14 @@ static const struct v2v_option options[] = {
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, size),
      .value = "N",
-     .help = "pixels of a frame's side",
-     .initial = "256",
+     .help = "pixels of a frame's side; default: 256",
      .least = 1,
      .most = 16384},
     {.name = "repeat",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, repeat),
      .value = "N",
-     .help = "rounds of which the median is taken",
-     .initial = "3",
+     .help = "rounds of which the median is taken; default: 3",
      .least = 1,
      .most = MOST_REPEAT},
     V2V_OPTION_SWITCH(struct arguments, json, "json", "one JSON object a row"),
@@ -105,7 +103,7 @@ struct row {
 struct bench {
     const struct v2v_network_ops *ops;
     struct v2v_psf_file psf;
-    int64_t size, voxels; /* voxels: of what the network makes */
+    int64_t size, rounds, voxels; /* voxels: of what the network makes */
     float *views, *volume[OUTPUTS], *exact[OUTPUTS];
     struct row row[VARIANTS];
 };
@@ -131,8 +129,10 @@ static enum v2v_status prepare(struct bench *bench, const struct arguments *give
                                           .views = bench->psf.views,
                                           .slices = bench->psf.slices,
                                           .outputs = V2V_NETWORK_ALL};
-    bench->ops->describe_work(&work, &spec, given->size, given->size);
-    bench->size = v2v_round_up(given->size, work.unit);
+    bench->rounds = given->repeat > 0 ? given->repeat : REPEAT;
+    bench->size = given->size > 0 ? given->size : SIZE;
+    bench->ops->describe_work(&work, &spec, bench->size, bench->size);
+    bench->size = v2v_round_up(bench->size, work.unit);
     V2V_TRY(v2v_network_create(&network, bench->ops->name, &spec));
     bench->voxels = v2v_mem_product(network->slices, bench->size, bench->size);
     const int64_t pixels = v2v_mem_product(network->inputs, bench->size, bench->size);
@@ -266,8 +266,8 @@ static enum v2v_status print(struct bench *bench, const struct arguments *given,
             continue;
         }
         double forward_s = 0.0, gradient_s = 0.0;
-        V2V_TRY(v2v_percentile(&forward_s, row->forward_s, given->repeat, 50.0));
-        V2V_TRY(v2v_percentile(&gradient_s, row->gradient_s, given->repeat, 50.0));
+        V2V_TRY(v2v_percentile(&forward_s, row->forward_s, bench->rounds, 50.0));
+        V2V_TRY(v2v_percentile(&gradient_s, row->gradient_s, bench->rounds, 50.0));
         const struct v2v_json_item items[] = {
             {.name = "variant", .text = variants[i].name},
             {.name = "method", .text = bench->ops->name},
@@ -293,6 +293,23 @@ done:
     return rc;
 }
 
+/* Do the words fit together? Local: the same on all ranks. */
+static enum v2v_status check_words(const struct arguments *given)
+{
+    const char *of_recording = v2v_options_of(&given->common, "input.");
+    if (given->methods && given->psf == NULL) {
+        return V2V_FAIL(V2V_E_USAGE, "--methods needs --psf");
+    }
+    if (given->methods && (given->size > 0 || given->repeat > 0)) {
+        return V2V_FAIL(V2V_E_USAGE, "--%s: --methods runs each on the frame of --input once",
+                        given->size > 0 ? "size" : "repeat");
+    }
+    if (!given->methods && of_recording != NULL) {
+        return V2V_FAIL(V2V_E_USAGE, "--%s is of a recording: --methods is missing", of_recording);
+    }
+    return V2V_OK;
+}
+
 static enum v2v_status compare_methods(const struct arguments *given, struct v2v_session *session)
 {
     enum v2v_status rc = V2V_OK;
@@ -303,9 +320,6 @@ static enum v2v_status compare_methods(const struct arguments *given, struct v2v
                                               .weights = given->weights,
                                               .only = given->only,
                                               .json = given->json};
-    if (given->psf == NULL) {
-        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--methods needs --psf"));
-    }
     V2V_TRY(v2v_step_calibration(session, given->calibration));
     V2V_TRY(v2v_bench_methods(&methods, session));
 done:
@@ -321,13 +335,14 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
         return V2V_FAIL(V2V_E_USAGE, "bench measures one rank; here are %d",
                         v2v_comm_size(session->world));
     }
+    V2V_TRY(check_words(given));
     if (given->methods) {
         V2V_TRY(compare_methods(given, session));
         goto done;
     }
     V2V_TRY(V2V_ALLOC(bench, "bench", 1));
     V2V_TRY(prepare(bench, given, session));
-    for (int64_t round = 0; round < given->repeat; round++) {
+    for (int64_t round = 0; round < bench->rounds; round++) {
         for (int i = 0; i < VARIANTS; i++) {
             if (can_run(&variants[i], bench->ops)) {
                 V2V_TRY(measure(bench, i, round, &session->config));

@@ -285,25 +285,41 @@ done:
     return rc;
 }
 
+/* What an option is of; folders: it says how their files make a volume, too. */
+enum { OF_VOLUMES = 1, OF_RECORDINGS = 2, OF_PSFS = 4, OF_FOLDERS = 8 };
+
 /* Options of contents that this one isn't would do nothing. */
 static enum v2v_status refuse_others(const struct arguments *given, enum v2v_content content)
 {
+    enum { BOTH = OF_VOLUMES | OF_RECORDINGS };
     static const struct {
-        const char *key, *option;
-        int is_of_folders; /* bool: says how a folder's files are put together, too */
-    } of_recordings[] = {{"input.views", "--views", 1},
-                         {"input.layout", "--layout", 1},
-                         {"input.first_view", "--first-view", 0},
-                         {"input.stride", "--stride", 0}};
+        const char *key, *option, *owners;
+        int of;
+    } inputs[] = {{"input.views", "--views", "recordings", OF_RECORDINGS | OF_FOLDERS},
+                  {"input.layout", "--layout", "recordings", OF_RECORDINGS | OF_FOLDERS},
+                  {"input.first_view", "--first-view", "recordings", OF_RECORDINGS},
+                  {"input.stride", "--stride", "recordings", OF_RECORDINGS},
+                  {"input.slices", "--slices", "volumes", OF_VOLUMES},
+                  {"input.channel", "--channel", "volumes and recordings", BOTH},
+                  {"input.dataset", "--dataset", "volumes and recordings", BOTH},
+                  {"input.pixel_size_um", "--pixel-size", "images", BOTH | OF_PSFS},
+                  {"input.slice_spacing_um", "--slice-spacing", "volumes", OF_VOLUMES | OF_PSFS},
+                  {"input.frame_interval_s", "--frame-interval", "volumes and recordings", BOTH}};
+    static const struct {
+        int of;
+        const char *name;
+    } contents[] = {[V2V_CONTENT_VOLUME] = {OF_VOLUMES, "a volume (--kind recording)"},
+                    [V2V_CONTENT_RECORDING] = {OF_RECORDINGS, "a recording (--kind volume)"},
+                    [V2V_CONTENT_PSF] = {OF_PSFS, "PSFs"},
+                    [V2V_CONTENT_WEIGHTS] = {0, "weights"}};
     enum v2v_status rc = V2V_OK;
-    const int is_folder = v2v_file_is_folder(given->input);
-    const int is_other = content == V2V_CONTENT_VOLUME || content == V2V_CONTENT_PSF;
-    for (size_t i = 0; i < sizeof of_recordings / sizeof *of_recordings && is_other; i++) {
-        if (v2v_options_set(&given->common, of_recordings[i].key) &&
-            !(is_folder && of_recordings[i].is_of_folders)) {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s is of recordings, and %s is taken for %s",
-                             of_recordings[i].option, given->input,
-                             content == V2V_CONTENT_PSF ? "PSFs" : "a volume (--kind recording)"));
+    const int is_known = content > V2V_CONTENT_AUTO && content <= V2V_CONTENT_WEIGHTS;
+    const int is_folder = content == V2V_CONTENT_VOLUME && v2v_file_is_folder(given->input);
+    for (size_t i = 0; i < sizeof inputs / sizeof *inputs && is_known; i++) {
+        const int taken = contents[content].of | (is_folder ? OF_FOLDERS : 0);
+        if (v2v_options_set(&given->common, inputs[i].key) && (inputs[i].of & taken) == 0) {
+            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s is of %s, and %s is taken for %s", inputs[i].option,
+                             inputs[i].owners, given->input, contents[content].name));
         }
     }
     if (content != V2V_CONTENT_RECORDING && content != V2V_CONTENT_VOLUME &&

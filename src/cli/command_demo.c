@@ -1,6 +1,7 @@
 #include "cli/demo.h"
 #include "cli/demo_preset.h"
 #include "cli/steps.h"
+#include "cli/unused_settings.h"
 
 #include "v2v3d/base/clock.h"
 #include "v2v3d/base/memory.h"
@@ -239,6 +240,9 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     double started = v2v_clock_now();
     V2V_TRY(open_folder(&demo));
     v2v_step_announce(session);
+    if (v2v_step_on_root(session)) {
+        v2v_unused_settings_warn_command("demo", session);
+    }
     V2V_TRY(make_recording(&demo));
     V2V_TRY(train(&demo, given->max_time));
     V2V_TRY(make_volumes(&demo));

@@ -25,15 +25,19 @@ static enum v2v_status inform(const struct arguments *given, enum v2v_content co
     static const struct {
         const char *kind;
         v2v_informer *inform;
-    } kinds[] = {[V2V_CONTENT_VOLUME] = {"volume", v2v_inform_volume},
-                 [V2V_CONTENT_RECORDING] = {"recording", v2v_inform_recording},
+        int has_frames; /* bool */
+    } kinds[] = {[V2V_CONTENT_VOLUME] = {"volume", v2v_inform_volume, 1},
+                 [V2V_CONTENT_RECORDING] = {"recording", v2v_inform_recording, 1},
                  [V2V_CONTENT_PSF] = {"psf", v2v_inform_psf},
                  [V2V_CONTENT_WEIGHTS] = {"weights", v2v_inform_weights},
-                 [V2V_CONTENT_TIFF] = {"tiff", v2v_inform_tiff},
+                 [V2V_CONTENT_TIFF] = {"tiff", v2v_inform_tiff, 1},
                  [V2V_CONTENT_YAML] = {"yaml", v2v_inform_yaml},
                  [V2V_CONTENT_RUN] = {"run", v2v_inform_run}};
     enum v2v_status rc = V2V_OK;
     struct v2v_report report = {0};
+    if (given->frame > 0 && !kinds[content].has_frames) {
+        return V2V_FAIL(V2V_E_USAGE, "--frame: %s has none", given->path);
+    }
     V2V_TRY(v2v_par_agree(session->world, v2v_report_init(&report, kinds[content].kind)));
     rc = kinds[content].inform(&report, given->path, given->frame, session);
     V2V_TRY(v2v_par_agree(session->world, rc));

@@ -39,12 +39,12 @@ static const struct v2v_option options[] = {
      .initial = "projections"},
     V2V_OPTION_SLICES,
     V2V_OPTIONS_INPUT,
-    V2V_OPTIONS_SIZES,
+    V2V_OPTION_SLICE_SPACING,
     {.name = "z-zoom",
      .kind = V2V_OPTION_INTEGER,
      .at = offsetof(struct arguments, z_zoom),
      .value = "N",
-     .help = "pixels a slice; default: as the voxel size says, else 2",
+     .help = "of projections: pixels a slice; default: as the voxel size says, else 2",
      .least = 1,
      .most = 64},
     {.name = "low",
@@ -154,6 +154,10 @@ static enum v2v_status parse(struct film *film, const struct arguments *given)
     *film = (struct film){.output = given->output, .frames = {0, 1}, .held = -1};
     if (given->frame != NULL && given->frames != NULL) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--frame and --frames do not go together"));
+    }
+    if (given->z_zoom > 0 && given->kind != V2V_PREVIEW_PROJECTIONS) {
+        V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--z-zoom is of --kind projections alone: others draw no "
+                                      "slice from its side"));
     }
     if (given->frame != NULL) {
         V2V_TRY(v2v_text_to_i64(&film->frames.first, given->frame, 0, INT64_MAX, "--frame",

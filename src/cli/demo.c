@@ -180,6 +180,7 @@ enum v2v_status v2v_demo_deconvolve(struct v2v_demo *demo)
     const struct v2v_volumes given = {.psf = psf, .input = input, .output = output};
     session.config.deconv.iterations = demo->iterations;
     session.config.deconv.stop = V2V_STOP_FIXED;
+    session.config.recon.skip = (struct v2v_number){.mode = V2V_NUMBER_NONE}; /* the network's */
     V2V_TRY(v2v_config_set(&session.config, "deconv.method=rld"));
     V2V_TRY(v2v_demo_path(psf, demo, "psf.h5"));
     V2V_TRY(v2v_demo_path(input, demo, "recording.h5"));

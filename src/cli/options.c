@@ -395,6 +395,18 @@ int v2v_options_set(const struct v2v_common *common, const char *key)
     return 0;
 }
 
+const char *v2v_options_of(const struct v2v_common *common, const char *prefix)
+{
+    for (int64_t i = 0; i < common->assignment_count; i++) {
+        const struct v2v_assignment *assignment = &common->assignments[i];
+        const char *key = assignment->key != NULL ? assignment->key : assignment->text;
+        if (strncmp(key, prefix, strlen(prefix)) == 0) {
+            return assignment->option;
+        }
+    }
+    return NULL;
+}
+
 static void print_table(FILE *stream, const struct v2v_option *table)
 {
     enum { COLUMN = 30 };

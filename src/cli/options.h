@@ -79,6 +79,10 @@ enum v2v_status v2v_options_apply(const struct v2v_common *common,
  *  @kind Local. */
 int v2v_options_set(const struct v2v_common *common, const char *key);
 
+/** The first option of the command line whose key begins with `prefix`, without dashes ("set" of
+ *  --set); NULL: none. @kind Local. */
+const char *v2v_options_of(const struct v2v_common *common, const char *prefix);
+
 /** Print the table's options, then the common ones. @kind Local. */
 void v2v_options_help(FILE *stream, const struct v2v_option *table);
 

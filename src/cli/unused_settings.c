@@ -24,8 +24,8 @@ static int is_among(const char *const *keys, const char *key, int length)
     return 0;
 }
 
-/* What calibrate decides itself, and evaluate where it leaves views out (both go by tv), and what
- * is of volumes. */
+/* What calibrate decides itself, demo of its RLD, and evaluate where it leaves views out (by tv, as
+ * calibrate), and what is of volumes. */
 static const struct {
     const char *command;
     const char *const *keys;
@@ -35,6 +35,7 @@ static const struct {
                            "deconv.lambda", "deconv.noise", "deconv.curvature", "deconv.sparsity",
                            "deconv.electrons_per_count", "deconv.read_noise", "recon.",
                            "input.gain", "psf.reduce", NULL}},
+    {"demo", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop", NULL}},
     {"denoise", (const char *const[]){"deconv.", "recon.", NULL}},
     {"evaluate", (const char *const[]){"deconv.method", "deconv.iterations", "deconv.stop",
                                        "deconv.weight", NULL}}};

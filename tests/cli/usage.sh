@@ -38,6 +38,14 @@ refuses 2 'unknown option --vloume; did you mean --volume.*see v2v3d project --h
 [ "$ranks" -eq 1 ] || finish
 refuses 2 'unknown option -x' project -x
 refuses 2 '--fit-scale needs --truth' bench --methods --psf p.h5 --input r.h5 --fit-scale
+refuses 2 '--methods needs --psf' bench --methods --input r.h5
+refuses 2 '--repeat: --methods runs each .* once' bench --methods --psf p.h5 --input r.h5 --repeat 2
+refuses 2 '--size: --methods' bench --methods --psf p.h5 --input r.h5 --size 64
+refuses 2 '--offset is of a recording: --methods is missing' bench --offset 3
+refuses 2 '--set is of a recording: --methods is missing' bench --set input.views=3
+refuses 2 '--z-zoom is of --kind projections' preview v.h5 -o p.png --kind depth --z-zoom 2
+refuses 2 'unknown option --frame-interval' preview v.h5 -o p.png --frame-interval 2
+refuses 2 'input.pixel_size_um is of the recording' evaluate --volume v.h5 --truth t.h5 --pixel-size 1
 refuses 2 '--psf FILE is missing' project --volume v.h5 -o out.h5
 refuses 2 '--volume FILE is missing' project --psf p.h5 -o out.h5
 refuses 2 '--output FILE is missing' project --psf p.h5 --volume v.h5
