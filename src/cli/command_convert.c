@@ -286,7 +286,7 @@ done:
 }
 
 /* What an option is of; folders: it says how their files make a volume, too. */
-enum { OF_VOLUMES = 1, OF_RECORDINGS = 2, OF_PSFS = 4, OF_FOLDERS = 8 };
+enum { OF_VOLUMES = 1, OF_RECORDINGS = 2, OF_PSFS = 4, OF_WEIGHTS = 8, OF_FOLDERS = 16 };
 
 /* Options of contents that this one isn't would do nothing. */
 static enum v2v_status refuse_others(const struct arguments *given, enum v2v_content content)
@@ -295,11 +295,12 @@ static enum v2v_status refuse_others(const struct arguments *given, enum v2v_con
     static const struct {
         const char *key, *option, *owners;
         int of;
-    } inputs[] = {{"input.views", "--views", "recordings", OF_RECORDINGS | OF_FOLDERS},
+    } inputs[] = {{"input.views", "--views", "recordings and weights",
+                   OF_RECORDINGS | OF_WEIGHTS | OF_FOLDERS},
                   {"input.layout", "--layout", "recordings", OF_RECORDINGS | OF_FOLDERS},
                   {"input.first_view", "--first-view", "recordings", OF_RECORDINGS},
                   {"input.stride", "--stride", "recordings", OF_RECORDINGS},
-                  {"input.slices", "--slices", "volumes", OF_VOLUMES},
+                  {"input.slices", "--slices", "volumes and weights", OF_VOLUMES | OF_WEIGHTS},
                   {"input.channel", "--channel", "volumes and recordings", BOTH},
                   {"input.dataset", "--dataset", "volumes and recordings", BOTH},
                   {"input.pixel_size_um", "--pixel-size", "images", BOTH | OF_PSFS},
@@ -311,7 +312,7 @@ static enum v2v_status refuse_others(const struct arguments *given, enum v2v_con
     } contents[] = {[V2V_CONTENT_VOLUME] = {OF_VOLUMES, "a volume (--kind recording)"},
                     [V2V_CONTENT_RECORDING] = {OF_RECORDINGS, "a recording (--kind volume)"},
                     [V2V_CONTENT_PSF] = {OF_PSFS, "PSFs"},
-                    [V2V_CONTENT_WEIGHTS] = {0, "weights"}};
+                    [V2V_CONTENT_WEIGHTS] = {OF_WEIGHTS, "weights"}};
     enum v2v_status rc = V2V_OK;
     const int is_known = content > V2V_CONTENT_AUTO && content <= V2V_CONTENT_WEIGHTS;
     const int is_folder = content == V2V_CONTENT_VOLUME && v2v_file_is_folder(given->input);

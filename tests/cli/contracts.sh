@@ -120,8 +120,8 @@ for of in moving:/views moving_truth:/volume; do
 done
 refuses 2 '--frames: one/psf.h5 has none' convert --input one/psf.h5 --frames 0:1 -o none.h5
 refuses 2 '--frame-interval is of volumes and recordings, and one/psf.h5 is taken for PSFs' convert --input one/psf.h5 --frame-interval 2 -o none.h5
-refuses 2 '--views is of recordings, and .* for PSFs' convert --input one/psf.h5 --views 2 -o none.h5
-refuses 2 '--slices is of volumes, and moving.h5 is taken for a recording' convert --input moving.h5 --slices 2 -o none.h5
+refuses 2 '--views is of recordings and weights, and .* for PSFs' convert --input one/psf.h5 --views 2 -o none.h5
+refuses 2 '--slices is of volumes and weights, and moving.h5 is taken for a recording' convert --input moving.h5 --slices 2 -o none.h5
 refuses 2 '--frame: one/psf.h5 has none' info one/psf.h5 --frame 1
 refuses 2 '--stride is of recordings, and moving_truth.h5 is taken for a volume' convert --input moving_truth.h5 --stride 1 -o none.h5
 

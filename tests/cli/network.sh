@@ -71,6 +71,7 @@ for name in w backconv; do
     tail -n +2 stdout | cmp - safetensors.txt || fail "info of $name.safetensors: $(cat safetensors.txt)"
 done
 sed 's/"method":"v2v"/"mothed":"v2v"/' w.safetensors >strange.safetensors
+refuses 2 '--channel is of .*, and strange.safetensors is taken for weights' convert --input strange.safetensors --channel 1 -o none.h5
 works convert --input strange.safetensors -o strange.h5
 grep -q 'by its names the network v2v, by its shapes of 5 views and 7 slices' stderr ||
     fail "no word on what shapes tell: $(cat stderr)"
