@@ -143,7 +143,7 @@ static enum v2v_status write_files(struct v2v_trainer *trainer, const struct who
     V2V_TRY(v2v_network_describe(&info, trainer->config, network->views, network->slices,
                                  trained->steps));
     info.seconds = trained->seconds;
-    info.levels = *v2v_sampler_levels(trainer->sampler);
+    info.levels = v2v_sampler_sources(trainer->sampler)->levels;
     info.psf_sum = trainer->psf_sum;
     V2V_TRY(V2V_FAULT_POINT("checkpoint.write"));
     V2V_TRY(rotate(folder));
@@ -235,7 +235,7 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path,
     if (on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
     }
-    if (on_root && !are_same_levels(&info.levels, v2v_sampler_levels(trainer->sampler))) {
+    if (on_root && !are_same_levels(&info.levels, &v2v_sampler_sources(trainer->sampler)->levels)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained on other frames until here", path);
     }
     V2V_TRY(v2v_network_adopt(&config, &info, path)); /* settings as this program writes them */

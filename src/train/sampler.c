@@ -5,27 +5,19 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/io/scaling.h"
-#include "v2v3d/method/estimator.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/optics/shifts.h"
-#include "v2v3d/par/agreement.h"
 #include "v2v3d/tensor/pad.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 /* Frames kept in memory: recordings up to this many bytes are read once. */
 #define KEPT_BYTES ((int64_t)2 << 30)
 
-enum { AXES = 2, NAME_BYTES = 32 };
+enum { AXES = 2 };
 enum { DRAW_FRAME, DRAW_Y, DRAW_X, DRAW_FLIP_Y, DRAW_FLIP_X, DRAWS };
 enum { DRAW_TRANSPOSE = DRAWS + DRAW_FRAME }; /* of the second candidate, which is of that frame */
-
-struct source {
-    struct v2v_example_source of;
-    int64_t first; /* number of its frame 0 among all frames that are drawn from */
-};
 
 struct corner {
     int64_t y, x; /* upper left pixel of a crop */
@@ -33,16 +25,12 @@ struct corner {
 
 struct v2v_sampler {
     const struct v2v_train_settings *settings;
-    struct source *source;
-    int64_t source_count;
-    int64_t frames; /* that are drawn from */
-    struct v2v_level_range levels;
+    struct v2v_sources sources;
     struct v2v_examples *examples; /* kept and drawn from instead of frames; NULL: frames */
     int64_t a_frame;               /* how many are made of a frame; of frames: 1 */
     int64_t images;                /* of a sample: views, or those of an example */
     int64_t height, width;         /* of a sample */
     int is_whole;                  /* bool: samples are frames, padded; else crops */
-    int64_t frame_pixels;          /* of the largest frame */
     int flip[AXES];                /* y, x: physical and wanted */
     int64_t moves[AXES];           /* of what should come out, when it is mirrored, pixels */
     int can_transpose;             /* bool: y and x may change places */
@@ -60,16 +48,11 @@ static int64_t inputs_of(const struct v2v_sampler *sampler)
     return sampler->examples != NULL ? sampler->examples->inputs : sampler->images;
 }
 
-static const struct v2v_recording_info *info_of(const struct source *source)
-{
-    return v2v_recording_info(source->of.recording);
-}
-
 /* A crop that is left open has the network's sides, or the most multiples of the unit that are in
  * every frame; where the halo leaves nothing of such a one, frames are taken whole. */
 static enum v2v_status choose_sides(struct v2v_sampler *sampler, struct v2v_sample_sides sides)
 {
-    const struct v2v_recording_info *first = info_of(&sampler->source[0]);
+    const struct v2v_recording_info *first = v2v_source_info(&sampler->sources.list[0]);
     const int64_t crop = sampler->settings->crop, twice = 2 * sampler->settings->halo;
     const int64_t most = crop == V2V_WHOLE_AUTO ? sides.crop : crop;
     int64_t height = most, width = most;
@@ -77,8 +60,8 @@ static enum v2v_status choose_sides(struct v2v_sampler *sampler, struct v2v_samp
         return V2V_FAIL(V2V_E_CONFIG, "train.halo: %lld leaves nothing of a train.crop of %lld",
                         (long long)sampler->settings->halo, (long long)most);
     }
-    for (int64_t i = 0; i < sampler->source_count && crop == V2V_WHOLE_AUTO; i++) {
-        const struct v2v_recording_info *info = info_of(&sampler->source[i]);
+    for (int64_t i = 0; i < sampler->sources.count && crop == V2V_WHOLE_AUTO; i++) {
+        const struct v2v_recording_info *info = v2v_source_info(&sampler->sources.list[i]);
         height = v2v_smaller(height, info->height / sides.unit * sides.unit);
         width = v2v_smaller(width, info->width / sides.unit * sides.unit);
     }
@@ -88,16 +71,12 @@ static enum v2v_status choose_sides(struct v2v_sampler *sampler, struct v2v_samp
     return V2V_OK;
 }
 
-static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t psf_views)
+static enum v2v_status check_sides(const struct v2v_sampler *sampler)
 {
-    const struct v2v_recording_info *first = info_of(&sampler->source[0]);
+    const struct v2v_recording_info *first = v2v_source_info(&sampler->sources.list[0]);
     const int64_t crop = sampler->settings->crop;
-    for (int64_t i = 0; i < sampler->source_count; i++) {
-        const struct v2v_recording_info *info = info_of(&sampler->source[i]);
-        if (info->views != psf_views) {
-            return V2V_FAIL(V2V_E_INPUT, "recording %lld has %lld views, the PSF set %lld",
-                            (long long)i + 1, (long long)info->views, (long long)psf_views);
-        }
+    for (int64_t i = 0; i < sampler->sources.count; i++) {
+        const struct v2v_recording_info *info = v2v_source_info(&sampler->sources.list[i]);
         if (crop > 0 && (info->height < crop || info->width < crop)) {
             return V2V_FAIL(V2V_E_INPUT,
                             "recording %lld has frames of %lld x %lld, smaller than train.crop = "
@@ -114,106 +93,6 @@ static enum v2v_status check_sizes(const struct v2v_sampler *sampler, int64_t ps
         }
     }
     return V2V_OK;
-}
-
-/* Is there what examples are made of? */
-static enum v2v_status check_sources(const struct v2v_sampler *sampler)
-{
-    const struct v2v_examples *examples = sampler->examples;
-    for (int64_t i = 0; examples != NULL && i < sampler->source_count; i++) {
-        const struct source *source = &sampler->source[i];
-        const struct v2v_recording_info *info = info_of(source);
-        if (info->frames < examples->frames) {
-            return V2V_FAIL(V2V_E_INPUT,
-                            "recording %lld has %lld frames; learning from %s takes %lld or more",
-                            (long long)i + 1, (long long)info->frames, examples->ops->name,
-                            (long long)examples->frames);
-        }
-        if (!examples->ops->needs_truth) {
-            continue;
-        }
-        const struct v2v_volume_info *truth = v2v_volume_info(source->of.truth);
-        if (truth->slices != examples->outputs || truth->height != info->height ||
-            truth->width != info->width || (truth->frames != 1 && truth->frames != info->frames)) {
-            return V2V_FAIL(V2V_E_INPUT,
-                            "truth %lld has %lld frames of %lld x %lld x %lld voxels, its "
-                            "recording %lld of %lld x %lld pixels, the PSF set %lld slices",
-                            (long long)i + 1, (long long)truth->frames, (long long)truth->slices,
-                            (long long)truth->height, (long long)truth->width,
-                            (long long)info->frames, (long long)info->height,
-                            (long long)info->width, (long long)examples->outputs);
-        }
-    }
-    return V2V_OK;
-}
-
-struct units {
-    struct v2v_example_source *source;
-    const struct v2v_psf_file *psf;
-};
-
-static enum v2v_status find_units_of(void *context)
-{
-    const struct units *units = context;
-    return v2v_examples_truth_units(units->source, units->psf);
-}
-
-/* Rank 0 reads, and its answer is all ranks': others may round another way. */
-static enum v2v_status find_units(struct v2v_sampler *sampler, const struct v2v_comm *comm)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_examples *examples = sampler->examples;
-    const int is_wanted = examples != NULL && examples->ops->needs_truth;
-    for (int64_t i = 0; i < sampler->source_count && is_wanted; i++) {
-        struct units units = {&sampler->source[i].of, examples->psf};
-        V2V_TRY(v2v_agreement_alone(comm, find_units_of, &units));
-        v2v_par_broadcast(comm, &units.source->units, sizeof units.source->units, 0);
-        if (units.source->units != 1.0) {
-            v2v_log(V2V_LOG_INFO,
-                    "truth %lld is in other units than its recording: it is taken times %.4g",
-                    (long long)i + 1, units.source->units);
-        }
-    }
-done:
-    return rc;
-}
-
-static enum v2v_status add_sources(struct v2v_sampler *sampler, const struct v2v_train_job *job,
-                                   const struct v2v_comm *comm)
-{
-    enum v2v_status rc = V2V_OK;
-    const struct v2v_estimator_ops *maker =
-        sampler->examples != NULL ? sampler->examples->ops->estimator : NULL;
-    const struct v2v_input_settings input =
-        maker != NULL ? v2v_estimator_input(maker, job->config) : job->config->input;
-    V2V_TRY(
-        v2v_par_agree(comm, V2V_ALLOC(sampler->source, "sampler.sources", job->recording_count)));
-    sampler->source_count = job->recording_count;
-    for (int64_t i = 0; i < job->recording_count; i++) {
-        struct source *source = &sampler->source[i];
-        struct v2v_example_source *of = &source->of;
-        of->recording = job->recordings[i];
-        of->truth = job->truths != NULL ? job->truths[i] : NULL;
-        source->first = sampler->frames;
-        V2V_TRY(v2v_scaling_decide(&of->scaling, of->recording, &input, comm));
-        V2V_TRY(v2v_level_range_add(&sampler->levels, of->recording, &of->scaling, comm));
-        const struct v2v_recording_info *info = info_of(source);
-        int64_t pixels = info->height * info->width;
-        sampler->frames +=
-            info->frames - (sampler->examples != NULL ? sampler->examples->frames - 1 : 0);
-        sampler->frame_pixels = pixels > sampler->frame_pixels ? pixels : sampler->frame_pixels;
-        v2v_log(V2V_LOG_INFO, "recording %lld: %lld frames of %lld x %lld, offset %g, gain %g",
-                (long long)i + 1, (long long)info->frames, (long long)info->height,
-                (long long)info->width, of->scaling.offset, of->scaling.gain);
-    }
-    const int is_dark = sampler->levels.frames == 0 || sampler->levels.most[V2V_LEVEL_PEAK] < 0.0;
-    if (maker != NULL && is_dark) { /* on all ranks */
-        V2V_TRY(
-            V2V_FAIL(V2V_E_INPUT,
-                     "every frame is dark, or below its offset: there is nothing to learn from"));
-    }
-done:
-    return rc;
 }
 
 /* Views trade places when they are mirrored, where the PSFs allow it; other images are mirrored as
@@ -254,7 +133,7 @@ static int64_t count_numbers(const struct v2v_sampler *sampler)
         sampler->examples != NULL ? sampler->examples->ops->steps_of_one : 0;
     return steps_of_one > 0
                ? v2v_parts(sampler->settings->steps, steps_of_one) * sampler->settings->batch
-               : sampler->frames * sampler->a_frame;
+               : sampler->sources.frames * sampler->a_frame;
 }
 
 static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v_train_job *job,
@@ -267,7 +146,8 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
         sampler->images = sampler->examples->inputs + sampler->examples->outputs;
         sampler->a_frame = kind->is_of_view ? job->psf->views : 1;
     }
-    const int64_t bytes = v2v_mem_product(sampler->images, sampler->frame_pixels, sizeof(float));
+    const int64_t bytes =
+        v2v_mem_product(sampler->images, sampler->sources.frame_pixels, sizeof(float));
     size_t most = (size_t)KEPT_BYTES;
     if (v2v_mem_room() / 2 < most) { /* the rest is for the network */
         most = v2v_mem_room() / 2;
@@ -284,7 +164,7 @@ static enum v2v_status take_memory(struct v2v_sampler *sampler, const struct v2v
     V2V_TRY(V2V_ALLOC(sampler->scratch, "sampler.scratch",
                       v2v_mem_product(sampler->images, sampler->height, sampler->width)));
     if (job->config->model.homogeneous && kind == NULL) {
-        V2V_TRY(V2V_ALLOC(sampler->image, "sampler.scratch", sampler->frame_pixels));
+        V2V_TRY(V2V_ALLOC(sampler->image, "sampler.scratch", sampler->sources.frame_pixels));
     }
     for (int64_t i = 0; i < sampler->slots; i++) {
         sampler->slot_number[i] = -1;
@@ -306,11 +186,9 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
         V2V_TRY(
             v2v_par_agree(comm, v2v_examples_create(&self->examples, kind, job->config, job->psf)));
     }
-    V2V_TRY(add_sources(self, job, comm));
+    V2V_TRY(v2v_sources_init(&self->sources, job, self->examples, comm));
     V2V_TRY(v2v_par_agree(comm, choose_sides(self, sides)));
-    V2V_TRY(v2v_par_agree(comm, check_sizes(self, job->psf->views)));
-    V2V_TRY(v2v_par_agree(comm, check_sources(self)));
-    V2V_TRY(find_units(self, comm));
+    V2V_TRY(v2v_par_agree(comm, check_sides(self)));
     V2V_TRY(v2v_par_agree(comm, take_memory(self, job, kind)));
 done:
     if (rc != V2V_OK) {
@@ -318,40 +196,6 @@ done:
     }
     *sampler = self;
     return rc;
-}
-
-/* Samples of the first frame that see nothing, of which the networks that are trained with frames
- * don't know. What can't be read is told where it is drawn. */
-static void warn_of_blind(const struct source *source, const char *name)
-{
-    const struct v2v_recording_info *info = info_of(source);
-    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
-    float *views = NULL;
-    int64_t blind = 0;
-    if (V2V_ALLOC(views, "sampler.frames", samples) == V2V_OK &&
-        v2v_scaling_read_dark(&source->of.scaling, source->of.recording, views, &blind, 0) ==
-            V2V_OK &&
-        blind > 0) {
-        v2v_log(V2V_LOG_WARNING,
-                "%s, frame 0: %lld samples of one value see nothing and are taken for dark", name,
-                (long long)blind);
-    }
-    v2v_mem_free(views);
-}
-
-void v2v_sampler_warn(const struct v2v_sampler *sampler, const struct v2v_comm *comm)
-{
-    const struct v2v_examples *examples = sampler->examples;
-    const int takes_all = examples == NULL || examples->ops->estimator == NULL;
-    char name[NAME_BYTES];
-    for (int64_t i = 0; i < sampler->source_count; i++) {
-        const struct source *source = &sampler->source[i];
-        snprintf(name, sizeof name, "recording %lld", (long long)i + 1);
-        v2v_scaling_warn(&source->of.scaling, name, comm);
-        if (takes_all && v2v_comm_rank(comm) == 0) {
-            warn_of_blind(source, name);
-        }
-    }
 }
 
 void v2v_sampler_destroy(struct v2v_sampler **sampler)
@@ -369,7 +213,7 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
     v2v_mem_free(self->image);
     v2v_mem_free(self->partner[0]);
     v2v_mem_free(self->partner[1]);
-    v2v_mem_free(self->source);
+    v2v_sources_fini(&self->sources);
     v2v_examples_destroy(&self->examples);
     v2v_mem_free(self);
     *sampler = NULL;
@@ -377,12 +221,12 @@ void v2v_sampler_destroy(struct v2v_sampler **sampler)
 
 int64_t v2v_sampler_room(const struct v2v_sampler *sampler)
 {
-    return sampler->slots * sampler->images * sampler->frame_pixels;
+    return sampler->slots * sampler->images * sampler->sources.frame_pixels;
 }
 
-const struct v2v_level_range *v2v_sampler_levels(const struct v2v_sampler *sampler)
+const struct v2v_sources *v2v_sampler_sources(const struct v2v_sampler *sampler)
 {
-    return &sampler->levels;
+    return &sampler->sources;
 }
 
 int64_t v2v_sampler_images(const struct v2v_sampler *sampler)
@@ -402,21 +246,12 @@ int64_t v2v_sampler_width(const struct v2v_sampler *sampler)
 
 struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler)
 {
-    const struct v2v_recording_info *info = info_of(&sampler->source[0]);
+    const struct v2v_recording_info *info = v2v_source_info(&sampler->sources.list[0]);
     int64_t halo = sampler->settings->halo;
     if (sampler->is_whole) {
         return (struct v2v_window){0, info->height, 0, info->width};
     }
     return (struct v2v_window){halo, sampler->height - halo, halo, sampler->width - halo};
-}
-
-static const struct source *source_of(const struct v2v_sampler *sampler, int64_t frame)
-{
-    const struct source *source = &sampler->source[0];
-    for (int64_t i = 1; i < sampler->source_count && sampler->source[i].first <= frame; i++) {
-        source = &sampler->source[i];
-    }
-    return source;
 }
 
 /* What a sample is a crop of: a frame, or an example of it. */
@@ -430,8 +265,8 @@ struct choice {
 static enum v2v_status make(struct v2v_sampler *sampler, float *data, const struct choice *choice)
 {
     enum v2v_status rc = V2V_OK;
-    const struct source *source = source_of(sampler, choice->frame);
-    const struct v2v_recording_info *info = info_of(source);
+    const struct v2v_source *source = v2v_sources_of(&sampler->sources, choice->frame);
+    const struct v2v_recording_info *info = v2v_source_info(source);
     const int64_t t = choice->frame - source->first;
     if (sampler->examples != NULL) {
         return sampler->examples->ops->make(sampler->examples, data, &source->of, t,
@@ -461,7 +296,7 @@ static enum v2v_status keep(struct v2v_sampler *sampler, const float **data,
     sampler->slot_number[slot] = -1;
     if (sampler->slot[slot] == NULL) {
         V2V_TRY(V2V_ALLOC(sampler->slot[slot], "sampler.frames",
-                          sampler->images * sampler->frame_pixels));
+                          sampler->images * sampler->sources.frame_pixels));
     }
     V2V_TRY(make(sampler, sampler->slot[slot], choice));
     sampler->slot_number[slot] = choice->number;
@@ -577,9 +412,10 @@ static struct choice choose_of_known(const struct v2v_sampler *sampler, uint64_t
     const uint64_t seed = (uint64_t)sampler->settings->seed;
     const int64_t number = rows * v2v_random_below(seed, stream, DRAW_FRAME, known) + index % rows;
     const uint64_t of_frame = v2v_random_fnv1a64("lessons") + (uint64_t)number;
-    return (struct choice){.frame = v2v_random_below(seed, of_frame, DRAW_FRAME, sampler->frames),
-                           .number = number,
-                           .within = number};
+    return (struct choice){
+        .frame = v2v_random_below(seed, of_frame, DRAW_FRAME, sampler->sources.frames),
+        .number = number,
+        .within = number};
 }
 
 static struct choice choose(const struct v2v_sampler *sampler, uint64_t stream, int64_t step,
@@ -589,7 +425,7 @@ static struct choice choose(const struct v2v_sampler *sampler, uint64_t stream, 
         return choose_of_known(sampler, stream, step, index);
     }
     const int64_t number = v2v_random_below((uint64_t)sampler->settings->seed, stream, DRAW_FRAME,
-                                            sampler->frames * sampler->a_frame);
+                                            sampler->sources.frames * sampler->a_frame);
     return (struct choice){
         .frame = number / sampler->a_frame, .number = number, .within = number % sampler->a_frame};
 }
@@ -605,7 +441,8 @@ enum v2v_status v2v_sampler_draw(struct v2v_sampler *sampler, float *images, int
     int64_t height = sampler->height, width = sampler->width;
     int flips[AXES] = {0};
     const struct choice choice = choose(sampler, stream, step, index);
-    const struct v2v_recording_info *info = info_of(source_of(sampler, choice.frame));
+    const struct v2v_recording_info *info =
+        v2v_source_info(v2v_sources_of(&sampler->sources, choice.frame));
     V2V_TRY(keep(sampler, &data, &choice));
     if (sampler->is_whole) {
         v2v_pad_reflect(images, data, sampler->images, info->height, info->width, height, width);

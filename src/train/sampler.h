@@ -2,7 +2,7 @@
 #ifndef V2V3D_TRAIN_SAMPLER_H
 #define V2V3D_TRAIN_SAMPLER_H
 
-#include "v2v3d/io/level.h"
+#include "train/sources.h"
 #include "v2v3d/loss/loss.h"
 #include "v2v3d/method/examples.h"
 #include "v2v3d/train/train.h"
@@ -15,8 +15,8 @@ struct v2v_sample_sides {
     int64_t crop; /* of a crop that is called auto, where frames are as large */
 };
 
-/* Decides offset and gain of every recording (reads them once), which flips are physical and the
- * size of a sample; whole frames are padded to a multiple of the unit. With a kind of examples
+/* Opens the sources (train/sources.h), decides which flips are physical and the size of a sample;
+ * whole frames are padded to a multiple of the unit. With a kind of examples
  * (else NULL), samples are crops of them, each of which is made when it is first drawn from.
  * Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
@@ -24,9 +24,6 @@ enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2
                                    const struct v2v_examples_ops *kind,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;
 void v2v_sampler_destroy(struct v2v_sampler **sampler);
-
-/** Of what is suspicious about the recordings (v2v_scaling_warn). @kind Local. */
-void v2v_sampler_warn(const struct v2v_sampler *sampler, const struct v2v_comm *comm);
 
 /* Floats of the frames that it will take, one by one, and keep. */
 int64_t v2v_sampler_room(const struct v2v_sampler *sampler);
@@ -37,8 +34,7 @@ int64_t v2v_sampler_width(const struct v2v_sampler *sampler);
 /* The part of a sample in which views are compared: without halo and padding. */
 struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
 
-/* Levels of the frames of all recordings. */
-const struct v2v_level_range *v2v_sampler_levels(const struct v2v_sampler *sampler);
+const struct v2v_sources *v2v_sampler_sources(const struct v2v_sampler *sampler);
 
 /* Images of a sample: the views, or those of an example. */
 int64_t v2v_sampler_images(const struct v2v_sampler *sampler);

@@ -282,7 +282,7 @@ enum v2v_status v2v_train_run(const struct v2v_train_job *job, struct v2v_train_
     if (run.step >= job->config->train.steps) { /* resumed: its checkpoint is all there is to do */
         goto done;
     }
-    v2v_sampler_warn(run.trainer.sampler, comm);
+    v2v_sources_warn(v2v_sampler_sources(run.trainer.sampler), comm);
     v2v_progress_begin(&run.progress, "training", run.step, job->config->train.steps);
     if (job->max_time_s > 0.0) {
         run.progress.most_s = fmax(job->max_time_s - taken_before(&run), 1.0);
