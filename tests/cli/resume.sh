@@ -60,6 +60,8 @@ refuses 65 'done.h5: .*stored with another type.*--force makes it anew' "${commo
     --input rec.h5 -o done.h5 --resume --output-type uint16
 works "${common[@]}" --input rec.h5 -o done.h5 --resume --force --output-type uint16
 refuses 65 'done.h5: .*stored with another type' "${common[@]}" --input rec.h5 -o done.h5 --resume
+refuses 65 'done.h5: .*stored with another type, peak' "${common[@]}" --input rec.h5 -o done.h5 --resume \
+    --output-type uint16 --output-peak 1e4
 rm done.h5
 
 # Damage is seen: a voxel, a mark.

@@ -81,8 +81,8 @@ static void draw(struct v2v_calibration *truth, const struct v2v_psf_file *psf)
     }
 }
 
-/* Shifts within 0.1 pixels, gains within 1 %. They come within 0.11 %; six scenes and noises of
- * half the height, within 0.44 %. */
+/* Shifts within 0.1 pixels, gains within half a percent: with their bias they are 0.5 to 0.6 % off.
+ * They come within 0.11 %; six scenes and noises of half the height, within 0.44 %. */
 static void assert_found(const struct v2v_calibration *found, const struct v2v_calibration *truth)
 {
     for (int v = 0; v < VIEWS; v++) {
@@ -93,7 +93,7 @@ static void assert_found(const struct v2v_calibration *found, const struct v2v_c
                          was->shift[axis]);
             }
         }
-        if (!(fabs(is->gain / was->gain - 1.0) < 0.01)) {
+        if (!(fabs(is->gain / was->gain - 1.0) < 0.005)) {
             fail_msg("view %d: gain %g, not %g", v, is->gain, was->gain);
         }
     }

@@ -3,6 +3,9 @@
 
 #include "support.h"
 #include "v2v3d/base/random.h"
+#include "v2v3d/tensor/blind.h"
+
+#include <math.h>
 
 enum { HEIGHT = 150, WIDTH = 190 };
 
@@ -86,11 +89,39 @@ static void what_is_judged_holds_light(void **state)
     assert_judged_from(8, 2.0f, 15); /* none of 15: there is noise alone inside */
 }
 
+/* Of three views the first is all blind; the second has a spot. */
+static void the_square_is_where_a_view_that_sees_varies_most(void **state)
+{
+    (void)state;
+    enum { VIEWS = 3, PIXELS = HEIGHT * WIDTH, SIDE = 48, Y = 100, X = 150 };
+    static float views[VIEWS * PIXELS], frames[VIEWS * PIXELS];
+    const struct v2v_psf_file psf = {.views = VIEWS};
+    const struct v2v_problem problem = {.psf = &psf, .height = HEIGHT, .width = WIDTH};
+    const struct v2v_averaging averaging = {.frames = frames};
+    struct v2v_square_views square;
+    for (int64_t i = 0; i < VIEWS * PIXELS; i++) {
+        views[i] = i < PIXELS ? V2V_BLIND : (float)v2v_random_normal(5, 1, (uint64_t)i);
+        frames[i] = (float)i;
+    }
+    views[PIXELS + Y * WIDTH + X] = 100.0f;
+    assert_ok(v2v_square_views_init(&square, &problem, views, &averaging, SIDE));
+    float most = 0.0f;
+    int64_t at = -1;
+    for (int64_t i = SIDE * SIDE; i < 2 * SIDE * SIDE; i++) {
+        at = square.views[i] > most ? i : at;
+        most = fmaxf(most, square.views[i]);
+    }
+    assert_true(most == 100.0f);
+    assert_true(v2v_square_averaging(&square)->frames[at] == (float)(PIXELS + Y * WIDTH + X));
+    v2v_square_views_fini(&square);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_other_square_varies_more),
         cmocka_unit_test(what_is_judged_holds_light),
+        cmocka_unit_test(the_square_is_where_a_view_that_sees_varies_most),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
