@@ -1,4 +1,4 @@
-/* The frame that others are taken over from is neither odd nor dim, unless noise makes it seem so. */
+/* The frame that others are taken over from is neither odd nor dim, unless noise makes it so. */
 #include "recon/key_frame.h"
 #include "small_recording.h"
 #include "support.h"
