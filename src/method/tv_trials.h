@@ -65,7 +65,7 @@ enum v2v_status v2v_trials_run(struct v2v_trials *trials, const struct v2v_trial
                                int count) V2V_MUST_CHECK;
 
 /** All folds by a weight, unless they are known. @kind Collective(trials->comm).
- *  @return likewise */
+ *  @param iterations of each volume @return likewise */
 enum v2v_status v2v_trials_try(struct v2v_trials *trials, int index, int iterations) V2V_MUST_CHECK;
 
 /** As if a weight were not tried. @kind Local. */

@@ -15,9 +15,9 @@ struct v2v_sample_sides {
     int64_t crop; /* of a crop that is called auto, where frames are as large */
 };
 
-/* Opens the sources (train/sources.h), decides which flips are physical and the size of a sample;
- * whole frames are padded to a multiple of the unit. With a kind of examples
- * (else NULL), samples are crops of them, each of which is made when it is first drawn from.
+/* Takes the job's recordings (train/sources.h), decides which flips are physical and the size of a
+ * sample; whole frames are padded to a multiple of the unit. With a kind of examples (else NULL),
+ * samples are crops of them, each of which is made when it is first drawn from.
  * Collective(comm), agreed. */
 enum v2v_status v2v_sampler_create(struct v2v_sampler **sampler, const struct v2v_train_job *job,
                                    struct v2v_sample_sides sides,
@@ -34,6 +34,7 @@ int64_t v2v_sampler_width(const struct v2v_sampler *sampler);
 /* The part of a sample in which views are compared: without halo and padding. */
 struct v2v_window v2v_sampler_window(const struct v2v_sampler *sampler);
 
+/* What samples are drawn from. */
 const struct v2v_sources *v2v_sampler_sources(const struct v2v_sampler *sampler);
 
 /* Images of a sample: the views, or those of an example. */
