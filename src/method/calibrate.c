@@ -30,12 +30,10 @@ enum { ALL_FOLDS = 1 << 30, THIRDS = 3 };
 /* Rounds end when no view moves by more, pixels, or less of the residual is gone by one. */
 static const double still = 0.03, least_by_round = 1e-3;
 
-/* Gains from all views: rounds, and what ends them: the largest change of a logarithm, ten times
- * which they may still have to go; and the weight of the variation, of that which predicts best:
- * with more of it inner views come out darker, with less brighter; with curvature, less of either
- * (tests/bench/views.md). */
-enum { GAIN_ROUNDS = 10 };
-static const double steady = 1e-4, weight_of_gains = 0.7, curvature_of_gains = 0.5;
+/* Gains from all views: rounds, and what ends them: the largest change of a logarithm; and the
+ * weight of curvature (tests/bench/views.md). */
+enum { GAIN_ROUNDS = 6 };
+static const double steady = 3e-4, curvature_of_gains = 0.5;
 
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
@@ -226,11 +224,9 @@ done:
 static enum v2v_status find_gains(struct calibration_run *self)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_deconv_settings *const deconv = &self->at.config.deconv;
-    const struct v2v_deconv_settings predicting = *deconv;
+    double *const curvature = &self->at.config.deconv.curvature, predicting = *curvature;
     double moved = INFINITY;
-    deconv->lambda.value *= weight_of_gains;
-    deconv->curvature = curvature_of_gains;
+    *curvature = curvature_of_gains;
     v2v_calibrator_go(&self->at, LARGE);
     v2v_anderson_restart(self->anderson);
     for (int r = 0; r < GAIN_ROUNDS && moved > steady; r++) {
@@ -240,7 +236,7 @@ static enum v2v_status find_gains(struct calibration_run *self)
         v2v_log(V2V_LOG_DEBUG, "gains by all views: moved by %.5f", moved);
     }
 done:
-    *deconv = predicting;
+    *curvature = predicting;
     return rc;
 }
 

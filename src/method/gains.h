@@ -1,5 +1,5 @@
-/** Gains of the views by a volume of all of them, less what such a volume has of them by itself.
- *  REFERENCE.md 13. */
+/** Gains of the views by what a volume of all of them misses, less what it misses of a copy whose
+ *  gains are known. REFERENCE.md 13. */
 #ifndef V2V_METHOD_GAINS_H
 #define V2V_METHOD_GAINS_H
 

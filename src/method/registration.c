@@ -229,21 +229,6 @@ void v2v_registration_compare(struct v2v_registration *registration,
     }
 }
 
-double v2v_registration_brightness(const float *recorded, const float *prediction, int64_t width,
-                                   struct v2v_part rows, struct v2v_part columns)
-{
-    double product = 0.0, squares = 0.0;
-    for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
-        for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
-            const int64_t i = y * width + x;
-            const double p = recorded[i] != V2V_BLIND ? (double)prediction[i] : 0.0;
-            product += p * (double)recorded[i];
-            squares += p * p;
-        }
-    }
-    return product > 0.0 ? product / squares : 1.0;
-}
-
 /* P_i P_k as a sum of polynomials. */
 struct products {
     double of[V2V_FIELD_ORDERS][V2V_FIELD_ORDERS][ORDERS]; /* [i][k] */

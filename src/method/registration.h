@@ -101,11 +101,6 @@ double v2v_registration_step(struct v2v_calibration *calibration,
                              const struct v2v_registration *registration, unsigned terms,
                              int smoothing);
 
-/** The factor of a prediction that misses least of a view; 1 where nothing is predicted, or nothing
- *  of it is seen. @kind Local. */
-double v2v_registration_brightness(const float *recorded, const float *prediction, int64_t width,
-                                   struct v2v_part rows, struct v2v_part columns);
-
 /** All numbers of all views [views][V2V_REGISTER_NUMBERS], to mix steps of: gains as logarithms,
  *  and back within the bounds of gains, so that no mixture has one that is not positive.
  *  @kind Local. */

@@ -81,8 +81,8 @@ static void draw(struct v2v_calibration *truth, const struct v2v_psf_file *psf)
     }
 }
 
-/* Shifts within 0.1 pixels, gains within this part. Whole views come within 0.40 %, with their bias
- * 0.67 %; round ones, by which the bias is not told, within 0.54 %. */
+/* Shifts within 0.1 pixels, gains within this part. Whole views come within 0.25 %, with their bias
+ * 0.33 %; round ones, by which the bias is not told, within 0.53 %. */
 static void assert_found(const struct v2v_calibration *found, const struct v2v_calibration *truth,
                          double bar)
 {
@@ -118,7 +118,7 @@ static void views_come_back_into_register(void **state)
     assert_true(report.frame_after < 0.5 * report.frame_before);
     assert_false(report.has_slopes);
     assert_false(report.has_fields);
-    assert_found(&found, &truth, 0.005);
+    assert_found(&found, &truth, 0.003);
     assert_ok(v2v_calibrate(&alone, &report_alone, &problem, views, NULL));
     assert_memory_equal(alone.view, found.view, VIEWS * sizeof *alone.view);
     assert_true(report.frame_after == report_alone.frame_after);

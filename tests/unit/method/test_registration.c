@@ -166,7 +166,6 @@ static void blind_samples_count_for_nothing(void **state)
     const struct v2v_part line = {0, 1}, all = {0, 4};
     const struct v2v_missed missed = v2v_registration_missed(recorded, prediction, 4, line, all);
     assert_true(missed.squares == 5.0 && missed.of == 20.0);
-    assert_true(v2v_registration_brightness(recorded, prediction, 4, line, all) == 2.0);
 }
 
 /* How far two views' displacements are apart, pixels, root mean square over what is judged. */
@@ -274,23 +273,6 @@ static void what_views_cannot_tell_is_taken_out(void **state)
     }
 }
 
-static void a_prediction_is_told_its_factor(void **state)
-{
-    (void)state;
-    static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
-    const struct v2v_view_calibration view = {.gain = 1.0}, brighter = {.gain = 1.25};
-    const struct v2v_part rows = v2v_registration_judged(HEIGHT);
-    const struct v2v_part columns = v2v_registration_judged(WIDTH);
-    show(predicted, deep, &view);
-    show(seen, deep, &brighter);
-    /* pixels are rounded to float32, independently of each other */
-    assert_true(fabs(v2v_registration_brightness(seen, predicted, WIDTH, rows, columns) - 1.25) <
-                1.25 * 6e-8);
-    memset(seen, 0, sizeof seen);
-    assert_true(v2v_registration_brightness(seen, predicted, WIDTH, rows, columns) == 1.0);
-    assert_true(v2v_registration_brightness(predicted, seen, WIDTH, rows, columns) == 1.0);
-}
-
 /* Gains fall from 1 to 0.5 and from there to 0.1: the secant through both steps ends at -1.5. */
 static void no_mixture_has_a_gain_that_is_not_positive(void **state)
 {
@@ -334,7 +316,6 @@ int main(void)
         cmocka_unit_test(what_is_not_asked_for_stays),
         cmocka_unit_test(a_dark_view_stays_where_it_is),
         cmocka_unit_test(what_views_cannot_tell_is_taken_out),
-        cmocka_unit_test(a_prediction_is_told_its_factor),
         cmocka_unit_test(no_mixture_has_a_gain_that_is_not_positive),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
