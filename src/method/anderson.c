@@ -1,6 +1,7 @@
 #include "method/anderson.h"
 
 #include "v2v3d/base/memory.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -57,15 +58,6 @@ void v2v_anderson_restart(struct v2v_anderson *anderson)
     anderson->known = 0;
 }
 
-static double dot(const double *a, const double *b, int64_t count)
-{
-    double sum = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
 static void subtract(double *a, double factor, const double *b, int64_t count)
 {
     for (int64_t i = 0; i < count; i++) {
@@ -104,13 +96,13 @@ void v2v_anderson_step(struct v2v_anderson *self, double *x, const double *g)
             df[i] = f[i] - f[i + count];
             dx[i] = at[i] - at[i + count] + df[i];
         }
-        const double whole = dot(df, df, count);
+        const double whole = v2v_dot(df, df, count);
         for (int j = 0; j < used; j++) {
-            const double part = dot(df, self->df[j], count);
+            const double part = v2v_dot(df, self->df[j], count);
             subtract(df, part, self->df[j], count);
             subtract(dx, part, self->dx[j], count);
         }
-        const double left = dot(df, df, count);
+        const double left = v2v_dot(df, df, count);
         if (left > least_new * whole) {
             for (int64_t i = 0; i < count; i++) {
                 df[i] /= sqrt(left);
@@ -121,7 +113,7 @@ void v2v_anderson_step(struct v2v_anderson *self, double *x, const double *g)
     }
     memcpy(step, self->f, (size_t)count * sizeof *step);
     for (int k = 0; k < used; k++) {
-        const double part = dot(step, self->df[k], count);
+        const double part = v2v_dot(step, self->df[k], count);
         subtract(x, part, self->dx[k], count);
     }
 }

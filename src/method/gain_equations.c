@@ -5,6 +5,7 @@
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 #include <string.h>
@@ -169,23 +170,20 @@ static void look_through_window(const struct v2v_gain_equations *self, float *mi
     }
 }
 
-/* size[v] = |predicted_v|, and their squares' sum. */
+/** size[v] = |predicted_v|, and their squares' sum; rank 0's, as steps go by them and ranks may
+ *  round another way. Collective(comm). */
 static void measure(struct v2v_gain_equations *self, const float *predicted)
 {
     const int64_t pixels = self->height * self->width;
-    self->squares = 0.0;
     for (int64_t v = 0; v < self->views; v++) {
-        double squares = 0.0;
-        for (int64_t i = 0; i < pixels; i++) {
-            squares += (double)predicted[v * pixels + i] * predicted[v * pixels + i];
-        }
-        self->size[v] = sqrt(squares);
-        self->squares += squares;
+        self->size[v] = sqrt(v2v_sum_of_squares(predicted + v * pixels, pixels));
     }
+    v2v_par_broadcast(self->comm, self->size, self->views * (int64_t)sizeof *self->size, 0);
+    self->squares = v2v_dot(self->size, self->size, self->views);
 }
 
 /** of_view[v] = <predicted_v, (1 + A P^-1 A^H)^-1 factor_v image_v>; factor NULL: 1.
- *  Collective(comm). */
+ *  Rank 0's. Collective(comm). */
 static void multiply(struct v2v_gain_equations *self, double *of_view, const float *image,
                      const double *factor, const float *predicted)
 {
@@ -226,15 +224,7 @@ static void multiply(struct v2v_gain_equations *self, double *of_view, const flo
         }
         of_view[v] = sum;
     }
-}
-
-static double dot(const double *a, const double *b, int64_t count)
-{
-    double sum = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        sum += a[i] * b[i];
-    }
-    return sum;
+    v2v_par_broadcast(self->comm, of_view, self->views * (int64_t)sizeof *of_view, 0);
 }
 
 /* From derivatives by gains to those by what gains add to the size of projections, less the part
@@ -264,7 +254,7 @@ static void unscale(const struct v2v_gain_equations *self, double *gain, const d
 static void solve(struct v2v_gain_equations *self, double *gain, const float *predicted)
 {
     const int64_t views = self->views;
-    double squares = dot(self->rest, self->rest, views);
+    double squares = v2v_dot(self->rest, self->rest, views);
     const double enough = solved * squares;
     memset(self->length, 0, (size_t)views * sizeof *gain);
     memcpy(self->way, self->rest, (size_t)views * sizeof *gain);
@@ -272,7 +262,7 @@ static void solve(struct v2v_gain_equations *self, double *gain, const float *pr
         unscale(self, gain, self->way);
         multiply(self, self->product, predicted, gain, predicted);
         scale(self, self->product);
-        const double curvature = dot(self->way, self->product, views);
+        const double curvature = v2v_dot(self->way, self->product, views);
         if (!(curvature > 0.0)) {
             break;
         }
@@ -281,7 +271,7 @@ static void solve(struct v2v_gain_equations *self, double *gain, const float *pr
             self->length[v] += step * self->way[v];
             self->rest[v] -= step * self->product[v];
         }
-        squares = dot(self->rest, self->rest, views);
+        squares = v2v_dot(self->rest, self->rest, views);
         for (int64_t v = 0; v < views; v++) {
             self->way[v] = self->rest[v] + squares / before * self->way[v];
         }

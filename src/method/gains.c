@@ -7,6 +7,7 @@
 #include "v2v3d/optics/cost.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
 
@@ -56,9 +57,7 @@ static double light_of(const struct v2v_calibrator *self, double *of_slice)
         for (int64_t y = 0; y < self->rows.count; y++) {
             const float *row = self->volume + z * self->pixels +
                                (self->rows.first + y) * self->width + self->columns.first;
-            for (int64_t x = 0; x < self->columns.count; x++) {
-                of_slice[own.first + z] += (double)row[x] * row[x];
-            }
+            of_slice[own.first + z] += v2v_sum_of_squares(row, self->columns.count);
         }
     }
     v2v_par_sum_f64(self->comm, of_slice, slices); /* each of one rank: no rounding */

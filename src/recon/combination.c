@@ -233,15 +233,6 @@ static void map(const struct v2v_combination *self)
     inner_products(self, fit->to, fit->volume);
 }
 
-static double dot(const double *a, const double *b, int64_t n)
-{
-    double sum = 0.0;
-    for (int64_t i = 0; i < n; i++) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
 /** Collective(shard): norms, and the gradient at 0. */
 static void begin(const struct v2v_combination *self, const float *views)
 {
@@ -267,7 +258,7 @@ static void begin(const struct v2v_combination *self, const float *views)
  *  another way. */
 static double power_left(const struct v2v_combination *self)
 {
-    double power = dot(self->fit.left, self->fit.left, unknowns_of(self));
+    double power = v2v_dot(self->fit.left, self->fit.left, unknowns_of(self));
     v2v_par_max_f64(self->grid->shard, &power, 1);
     return power;
 }
@@ -283,7 +274,7 @@ static void solve(const struct v2v_combination *self, const float *views)
     for (int step = 0; step < STEPS && power > enough; step++) {
         v2v_watchdog_beat("weights of slices");
         map(self);
-        const double length = power / dot(fit->along, fit->to, n);
+        const double length = power / v2v_dot(fit->along, fit->to, n);
         const double before = power;
         for (int64_t k = 0; k < n; k++) {
             fit->lean[k] += length * fit->along[k];

@@ -221,6 +221,15 @@ double v2v_sum_of_squares(const float *x, int64_t count)
     return sum_runs(x, count, sum_of_squares);
 }
 
+double v2v_dot(const double *a, const double *b, int64_t count)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
 /** NaN and Inf have all bits of the exponent set. */
 static int is_special(float value)
 {
