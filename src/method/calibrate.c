@@ -2,8 +2,8 @@
 
 #include "method/anderson.h"
 #include "method/calibrator.h"
-#include "method/gains.h"
 #include "method/photons.h"
+#include "method/refinement.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
 #include "v2v3d/optics/calibration.h"
@@ -30,10 +30,9 @@ enum { ALL_FOLDS = 1 << 30, THIRDS = 3 };
 /* Rounds end when no view moves by more, pixels, or less of the residual is gone by one. */
 static const double still = 0.03, least_by_round = 1e-3;
 
-/* Gains from all views: rounds, and what ends them: the largest change of a logarithm; and the
- * weight of curvature (tests/bench/views.md). */
-enum { GAIN_ROUNDS = 6 };
-static const double steady = 3e-4, curvature_of_gains = 0.5;
+/* By all views: rounds at most, and the weight of curvature (tests/bench/views.md). */
+enum { REFINING = 6 };
+static const double curvature_of_refining = 0.5;
 
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
@@ -220,20 +219,20 @@ done:
     return rc;
 }
 
-/** Collective(comm). */
-static enum v2v_status find_gains(struct calibration_run *self)
+/** Gains, and shifts where they may change, by a volume of all views. Collective(comm). */
+static enum v2v_status refine(struct calibration_run *self, int has_shifts)
 {
     enum v2v_status rc = V2V_OK;
     double *const curvature = &self->at.config.deconv.curvature, predicting = *curvature;
     double moved = INFINITY;
-    *curvature = curvature_of_gains;
+    *curvature = curvature_of_refining;
     v2v_calibrator_go(&self->at, LARGE);
     v2v_anderson_restart(self->anderson);
-    for (int r = 0; r < GAIN_ROUNDS && moved > steady; r++) {
+    for (int r = 0; r < REFINING && moved > 1.0; r++) {
         v2v_registration_to_numbers(self->from, self->at.calibration);
-        V2V_TRY(v2v_gains_step(&self->at, &moved));
+        V2V_TRY(v2v_refinement_step(&self->at, has_shifts, &moved));
         mix(self);
-        v2v_log(V2V_LOG_DEBUG, "gains by all views: moved by %.5f", moved);
+        v2v_log(V2V_LOG_DEBUG, "by all views: moved by %.3f of what ends rounds", moved);
     }
 done:
     *curvature = predicting;
@@ -291,7 +290,7 @@ static enum v2v_status undo_shifts_in_vain(struct calibration_run *self,
     if (is_by_noise(&self->at, 1.0 - of_all.frame_after / report->frame_after, unknowns,
                     CERTAIN_OF_SHIFTS)) {
         report->is_gains_alone = 1;
-        V2V_TRY(find_gains(self));
+        V2V_TRY(refine(self, 0));
         V2V_TRY(judge(self, report));
         undo_in_vain(self, report);
     } else {
@@ -321,7 +320,7 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     V2V_TRY(run_stages(self, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, 1, &report->weight));
     V2V_TRY(run_stages(self, FIRST_FINE, STAGES));
-    V2V_TRY(find_gains(self));
+    V2V_TRY(refine(self, 1));
     V2V_TRY(judge(self, report));
     undo_in_vain(self, report);
     V2V_TRY(undo_shifts_in_vain(self, report));
@@ -339,7 +338,7 @@ static int64_t cost_at_most(const struct calibration_run *self)
     double cost =
         4.0 * v2v_calibrator_cost(at, &judging) +
         2.0 * WEIGHTS * v2v_calibrator_cost(at, &stages[FIRST_FINE].look) +
-        (double)(2 * GAIN_ROUNDS * v2v_gains_iterations()) * v2v_calibrator_share(at, LARGE);
+        (double)(2 * REFINING * v2v_refinement_iterations()) * v2v_calibrator_share(at, LARGE);
     for (int s = 0; s < STAGES; s++) {
         cost += (double)(stages[s].rounds + is_optional(&stages[s])) *
                 v2v_calibrator_cost(at, &stages[s].look);
