@@ -102,6 +102,50 @@ static enum v2v_status check_plain(const char *option, const char *text)
     return V2V_OK;
 }
 
+/* A number at *text, which goes on behind it; -1: there is none. */
+static int64_t read_number(const char **text)
+{
+    enum { MOST_DIGITS = 9 };
+    const size_t digits = strspn(*text, "0123456789");
+    int64_t number = digits > 0 && digits <= MOST_DIGITS ? 0 : -1;
+    for (size_t i = 0; number >= 0 && i < digits; i++) {
+        number = 10 * number + ((*text)[i] - '0');
+    }
+    *text += digits;
+    return number;
+}
+
+/* N, N-M or N-M:STEP, such as are between commas; *text goes on behind it. */
+static int is_range(const char **text)
+{
+    const int64_t first = read_number(text);
+    int64_t last = first, step = 1;
+    if (**text == '-') {
+        *text += 1;
+        last = read_number(text);
+        if (**text == ':') {
+            *text += 1;
+            step = read_number(text);
+        }
+    }
+    return first >= 0 && last >= first && step > 0;
+}
+
+/* Ranges, and %MOST of them at a time. */
+static int is_task_list(const char *text)
+{
+    int is_one = is_range(&text);
+    while (is_one && *text == ',') {
+        text++;
+        is_one = is_range(&text);
+    }
+    if (is_one && *text == '%') {
+        text++;
+        is_one = read_number(&text) > 0;
+    }
+    return is_one && *text == '\0';
+}
+
 static enum v2v_status check_array(const struct arguments *given)
 {
     for (int i = 0; i < given->words.count; i++) {
@@ -118,7 +162,7 @@ static enum v2v_status check_array(const struct arguments *given)
     if (given->array == NULL) {
         return V2V_FAIL(V2V_E_USAGE, "an array needs --array TASKS");
     }
-    if (given->array[strspn(given->array, "0123456789,-:%")] != '\0') {
+    if (!is_task_list(given->array)) {
         return V2V_FAIL(V2V_E_USAGE, "--array TASKS: '%s' is none such as 0-9 or 0-99%%4",
                         given->array);
     }

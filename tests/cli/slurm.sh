@@ -69,7 +69,13 @@ refuses 2 'are for an array' slurm train --each 3 -- "${train[@]}"
 refuses 2 'needs --array TASKS' slurm array --each 3 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 --each 3 --list l -- -o v_%a.h5
-refuses 2 "'foo' is none such as" slurm array --array foo --each 3 -- -o v_%a.h5
+for tasks in foo 9-0 1- -3 1-4:0 1,, 0-9% 0-9%0 0-9%2%2 1-2-3 99999999999; do
+    refuses 2 "'$tasks' is none such as" slurm array "--array=$tasks" --each 3 -- -o v_%a.h5
+done
+for tasks in 7 0-9:3%2 1,3,5-8; do
+    works slurm array --array $tasks --each 100 -- --psf p --weights w --input r.h5 -o v_%a.h5
+    is_script "#SBATCH --array=$tasks"
+done
 task=(--psf p --weights w)
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- "${task[@]}" --input r_%a.h5 -o v.h5
 refuses 2 "the output's name needs %a" slurm array --array 1 --each 3 -- "${task[@]}" --input r.h5 -o v_%n.h5
