@@ -5,6 +5,7 @@
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
+#include "v2v3d/tensor/conjugate_gradients.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -30,9 +31,10 @@ struct v2v_least_squares {
     double mean_of_modes;  /* of 1 / (least_cost + squares of differences) */
     double *down, *across; /* windows [height], [width] */
     double *size;          /* [term,v]: of the images; then work of the iterations .. */
-    double *length, *rest, *way, *product;
+    double *length, *numbers, *rest, *way, *product;
     double squares; /* of all sizes */
     int terms, is_relative;
+    float *images;       /* [term,v,y,x]; of the caller */
     float *rows, *image; /* [v, torus rows of this rank, its width] */
     float *whole;        /* [v,torus] */
     float *volume;       /* [slices, torus rows of this rank, its width] */
@@ -84,7 +86,7 @@ static enum v2v_status take_memory(struct v2v_least_squares *self)
     const int64_t here = self->torus.rows.count, across = self->torus.width;
     V2V_TRY(V2V_ALLOC(self->down, "least_squares.window", self->height));
     V2V_TRY(V2V_ALLOC(self->across, "least_squares.window", self->width));
-    V2V_TRY(V2V_ALLOC(self->size, "least_squares", 5 * V2V_LEAST_SQUARES_TERMS * self->views));
+    V2V_TRY(V2V_ALLOC(self->size, "least_squares", 6 * V2V_LEAST_SQUARES_TERMS * self->views));
     V2V_TRY(
         V2V_ALLOC(self->rows, "least_squares.views", v2v_mem_product(self->views, here, across)));
     V2V_TRY(
@@ -93,7 +95,8 @@ static enum v2v_status take_memory(struct v2v_least_squares *self)
                       v2v_mem_product(self->views, self->torus.height, across)));
     V2V_TRY(V2V_ALLOC(self->volume, "least_squares.volume",
                       v2v_mem_product(self->slices, here, across)));
-    double **const work[] = {&self->length, &self->rest, &self->way, &self->product};
+    double **const work[] = {&self->length, &self->numbers, &self->rest, &self->way,
+                             &self->product};
     for (size_t k = 0; k < sizeof work / sizeof *work; k++) {
         *work[k] = self->size + (int64_t)(k + 1) * V2V_LEAST_SQUARES_TERMS * self->views;
     }
@@ -150,7 +153,7 @@ int v2v_least_squares_products(void)
 }
 
 /* All of them, times the window, and 0 where a view is blind. */
-static void look_through_window(const struct v2v_least_squares *self, float *missed, float *images)
+static void look_through_window(const struct v2v_least_squares *self, float *missed)
 {
     const int64_t samples = self->views * self->height * self->width;
 #pragma omp parallel for collapse(2) schedule(static)
@@ -161,7 +164,7 @@ static void look_through_window(const struct v2v_least_squares *self, float *mis
                 const int is_seen = missed[at + x] != V2V_BLIND;
                 const double part = is_seen ? self->down[y] * self->across[x] : 0.0;
                 for (int t = 0; t < self->terms; t++) {
-                    float *const image = images + t * samples + at + x;
+                    float *const image = self->images + t * samples + at + x;
                     *image = (float)(part * *image);
                 }
                 missed[at + x] = is_seen ? (float)(part * missed[at + x]) : 0.0f;
@@ -170,21 +173,13 @@ static void look_through_window(const struct v2v_least_squares *self, float *mis
     }
 }
 
-/* to -= by * way */
-static void take_off(double *to, double by, const double *way, int64_t count)
-{
-    for (int64_t i = 0; i < count; i++) {
-        to[i] -= by * way[i];
-    }
-}
-
 /** size[term,v] = |image|, and their squares' sum; rank 0's, as steps go by them and ranks may
  *  round another way. Collective(comm). */
-static void measure(struct v2v_least_squares *self, const float *images)
+static void measure(struct v2v_least_squares *self)
 {
     const int64_t pixels = self->height * self->width, numbers = self->terms * self->views;
     for (int64_t i = 0; i < numbers; i++) {
-        self->size[i] = sqrt(v2v_sum_of_squares(images + i * pixels, pixels));
+        self->size[i] = sqrt(v2v_sum_of_squares(self->images + i * pixels, pixels));
     }
     v2v_par_broadcast(self->comm, self->size, numbers * (int64_t)sizeof *self->size, 0);
     self->squares = v2v_dot(self->size, self->size, numbers);
@@ -193,7 +188,7 @@ static void measure(struct v2v_least_squares *self, const float *images)
 /** of[term,v] = <image, (1 + A P^-1 A^H)^-1 sum of factor[term,v] from[term,v]>; factor NULL: of
  *  one term, 1. Rank 0's. Collective(comm). */
 static void multiply(struct v2v_least_squares *self, double *of, const float *from,
-                     const double *factor, const float *images)
+                     const double *factor)
 {
     const struct v2v_part here = self->torus.rows;
     const int64_t width = self->torus.width, samples = self->views * here.count * width;
@@ -228,7 +223,7 @@ static void multiply(struct v2v_least_squares *self, double *of, const float *fr
     for (int64_t i = 0; i < self->terms * self->views; i++) {
         double sum = 0.0;
         for (int64_t y = 0; y < self->height; y++) {
-            const float *a = images + (i * self->height + y) * self->width;
+            const float *a = self->images + (i * self->height + y) * self->width;
             const float *b = self->whole + (i % self->views * self->torus.height + y) * width;
             for (int64_t x = 0; x < self->width; x++) {
                 sum += (double)a[x] * b[x];
@@ -247,8 +242,9 @@ static void scale(const struct v2v_least_squares *self, double *of)
     for (int64_t i = 0; i < numbers; i++) {
         of[i] = self->size[i] > 0.0 ? of[i] / self->size[i] : 0.0;
     }
-    if (self->is_relative) {
-        take_off(of, v2v_dot(of, self->size, numbers) / self->squares, self->size, numbers);
+    const double alike = self->is_relative ? v2v_dot(of, self->size, numbers) / self->squares : 0.0;
+    for (int64_t i = 0; i < numbers; i++) {
+        of[i] -= alike * self->size[i];
     }
 }
 
@@ -260,31 +256,14 @@ static void unscale(const struct v2v_least_squares *self, double *numbers, const
     }
 }
 
-/* Conjugate gradients, each number in units of its image's size. */
-static void solve(struct v2v_least_squares *self, double *numbers, const float *images)
+/** The matrix, each number in units of its image's size. Collective(comm).
+ *  @param of a v2v_least_squares */
+static void multiply_lengths(void *of, double *product, const double *length)
 {
-    const int64_t count = self->terms * self->views;
-    double squares = v2v_dot(self->rest, self->rest, count);
-    const double enough = solved * squares;
-    memset(self->length, 0, (size_t)count * sizeof *numbers);
-    memcpy(self->way, self->rest, (size_t)count * sizeof *numbers);
-    for (int k = 0; k < MOST_STEPS && squares > enough; k++) {
-        unscale(self, numbers, self->way);
-        multiply(self, self->product, images, numbers, images);
-        scale(self, self->product);
-        const double curvature = v2v_dot(self->way, self->product, count);
-        if (!(curvature > 0.0)) {
-            break;
-        }
-        const double before = squares, step = before / curvature;
-        take_off(self->length, -step, self->way, count);
-        take_off(self->rest, step, self->product, count);
-        squares = v2v_dot(self->rest, self->rest, count);
-        for (int64_t i = 0; i < count; i++) {
-            self->way[i] = self->rest[i] + squares / before * self->way[i];
-        }
-    }
-    unscale(self, numbers, self->length);
+    struct v2v_least_squares *self = of;
+    unscale(self, self->numbers, length);
+    multiply(self, product, self->images, self->numbers);
+    scale(self, product);
 }
 
 void v2v_least_squares_solve(struct v2v_least_squares *self, double *numbers, float *missed,
@@ -293,8 +272,9 @@ void v2v_least_squares_solve(struct v2v_least_squares *self, double *numbers, fl
 {
     self->terms = terms->count;
     self->is_relative = terms->is_relative;
-    look_through_window(self, missed, terms->images);
-    measure(self, terms->images);
+    self->images = terms->images;
+    look_through_window(self, missed);
+    measure(self);
     memset(numbers, 0, (size_t)(self->terms * self->views) * sizeof *numbers);
     if (!(errors->noise > 0.0 && errors->square > 0.0 && self->squares > 0.0)) {
         return; /* nothing is shown */
@@ -303,7 +283,16 @@ void v2v_least_squares_solve(struct v2v_least_squares *self, double *numbers, fl
     v2v_data_step_factor(
         self->step,
         &(struct v2v_penalty){.constant = least_cost * unit, .differences = unit, .depth = unit});
-    multiply(self, self->rest, missed, NULL, terms->images);
+    multiply(self, self->rest, missed, NULL);
     scale(self, self->rest);
-    solve(self, numbers, terms->images);
+    v2v_conjugate_gradients_solve(
+        &(struct v2v_conjugate_gradients){.count = self->terms * self->views,
+                                          .steps = MOST_STEPS,
+                                          .enough = solved,
+                                          .way = self->way,
+                                          .product = self->product,
+                                          .multiply = multiply_lengths,
+                                          .of = self},
+        self->length, self->rest);
+    unscale(self, numbers, self->length);
 }

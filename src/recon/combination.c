@@ -4,6 +4,7 @@
 #include "v2v3d/base/memory.h"
 #include "v2v3d/optics/projector.h"
 #include "v2v3d/par/watchdog.h"
+#include "v2v3d/tensor/conjugate_gradients.h"
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
@@ -186,7 +187,8 @@ static double inner(const float *a, const float *b, int64_t count)
 }
 
 /** Collective(shard): inner products of `volume` with the mean and with each slice of the half, in
- *  units of their norms. A slice is one thread's: bits do not depend on how many there are. */
+ *  units of their norms. A slice is one thread's: bits do not depend on how many there are. Those
+ *  of rank 0, as steps go by them and ranks may round another way. */
 static void inner_products(const struct v2v_combination *self, double *out, const float *volume)
 {
     const struct least_squares *fit = &self->fit;
@@ -205,6 +207,7 @@ static void inner_products(const struct v2v_combination *self, double *out, cons
     for (int64_t k = 0; k < unknowns_of(self); k++) {
         out[k] = fit->norm[k] > 0.0 ? out[k] / fit->norm[k] : 0.0;
     }
+    v2v_par_broadcast(self->grid->shard, out, unknowns_of(self) * (int64_t)sizeof *out, 0);
 }
 
 /** Local: volume = x[0] * mean + x[1 + z] * half[z]. */
@@ -223,14 +226,16 @@ static void combine_slices(const struct v2v_combination *self, const double *x)
     }
 }
 
-/** Collective(shard): the normal equations' matrix on `along`. */
-static void map(const struct v2v_combination *self)
+/** Collective(shard): the normal equations' matrix. @param of a v2v_combination */
+static void multiply(void *of, double *product, const double *along)
 {
+    const struct v2v_combination *self = of;
     const struct least_squares *fit = &self->fit;
-    combine_slices(self, fit->along);
+    v2v_watchdog_beat("weights of slices");
+    combine_slices(self, along);
     v2v_projector_forward(fit->projector, fit->views, fit->volume, NULL, self->views, 1.0f);
     v2v_projector_adjoint(fit->projector, fit->volume, fit->views, NULL, self->views, 1.0f);
-    inner_products(self, fit->to, fit->volume);
+    inner_products(self, product, fit->volume);
 }
 
 /** Collective(shard): norms, and the gradient at 0. */
@@ -246,45 +251,25 @@ static void begin(const struct v2v_combination *self, const float *views)
     v2v_par_sum_f64(self->grid->shard, fit->norm, n);
     for (int64_t k = 0; k < n; k++) {
         fit->norm[k] = sqrt(fit->norm[k]);
-        fit->lean[k] = 0.0;
     }
     v2v_projector_cut_views(fit->projector, fit->views, views, self->views);
     v2v_projector_adjoint(fit->projector, fit->volume, fit->views, NULL, self->views, 1.0f);
     inner_products(self, fit->left, fit->volume);
-    memcpy(fit->along, fit->left, (size_t)n * sizeof *fit->along);
 }
 
-/** Collective(shard): the gradient's square. One number for all, as steps go by it: ranks may round
- *  another way. */
-static double power_left(const struct v2v_combination *self)
+/** Collective(shard): lean = the least squares' solution. */
+static void solve(struct v2v_combination *self, const float *views)
 {
-    double power = v2v_dot(self->fit.left, self->fit.left, unknowns_of(self));
-    v2v_par_max_f64(self->grid->shard, &power, 1);
-    return power;
-}
-
-/** Collective(shard): lean = the least squares' solution, by conjugate gradients. */
-static void solve(const struct v2v_combination *self, const float *views)
-{
-    const struct least_squares *fit = &self->fit;
-    const int64_t n = unknowns_of(self);
+    struct least_squares *fit = &self->fit;
     begin(self, views);
-    double power = power_left(self);
-    const double enough = ENOUGH * ENOUGH * power;
-    for (int step = 0; step < STEPS && power > enough; step++) {
-        v2v_watchdog_beat("weights of slices");
-        map(self);
-        const double length = power / v2v_dot(fit->along, fit->to, n);
-        const double before = power;
-        for (int64_t k = 0; k < n; k++) {
-            fit->lean[k] += length * fit->along[k];
-            fit->left[k] -= length * fit->to[k];
-        }
-        power = power_left(self);
-        for (int64_t k = 0; k < n; k++) {
-            fit->along[k] = fit->left[k] + power / before * fit->along[k];
-        }
-    }
+    v2v_conjugate_gradients_solve(&(struct v2v_conjugate_gradients){.count = unknowns_of(self),
+                                                                    .steps = STEPS,
+                                                                    .enough = ENOUGH * ENOUGH,
+                                                                    .way = fit->along,
+                                                                    .product = fit->to,
+                                                                    .multiply = multiply,
+                                                                    .of = self},
+                                  fit->lean, fit->left);
 }
 
 /** Local: what a slice leans to the first volume: 1 is that alone, -1 the second one. */

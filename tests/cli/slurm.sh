@@ -69,7 +69,7 @@ refuses 2 'are for an array' slurm train --each 3 -- "${train[@]}"
 refuses 2 'needs --array TASKS' slurm array --each 3 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 -- -o v_%a.h5
 refuses 2 'needs --each N or --list FILE' slurm array --array 1 --each 3 --list l -- -o v_%a.h5
-for tasks in foo 9-0 1- -3 1-4:0 1,, 0-9% 0-9%0 0-9%2%2 1-2-3 99999999999; do
+for tasks in foo 9-0 1- -3 1-4:0 '1,,' 0-9% 0-9%0 0-9%2%2 1-2-3 99999999999; do
     refuses 2 "'$tasks' is none such as" slurm array "--array=$tasks" --each 3 -- -o v_%a.h5
 done
 for tasks in 7 0-9:3%2 1,3,5-8; do
