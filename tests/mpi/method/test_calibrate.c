@@ -119,7 +119,7 @@ static void views_come_back_into_register(void **state)
     assert_true(report.frame_after < 0.5 * report.frame_before);
     assert_false(report.has_slopes);
     assert_false(report.has_fields);
-    assert_found(&found, &truth, 0.02, 0.003); /* 0.25 %, with their bias 0.33 */
+    assert_found(&found, &truth, 0.02, 0.003); /* 0.0073; 0.25 %, with their bias 0.33 */
     assert_ok(v2v_calibrate(&alone, &report_alone, &problem, views, NULL));
     assert_memory_equal(alone.view, found.view, VIEWS * sizeof *alone.view);
     assert_true(report.frame_after == report_alone.frame_after);
@@ -208,7 +208,7 @@ static void check_refinement(int has_shifts, double pixels)
 static void gains_and_shifts_are_refined(void **state)
 {
     (void)state;
-    check_refinement(1, 0.01);
+    check_refinement(1, 0.01); /* 0.0054; 0.41 % */
 }
 
 /* Shifts stay as they are. */
@@ -233,7 +233,7 @@ static void round_views_come_back_into_register(void **state)
     }
     assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
     assert_true(small.report.frame_after < 0.5 * small.report.frame_before);
-    assert_found(&small.found, &small.truth, 0.1, 0.007); /* 0.53 %: no bias is told */
+    assert_found(&small.found, &small.truth, 0.02, 0.007); /* 0.54 %: no bias is told */
     small_fini(&small);
 }
 
