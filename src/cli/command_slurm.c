@@ -181,7 +181,6 @@ static enum v2v_status check(const struct arguments *given)
     }
     V2V_TRY(check_plain("partition", given->partition));
     V2V_TRY(check_plain("account", given->account));
-    V2V_TRY(check_plain("array", given->array));
     V2V_TRY(check_array(given));
     if (given->time_s < 60.0) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--time: Slurm's shortest is a minute"));

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <yaml.h>
 
-enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20, MOST_PIXELS = 64 };
+enum { MOST_VIEWS = 4096, MOST_SIDE = 1 << 20 };
 
 /* Of a field's terms. */
 enum { MOST_SHADING = 8 };
@@ -25,17 +25,17 @@ struct quantity {
     {                                                                                              \
 #name, count, offsetof(struct v2v_view_calibration, name), least, most, meaning            \
     }
-#define PIXELS(name, meaning) QUANTITY(name, 2, -MOST_PIXELS, MOST_PIXELS, meaning)
+#define PIXELS(name, meaning) QUANTITY(name, 2, -V2V_MOST_PIXELS, V2V_MOST_PIXELS, meaning)
 #define FIELD(name, most, meaning) QUANTITY(name, V2V_FIELD_TERMS, -most, most, meaning)
 
 static const struct quantity table[] = {
     QUANTITY(gain, 1, V2V_LEAST_GAIN, V2V_MOST_GAIN, "of the view"),
     PIXELS(shift, "y, x: pixels"),
     PIXELS(slope, "y, x: pixels from the middle slice to the last"),
-    FIELD(distortion_y, MOST_PIXELS,
+    FIELD(distortion_y, V2V_MOST_PIXELS,
           "pixels times P1(x), P1(y), P2(x), P1(x) P1(y), P2(y), P3(x) .. P10(y): Legendre "
           "polynomials, -1 to 1 from edge to edge"),
-    FIELD(distortion_x, MOST_PIXELS, "likewise"),
+    FIELD(distortion_x, V2V_MOST_PIXELS, "likewise"),
     FIELD(shading, MOST_SHADING, "likewise: logarithm of the gain"),
 };
 enum { QUANTITIES = sizeof table / sizeof *table };

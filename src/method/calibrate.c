@@ -2,7 +2,6 @@
 
 #include "method/anderson.h"
 #include "method/calibrator.h"
-#include "method/photons.h"
 #include "method/refinement.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
@@ -30,9 +29,10 @@ enum { ALL_FOLDS = 1 << 30, THIRDS = 3 };
 /* Rounds end when no view moves by more, pixels, or less of the residual is gone by one. */
 static const double still = 0.03, least_by_round = 1e-3;
 
-/* By all views: rounds at most, and the weight of curvature (tests/bench/views.md). */
+/* By all views: rounds at most, what ends them, of a gain and of a shift, and the weight of
+ * curvature (tests/bench/views.md). */
 enum { REFINING = 6 };
-static const double curvature_of_refining = 0.5;
+static const double steady_gain = 3e-4, steady_shift = 3e-3, curvature_of_refining = 0.5;
 
 /* From coarse to fine, few parameters to many. */
 static const struct stage {
@@ -64,7 +64,7 @@ struct calibration_run {
     double (*parallax)[2]; /* [v] */
     struct v2v_anderson *anderson;
     double *from, *to;                 /* all numbers of all views: before and after a step */
-    struct v2v_view_calibration *best; /* [v]: of a stage's rounds */
+    struct v2v_view_calibration *best; /* [v]: of a stage's rounds, or before one */
     unsigned terms;                    /* that are kept, of method/registration.h */
     int64_t rounds;
 };
@@ -219,10 +219,26 @@ done:
     return rc;
 }
 
+/* The largest change of a gain or a shift, of what ends rounds. */
+static double moved_by(const struct v2v_view_calibration *now,
+                       const struct v2v_view_calibration *before, int64_t views)
+{
+    double moved = 0.0;
+    for (int64_t v = 0; v < views; v++) {
+        const double of_gain = fabs(log(now[v].gain / before[v].gain));
+        const double down = fabs(now[v].shift[0] - before[v].shift[0]);
+        const double right = fabs(now[v].shift[1] - before[v].shift[1]);
+        moved = fmax(moved, fmax(of_gain / steady_gain, fmax(down, right) / steady_shift));
+    }
+    return moved;
+}
+
 /** Gains, and shifts where they may change, by a volume of all views. Collective(comm). */
 static enum v2v_status refine(struct calibration_run *self, int has_shifts)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_calibration *const now = self->at.calibration;
+    const size_t bytes = (size_t)self->at.count * sizeof *now->view;
     double *const curvature = &self->at.config.deconv.curvature, predicting = *curvature;
     double moved = INFINITY;
     *curvature = curvature_of_refining;
@@ -230,7 +246,11 @@ static enum v2v_status refine(struct calibration_run *self, int has_shifts)
     v2v_anderson_restart(self->anderson);
     for (int r = 0; r < REFINING && moved > 1.0; r++) {
         v2v_registration_to_numbers(self->from, self->at.calibration);
-        V2V_TRY(v2v_refinement_step(&self->at, has_shifts, &moved));
+        memcpy(self->best, now->view, bytes);
+        V2V_TRY(v2v_refinement_step(&self->at, has_shifts));
+        v2v_registration_fix_modes(now, self->parallax);
+        moved = moved_by(now->view, self->best, self->at.count);
+        v2v_par_broadcast(self->at.comm, &moved, sizeof moved, 0);
         mix(self);
         v2v_log(V2V_LOG_DEBUG, "by all views: moved by %.3f of what ends rounds", moved);
     }

@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
 #include "v2v3d/tensor/blind.h"
@@ -11,14 +12,15 @@
 #include <math.h>
 #include <string.h>
 
-static const double pi = 3.14159265358979323846;
-
 /* Pixels in which a window rises from 0 to 1, inside of what is judged: at most, of its side. */
 enum { RISE = 20, RISE_OF_SIDE = 8 };
 
 /* Of conjugate gradients, and the part of the right side's square that ends them. */
 enum { MOST_STEPS = 8 };
 static const double solved = 1e-7;
+
+/* Of the noise, the length of an image that tells its number. */
+static const double least_told = 0.5;
 
 /* What a mode costs beside its differences: none of the frame's own size costs nothing. */
 static const double least_cost = 4e-4;
@@ -33,8 +35,8 @@ struct v2v_least_squares {
     double *size;          /* [term,v]: of the images; then work of the iterations .. */
     double *length, *numbers, *rest, *way, *product;
     double squares; /* of all sizes */
-    int terms, is_relative;
-    float *images;       /* [term,v,y,x]; of the caller */
+    const struct v2v_least_squares_terms *terms;
+    int64_t count;       /* of numbers: terms times views */
     float *rows, *image; /* [v, torus rows of this rank, its width] */
     float *whole;        /* [v,torus] */
     float *volume;       /* [slices, torus rows of this rank, its width] */
@@ -47,7 +49,7 @@ static void make_window(double *window, int64_t side, struct v2v_part part)
     for (int64_t i = 0; i < side; i++) {
         const int64_t first = i - part.first, last = part.first + part.count - 1 - i;
         const double in = ((double)v2v_smaller(first, last) + 0.5) / rise;
-        const double s = sin(0.5 * pi * fmin(fmax(in, 0.0), 1.0));
+        const double s = sin(0.5 * V2V_PI * fmin(fmax(in, 0.0), 1.0));
         window[i] = s * s;
     }
 }
@@ -55,7 +57,7 @@ static void make_window(double *window, int64_t side, struct v2v_part part)
 /* 4 sin^2: squares of differences along a side, of its mode k. */
 static double squares_of(int64_t k, double side)
 {
-    const double s = sin(pi * (double)k / side);
+    const double s = sin(V2V_PI * (double)k / side);
     return 4.0 * s * s;
 }
 
@@ -104,7 +106,7 @@ done:
     return rc;
 }
 
-enum v2v_status v2v_least_squares_create(struct v2v_least_squares **equations,
+enum v2v_status v2v_least_squares_create(struct v2v_least_squares **least_squares,
                                          const struct v2v_psf_file *psf, int64_t height,
                                          int64_t width, struct v2v_part rows,
                                          struct v2v_part columns, enum v2v_split split,
@@ -126,14 +128,14 @@ done:
     if (rc != V2V_OK) {
         v2v_least_squares_destroy(&self);
     }
-    *equations = self;
+    *least_squares = self;
     return rc;
 }
 
-void v2v_least_squares_destroy(struct v2v_least_squares **equations)
+void v2v_least_squares_destroy(struct v2v_least_squares **least_squares)
 {
-    struct v2v_least_squares *self = *equations;
-    *equations = NULL;
+    struct v2v_least_squares *self = *least_squares;
+    *least_squares = NULL;
     if (self != NULL) {
         v2v_data_step_destroy(&self->step);
         v2v_mem_free(self->volume);
@@ -163,8 +165,8 @@ static void look_through_window(const struct v2v_least_squares *self, float *mis
             for (int64_t x = 0; x < self->width; x++) {
                 const int is_seen = missed[at + x] != V2V_BLIND;
                 const double part = is_seen ? self->down[y] * self->across[x] : 0.0;
-                for (int t = 0; t < self->terms; t++) {
-                    float *const image = self->images + t * samples + at + x;
+                for (int t = 0; t < self->terms->count; t++) {
+                    float *const image = self->terms->images + t * samples + at + x;
                     *image = (float)(part * *image);
                 }
                 missed[at + x] = is_seen ? (float)(part * missed[at + x]) : 0.0f;
@@ -173,16 +175,17 @@ static void look_through_window(const struct v2v_least_squares *self, float *mis
     }
 }
 
-/** size[term,v] = |image|, and their squares' sum; rank 0's, as steps go by them and ranks may
- *  round another way. Collective(comm). */
-static void measure(struct v2v_least_squares *self)
+/** size[term,v] = |image|, 0 of those that noise hides, and their squares' sum; rank 0's, as steps
+ *  go by them and ranks may round another way. Collective(comm). */
+static void measure(struct v2v_least_squares *self, double noise)
 {
-    const int64_t pixels = self->height * self->width, numbers = self->terms * self->views;
-    for (int64_t i = 0; i < numbers; i++) {
-        self->size[i] = sqrt(v2v_sum_of_squares(self->images + i * pixels, pixels));
+    const int64_t pixels = self->height * self->width;
+    for (int64_t i = 0; i < self->count; i++) {
+        const double size = sqrt(v2v_sum_of_squares(self->terms->images + i * pixels, pixels));
+        self->size[i] = size > least_told * noise ? size : 0.0;
     }
-    v2v_par_broadcast(self->comm, self->size, numbers * (int64_t)sizeof *self->size, 0);
-    self->squares = v2v_dot(self->size, self->size, numbers);
+    v2v_par_broadcast(self->comm, self->size, self->count * (int64_t)sizeof *self->size, 0);
+    self->squares = v2v_dot(self->size, self->size, self->count);
 }
 
 /** of[term,v] = <image, (1 + A P^-1 A^H)^-1 sum of factor[term,v] from[term,v]>; factor NULL: of
@@ -192,7 +195,7 @@ static void multiply(struct v2v_least_squares *self, double *of, const float *fr
 {
     const struct v2v_part here = self->torus.rows;
     const int64_t width = self->torus.width, samples = self->views * here.count * width;
-    const int terms = factor != NULL ? self->terms : 1;
+    const int terms = factor != NULL ? self->terms->count : 1;
     v2v_watchdog_beat("calibrate: by all views");
 #pragma omp parallel for collapse(2) schedule(static)
     for (int64_t v = 0; v < self->views; v++) {
@@ -220,38 +223,38 @@ static void multiply(struct v2v_least_squares *self, double *of, const float *fr
     }
     v2v_data_step_gather(self->step, self->whole, self->image, self->views);
 #pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < self->terms * self->views; i++) {
-        double sum = 0.0;
+    for (int64_t i = 0; i < self->count; i++) {
+        of[i] = 0.0;
         for (int64_t y = 0; y < self->height; y++) {
-            const float *a = self->images + (i * self->height + y) * self->width;
-            const float *b = self->whole + (i % self->views * self->torus.height + y) * width;
-            for (int64_t x = 0; x < self->width; x++) {
-                sum += (double)a[x] * b[x];
-            }
+            const int64_t row = i % self->views * self->torus.height + y;
+            of[i] += v2v_sum_of_products(self->terms->images + (i * self->height + y) * self->width,
+                                         self->whole + row * width, self->width);
         }
-        of[i] = sum;
     }
-    v2v_par_broadcast(self->comm, of, self->terms * self->views * (int64_t)sizeof *of, 0);
+    v2v_par_broadcast(self->comm, of, self->count * (int64_t)sizeof *of, 0);
 }
 
-/* From derivatives by numbers to those by what they add to the size of images; less the part by
- * which all would grow alike, where that is the volume's. */
+/* From derivatives by numbers to those by what they add to the size of images. */
 static void scale(const struct v2v_least_squares *self, double *of)
 {
-    const int64_t numbers = self->terms * self->views;
-    for (int64_t i = 0; i < numbers; i++) {
+    for (int64_t i = 0; i < self->count; i++) {
         of[i] = self->size[i] > 0.0 ? of[i] / self->size[i] : 0.0;
     }
-    const double alike = self->is_relative ? v2v_dot(of, self->size, numbers) / self->squares : 0.0;
-    for (int64_t i = 0; i < numbers; i++) {
-        of[i] -= alike * self->size[i];
+}
+
+/* Less the part by which all images would grow alike, where that is the volume's. */
+static void take_off_common(const struct v2v_least_squares *self, double *of)
+{
+    const double common = v2v_dot(of, self->size, self->count) / self->squares;
+    for (int64_t i = 0; i < (self->terms->is_relative ? self->count : 0); i++) {
+        of[i] -= common * self->size[i];
     }
 }
 
 /* numbers = lengths, of images */
 static void unscale(const struct v2v_least_squares *self, double *numbers, const double *length)
 {
-    for (int64_t i = 0; i < self->terms * self->views; i++) {
+    for (int64_t i = 0; i < self->count; i++) {
         numbers[i] = self->size[i] > 0.0 ? length[i] / self->size[i] : 0.0;
     }
 }
@@ -262,20 +265,21 @@ static void multiply_lengths(void *of, double *product, const double *length)
 {
     struct v2v_least_squares *self = of;
     unscale(self, self->numbers, length);
-    multiply(self, product, self->images, self->numbers);
+    multiply(self, product, self->terms->images, self->numbers);
     scale(self, product);
+    take_off_common(self, product);
 }
 
 void v2v_least_squares_solve(struct v2v_least_squares *self, double *numbers, float *missed,
                              const struct v2v_least_squares_terms *terms,
                              const struct v2v_volume_errors *errors)
 {
-    self->terms = terms->count;
-    self->is_relative = terms->is_relative;
-    self->images = terms->images;
+    V2V_ASSERT(terms->count > 0 && terms->count <= V2V_LEAST_SQUARES_TERMS);
+    self->terms = terms;
+    self->count = terms->count * self->views;
     look_through_window(self, missed);
-    measure(self);
-    memset(numbers, 0, (size_t)(self->terms * self->views) * sizeof *numbers);
+    measure(self, errors->noise);
+    memset(numbers, 0, (size_t)self->count * sizeof *numbers);
     if (!(errors->noise > 0.0 && errors->square > 0.0 && self->squares > 0.0)) {
         return; /* nothing is shown */
     }
@@ -285,14 +289,14 @@ void v2v_least_squares_solve(struct v2v_least_squares *self, double *numbers, fl
         &(struct v2v_penalty){.constant = least_cost * unit, .differences = unit, .depth = unit});
     multiply(self, self->rest, missed, NULL);
     scale(self, self->rest);
-    v2v_conjugate_gradients_solve(
-        &(struct v2v_conjugate_gradients){.count = self->terms * self->views,
-                                          .steps = MOST_STEPS,
-                                          .enough = solved,
-                                          .way = self->way,
-                                          .product = self->product,
-                                          .multiply = multiply_lengths,
-                                          .of = self},
-        self->length, self->rest);
+    take_off_common(self, self->rest);
+    v2v_conjugate_gradients_solve(&(struct v2v_conjugate_gradients){.count = self->count,
+                                                                    .steps = MOST_STEPS,
+                                                                    .enough = solved,
+                                                                    .way = self->way,
+                                                                    .product = self->product,
+                                                                    .multiply = multiply_lengths,
+                                                                    .of = self},
+                                  self->length, self->rest);
     unscale(self, numbers, self->length);
 }

@@ -43,7 +43,8 @@ void v2v_least_squares_destroy(struct v2v_least_squares **least_squares);
 /** Products with the matrix of the equations that a solution takes at most. @kind Local. */
 int v2v_least_squares_products(void);
 
-/** The numbers by which views differ from their projections. 0 for those whose images are 0.
+/** The numbers by which views differ from their projections. 0 for those whose images are 0, or so
+ *  small that noise alone would make two units.
  *  @kind Collective(comm), no allocation, the same bits on any number of ranks.
  *  @param numbers [terms->count,views] out
  *  @param missed [views,y,x] of views, less their projections; where views are blind V2V_BLIND.

@@ -10,7 +10,6 @@
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Iterations of a volume: more carry on more of what gains are off (tests/bench/views.md). */
 enum { SETTLED = 14 };
@@ -34,10 +33,9 @@ static const struct subject {
     double missed;    /* noise is at least so many times what views are missed by: shifts take for
                          theirs what else displaces views (tests/bench/views.md) */
     double most_less, most_more; /* of a step */
-    double steady;               /* change that ends rounds */
 } subjects[] = {
-    {GAIN, 1, 0.0, 0.5, 1.0, 3e-4},
-    {DOWN, RIGHT - DOWN + 1, 3.0, 1.0, 1.0, 3e-3},
+    {GAIN, 1, 0.0, 0.5, 1.0},
+    {DOWN, RIGHT - DOWN + 1, 3.0, 1.0, 1.0},
 };
 enum { SUBJECTS = sizeof subjects / sizeof *subjects };
 
@@ -67,16 +65,12 @@ static void add_noise(const struct v2v_calibrator *self, float *to, const float 
     }
 }
 
-/** Mean square of a voxel, of what is judged. Collective(comm). @param of_slice [slices] room */
-static double light_of(const struct v2v_calibrator *self, double *of_slice)
+/** Mean square of a voxel, of what is judged. Collective(comm).
+ *  @param own slices of the volume @param of_slice [slices] room, of zeros */
+static double light_of(const struct v2v_calibrator *self, struct v2v_part own, double *of_slice)
 {
     const int64_t slices = self->problem->psf->slices;
-    const struct v2v_part own =
-        v2v_par_part(slices, v2v_comm_size(self->comm), v2v_comm_rank(self->comm));
     double sum = 0.0;
-    for (int64_t z = 0; z < slices; z++) {
-        of_slice[z] = 0.0;
-    }
     for (int64_t z = 0; z < own.count; z++) {
         for (int64_t y = 0; y < self->rows.count; y++) {
             const float *row = self->volume + z * self->pixels +
@@ -132,8 +126,8 @@ static void measure(struct levels *levels, const struct v2v_calibrator *self,
     levels->projections = count > 0 ? sqrt(squares / (double)count) : 0.0;
 }
 
-/** What a volume of all views shows, and one of a copy: its projections and noise.
- *  Collective(comm). */
+/** What a volume of all views shows, and one of a copy: its projections and noise. The levels are
+ *  rank 0's. Collective(comm). */
 static enum v2v_status look(struct v2v_calibrator *self, struct levels *levels)
 {
     enum v2v_status rc = V2V_OK;
@@ -146,8 +140,9 @@ static enum v2v_status look(struct v2v_calibrator *self, struct levels *levels)
     V2V_TRY(v2v_calibrator_leave_out(self, &all, (struct v2v_left_out_views){0}, SETTLED));
     V2V_TRY(show(self, all, predicted, self->undistorted));
     levels->noise = v2v_tv_noise(all->estimator).deviation;
-    levels->light = light_of(self, of_slice);
+    levels->light = light_of(self, all->estimator->slices, of_slice);
     measure(levels, self, predicted);
+    v2v_par_broadcast(self->comm, levels, sizeof *levels, 0);
     add_noise(self, copy, predicted, levels->noise);
     V2V_TRY(show(self, all, copy, copy));
 done:
@@ -164,10 +159,11 @@ struct question {
 };
 
 /** Local. */
-static enum v2v_status take_memory(struct question *question, const struct v2v_calibrator *self)
+static enum v2v_status take_memory(struct question *question, const struct v2v_calibrator *self,
+                                   int terms)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t views = self->count, most = V2V_LEAST_SQUARES_TERMS * views;
+    const int64_t views = self->count, most = terms * views;
     V2V_TRY(V2V_ALLOC(question->step, "calibrate.refinement", 2 * most));
     V2V_TRY(
         V2V_ALLOC(question->missed, "calibrate.missed", v2v_mem_product(views, self->pixels, 1)));
@@ -204,11 +200,10 @@ static void differentiate(const struct v2v_calibrator *self, const struct questi
     }
 }
 
-/* Steps less their bias. Returns the largest, of what ends rounds. */
-static double take(struct v2v_calibrator *self, const struct question *question,
-                   const struct subject *subject)
+/* Steps less their bias. */
+static void take(struct v2v_calibrator *self, const struct question *question,
+                 const struct subject *subject)
 {
-    double moved = 0.0;
     for (int64_t i = 0; i < subject->count * self->count; i++) {
         struct v2v_view_calibration *const view = &self->calibration->view[i % self->count];
         const double step = question->step[i] - question->bias[i];
@@ -219,9 +214,7 @@ static double take(struct v2v_calibrator *self, const struct question *question,
         } else {
             view->shift[number - DOWN] += by;
         }
-        moved = fmax(moved, fabs(by) / subject->steady);
     }
-    return moved;
 }
 
 /** By what the views are missed by and what the copy is. Collective(comm). */
@@ -246,25 +239,24 @@ static void solve(struct v2v_calibrator *self, struct question *question,
     v2v_calibrator_step(self, 2 * v2v_least_squares_products());
 }
 
-enum v2v_status v2v_refinement_step(struct v2v_calibrator *self, int has_shifts, double *moved)
+enum v2v_status v2v_refinement_step(struct v2v_calibrator *self, int has_shifts)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_least_squares *least_squares = NULL;
     struct question question = {0};
     struct levels levels;
-    *moved = 0.0;
     v2v_watchdog_beat("calibrate: by all views");
     V2V_TRY(look(self, &levels));
-    V2V_TRY(v2v_par_agree(self->comm, take_memory(&question, self)));
+    V2V_TRY(v2v_par_agree(self->comm,
+                          take_memory(&question, self, has_shifts ? V2V_LEAST_SQUARES_TERMS : 1)));
     V2V_TRY(v2v_least_squares_create(&least_squares, &self->psf, self->height, self->width,
                                      self->rows, self->columns, v2v_split_of_slabs(&self->config),
                                      self->comm));
     for (const struct subject *subject = subjects; subject < subjects + (has_shifts ? SUBJECTS : 1);
          subject++) {
         solve(self, &question, least_squares, subject, &levels);
-        *moved = fmax(*moved, take(self, &question, subject));
+        take(self, &question, subject);
     }
-    v2v_par_broadcast(self->comm, moved, sizeof *moved, 0);
 done:
     v2v_least_squares_destroy(&least_squares);
     free_question(&question);

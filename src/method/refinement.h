@@ -10,9 +10,8 @@ int v2v_refinement_iterations(void);
 
 /** One round, over the place where the calibrator is. @kind Collective(comm).
  *  @param has_shifts whether shifts may change, too
- *  @param moved out: the largest change, of what ends rounds
  *  @return as v2v_calibrator_look */
-enum v2v_status v2v_refinement_step(struct v2v_calibrator *calibrator, int has_shifts,
-                                    double *moved) V2V_MUST_CHECK;
+enum v2v_status v2v_refinement_step(struct v2v_calibrator *calibrator,
+                                    int has_shifts) V2V_MUST_CHECK;
 
 #endif

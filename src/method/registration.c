@@ -404,6 +404,9 @@ void v2v_registration_from_numbers(struct v2v_calibration *calibration, const do
         struct v2v_view_calibration *view = &calibration->view[v];
         memcpy(view, numbers + v * V2V_REGISTER_NUMBERS, sizeof *view);
         view->gain = fmin(fmax(exp(view->gain), V2V_LEAST_GAIN), V2V_MOST_GAIN);
+        for (int axis = 0; axis < 2; axis++) {
+            view->shift[axis] = fmin(fmax(view->shift[axis], -V2V_MOST_PIXELS), V2V_MOST_PIXELS);
+        }
     }
 }
 

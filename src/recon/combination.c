@@ -176,16 +176,6 @@ static void average(const struct v2v_combination *self, float *result, const flo
     }
 }
 
-static double inner(const float *a, const float *b, int64_t count)
-{
-    double sum = 0.0;
-#pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < count; i++) {
-        sum += (double)a[i] * (double)b[i];
-    }
-    return sum;
-}
-
 /** Collective(shard): inner products of `volume` with the mean and with each slice of the half, in
  *  units of their norms. A slice is one thread's: bits do not depend on how many there are. Those
  *  of rank 0, as steps go by them and ranks may round another way. */
@@ -197,8 +187,8 @@ static void inner_products(const struct v2v_combination *self, double *out, cons
 #pragma omp parallel for schedule(static)
     for (int64_t z = 0; z < fit->own.count; z++) {
         const float *with = volume + z * pixels;
-        fit->of_mean[z] = inner(fit->mean + z * pixels, with, pixels);
-        out[1 + fit->own.first + z] = inner(fit->half + z * pixels, with, pixels);
+        fit->of_mean[z] = v2v_sum_of_products(fit->mean + z * pixels, with, pixels);
+        out[1 + fit->own.first + z] = v2v_sum_of_products(fit->half + z * pixels, with, pixels);
     }
     for (int64_t z = 0; z < fit->own.count; z++) {
         out[0] += fit->of_mean[z];

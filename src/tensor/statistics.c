@@ -167,17 +167,17 @@ done:
 
 /** Lanes are fixed here, not by the processor's vector width, and a product of two floats is exact
  * in double precision: every machine gets the same bits, with fused multiply-adds or without. */
-static inline double sum_lanes(const float *x, int64_t count, int is_squared)
+static inline double sum_lanes(const float *x, const float *by, int64_t count)
 {
     double lane[LANES] = {0};
     int64_t i = 0;
     for (; i + LANES <= count; i += LANES) {
         for (int l = 0; l < LANES; l++) {
-            lane[l] += (double)x[i + l] * (is_squared ? (double)x[i + l] : 1.0);
+            lane[l] += (double)x[i + l] * (by != NULL ? (double)by[i + l] : 1.0);
         }
     }
     for (int l = 0; i < count; i++, l++) {
-        lane[l] += (double)x[i] * (is_squared ? (double)x[i] : 1.0);
+        lane[l] += (double)x[i] * (by != NULL ? (double)by[i] : 1.0);
     }
     return ((lane[0] + lane[4]) + (lane[1] + lane[5])) +
            ((lane[2] + lane[6]) + (lane[3] + lane[7]));
@@ -185,12 +185,12 @@ static inline double sum_lanes(const float *x, int64_t count, int is_squared)
 
 static double sum(const float *x, int64_t count)
 {
-    return sum_lanes(x, count, 0);
+    return sum_lanes(x, NULL, count);
 }
 
 static double sum_of_squares(const float *x, int64_t count)
 {
-    return sum_lanes(x, count, 1);
+    return sum_lanes(x, x, count);
 }
 
 static double sum_runs(const float *x, int64_t count, double (*of_run)(const float *, int64_t))
@@ -219,6 +219,11 @@ double v2v_sum(const float *x, int64_t count)
 double v2v_sum_of_squares(const float *x, int64_t count)
 {
     return sum_runs(x, count, sum_of_squares);
+}
+
+double v2v_sum_of_products(const float *a, const float *b, int64_t count)
+{
+    return sum_lanes(a, b, count);
 }
 
 double v2v_dot(const double *a, const double *b, int64_t count)

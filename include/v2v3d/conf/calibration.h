@@ -13,6 +13,8 @@ extern "C" {
 /** Bounds of a view's gain. */
 #define V2V_LEAST_GAIN 1e-3
 #define V2V_MOST_GAIN 1e3
+/** .. and so many pixels of a displacement. */
+#define V2V_MOST_PIXELS 64.0
 
 /** How the views of a microscope differ from what its PSFs say, in a YAML file. A view shows
  *      gain * exp(shading) * (its projection, displaced by shift + slope * depth)

@@ -26,10 +26,10 @@ struct v2v_calibration_report {
  *  every one was; each is compared with its prediction and moved by linear least squares. From
  *  coarse detail and a part of the frame to fine and more of it. Slopes, then shading and
  *  distortion, the latter by the whole frame, to the third degree and then to the tenth, are kept
- *  where they lower the residual by 3 % (the tenth degree: 1 %). At the end gains are found by the
- *  volume of all views, less its bias. The report is of the whole frame, two views at a time left
- *  out, before and after; where noise alone could lower it as much, shifts, and then gains, stay
- *  as they came.
+ *  where they lower the residual by 3 % (the tenth degree: 1 %). At the end gains and shifts are
+ *  found by the volume of all views, less its bias. The report is of the whole frame, two views at
+ *  a time left out, before and after; where noise alone could lower it as much, shifts, and then
+ *  gains, stay as they came.
  *  What views cannot tell stays as it was: what all of them share, and what moves, stretches or
  *  bends the volume in depth.
  *  @kind   Collective(comm); any number of ranks finds the same to the bit

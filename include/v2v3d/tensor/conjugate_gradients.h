@@ -15,7 +15,7 @@ struct v2v_conjugate_gradients {
     double enough;         /**< they end where less of the right side's square is left */
     double *way, *product; /**< [count] room */
     /** product [count] = the matrix times `way`. Collective where it is: the same numbers on all
-     *  ranks, as steps go by them */
+     *  ranks of one program, as steps go by them */
     void (*multiply)(void *of, double *product, const double *way);
     void *of;
 };

@@ -70,6 +70,9 @@ struct v2v_noise_line v2v_noise_line_of_images(const float *images, int64_t coun
 double v2v_sum(const float *x, int64_t count);
 double v2v_sum_of_squares(const float *x, int64_t count);
 
+/** Sum of products in double precision, in a fixed order. @kind Local, one thread. */
+double v2v_sum_of_products(const float *a, const float *b, int64_t count);
+
 /** The sum of products, in their order. @kind Local. */
 double v2v_dot(const double *a, const double *b, int64_t count);
 

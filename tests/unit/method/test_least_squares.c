@@ -39,7 +39,7 @@ static double window_of(int64_t i, struct v2v_part part)
     return in < 0 ? 0.0 : s * s;
 }
 
-/* Images of `least` to `least` + 1, views and volume. */
+/* PSFs, images of `least` to `least` + 1, and what views are missed by. */
 static void draw(float least)
 {
     const int64_t taps = VIEWS * SLICES * KERNEL * KERNEL;
