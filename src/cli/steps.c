@@ -44,18 +44,21 @@ done:
     return rc;
 }
 
-/* Rank-0. */
+/* Rank-0. @param settings the file of them, or NULL: an input, too */
 static enum v2v_status check_output(const char *path, const char *const *inputs, int64_t count,
-                                    int is_replaced)
+                                    const char *settings, int is_replaced)
 {
     enum v2v_status rc = V2V_OK;
     const char **given = NULL;
     int64_t n = 0;
-    V2V_TRY(V2V_ALLOC(given, "cli.inputs", count));
+    V2V_TRY(V2V_ALLOC(given, "cli.inputs", count + 1));
     for (int64_t i = 0; i < count; i++) {
         if (inputs[i] != NULL) {
             given[n++] = inputs[i];
         }
+    }
+    if (settings != NULL) {
+        given[n++] = settings;
     }
     V2V_TRY(v2v_file_check_output(path, is_replaced, given, n));
     if (!is_replaced) {
@@ -75,10 +78,11 @@ enum v2v_status v2v_step_output(const struct v2v_session *session, const char *p
 enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, const char *path,
                                           const char *const *inputs, int64_t count, int resume)
 {
-    return v2v_par_agree(session->world,
-                         v2v_step_on_root(session)
-                             ? check_output(path, inputs, count, session->force || resume)
-                             : V2V_OK);
+    return v2v_par_agree(
+        session->world,
+        v2v_step_on_root(session)
+            ? check_output(path, inputs, count, session->common->config, session->force || resume)
+            : V2V_OK);
 }
 
 /* The number that `text` begins with, up to `end`. */
@@ -278,8 +282,10 @@ static enum v2v_status adopt(struct v2v_session *session, const struct v2v_weigh
         const int is_chosen =
             strcmp(ops->keys[i], variation) == 0 && lambda->mode == V2V_NUMBER_GIVEN;
         if (is_chosen && psfs == OTHERS && v2v_step_on_root(session)) {
-            v2v_log(V2V_LOG_INFO, "%s: was trained with other PSFs: its %s is not taken over", path,
-                    variation);
+            v2v_log(V2V_LOG_INFO,
+                    "%s: was trained with other PSFs, or another calibration of them: its %s is "
+                    "not taken over",
+                    path, variation);
         }
         if (is_chosen && psfs != THE_SAME) {
             *lambda = before.deconv.lambda;
@@ -333,8 +339,8 @@ enum v2v_status v2v_step_weights_info(struct v2v_session *session, struct v2v_we
     const int is_elsewhere = psf->views > 0 && !v2v_weights_suit(info, v2v_psf_file_sum(psf));
     if (!is_any && v2v_step_on_root(session) && is_elsewhere) {
         v2v_log(V2V_LOG_WARNING,
-                "%s: its network was trained with other PSFs than these, or with these normalised "
-                "otherwise: volumes are wrong where that matters",
+                "%s: its network was trained with other PSFs than these, or with these calibrated "
+                "or normalised otherwise: volumes are wrong where that matters",
                 path);
     }
     V2V_TRY(adopt(session, info, ops, path, is_elsewhere ? OTHERS : THE_SAME));

@@ -21,8 +21,8 @@ int v2v_step_on_root(const struct v2v_session *session);
 const char *v2v_step_message(void);
 
 /** Refuse an output that exists or of which an interrupted run finished frames (without --force),
- *  is one of the inputs (NULLs are skipped), or lies where nothing can be written. Rank 0 looks.
- *  @kind Collective(world), agreed */
+ *  is one of the inputs (NULLs are skipped) or the file of settings, or lies where nothing can be
+ *  written. Rank 0 looks. @kind Collective(world), agreed */
 enum v2v_status v2v_step_output(const struct v2v_session *session, const char *path,
                                 const char *const *inputs, int64_t count) V2V_MUST_CHECK;
 

@@ -131,10 +131,10 @@ done:
     return rc;
 }
 
-/* Times what noise takes that is certain. Shifts of views in register take up to 9, fields of views
- * with little noise that have none up to 17: predictions err alike in neighbouring pixels
- * (tests/bench/views.md). */
-enum { CERTAIN = 3, CERTAIN_OF_SHIFTS = 10, CERTAIN_OF_COARSE = 20 };
+/* Times what noise takes that is certain. Shifts of views in register take up to 9; fields of views
+ * with little noise that have none take up to 17, of 7, 6, 5, 4 views 32, 53, 49, 72: predictions
+ * err alike in neighbouring pixels (tests/bench/views.md). */
+enum { CERTAIN = 3, CERTAIN_OF_SHIFTS = 10, CERTAIN_OF_COARSE_BY_VIEWS = 500 };
 
 /** Is this part of the residual no more than what so many unknowns of a view take of noise alone?
  *  Each takes one of as many squares as there are pixels, give or take. Local. */
@@ -149,10 +149,11 @@ static int is_kept(const struct calibration_run *self, const struct stage *stage
 {
     const int unknowns =
         v2v_registration_unknowns(stage->look.terms) - v2v_registration_unknowns(self->terms);
-    const int is_fine = (stage->look.terms & V2V_REGISTER_FINE_FIELDS) != 0;
+    const int certain = (stage->look.terms & V2V_REGISTER_FINE_FIELDS) != 0
+                            ? CERTAIN
+                            : CERTAIN + CERTAIN_OF_COARSE_BY_VIEWS / (int)self->at.count;
     return !is_optional(stage) ||
-           (lowered >= stage->least &&
-            !is_by_noise(&self->at, lowered, unknowns, is_fine ? CERTAIN : CERTAIN_OF_COARSE) &&
+           (lowered >= stage->least && !is_by_noise(&self->at, lowered, unknowns, certain) &&
             v2v_calibration_is_within_bounds(self->at.calibration));
 }
 

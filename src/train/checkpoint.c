@@ -233,7 +233,9 @@ static enum v2v_status read_file(struct v2v_trainer *trainer, const char *path,
     *trained = (struct v2v_trained){info.step, info.seconds};
     const int on_root = v2v_comm_rank(trainer->grid.world) == 0;
     if (on_root && !v2v_weights_suit(&info, trainer->psf_sum)) {
-        v2v_log(V2V_LOG_WARNING, "%s: was trained with other PSFs until here", path);
+        v2v_log(V2V_LOG_WARNING,
+                "%s: was trained with other PSFs, or another calibration of them, until here",
+                path);
     }
     if (on_root && !are_same_levels(&info.levels, &v2v_sampler_sources(trainer->sampler)->levels)) {
         v2v_log(V2V_LOG_WARNING, "%s: was trained on other frames until here", path);

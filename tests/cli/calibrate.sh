@@ -127,5 +127,10 @@ sed "s/0.5]}/0.5], shading: $shading}/; s/64/32/" spoil.yaml >small.yaml
 refuses 65 'made from 5 of 32 x 32' deconvolve --psf psf.h5 --input rec.h5 -o out.h5 \
     --calibration small.yaml
 refuses 2 'cal.yaml.*--force' calibrate --psf psf.h5 --input rec.h5 -o cal.yaml
+printf 'deconv:\n  iterations: 3\n' >settings.yaml
+cp settings.yaml kept.yaml
+refuses 2 'settings.yaml: the output would overwrite the input' calibrate -c settings.yaml \
+    --psf psf.h5 --input rec.h5 -o settings.yaml --force
+cmp settings.yaml kept.yaml
 refuses 65 'there is no frame 7' calibrate --psf psf.h5 --input rec.h5 -o out.yaml --frame 7
 finish
