@@ -64,17 +64,16 @@ struct calibration_run {
     double (*parallax)[2]; /* [v] */
     struct v2v_anderson *anderson;
     double *from, *to;                 /* all numbers of all views: before and after a step */
-    struct v2v_view_calibration *best; /* [v]: of a stage's rounds, or before one */
+    struct v2v_view_calibration *kept; /* [v]: of before, or of the best round so far */
     unsigned terms;                    /* that are kept, of method/registration.h */
     int64_t rounds;
 };
 
-/** From where the numbers were, `from`, by a step to where they are, mixed with the steps before;
- *  what all views share is taken out. Collective(comm). */
+/** From where the numbers were, `from`, by a step to where they are, mixed with the steps before.
+ *  What all views share has been taken out of the step. Collective(comm). */
 static void mix(struct calibration_run *self)
 {
     struct v2v_calibration *const now = self->at.calibration;
-    v2v_registration_fix_modes(now, self->parallax);
     v2v_registration_to_numbers(self->to, now);
     v2v_anderson_step(self->anderson, self->from, self->to);
     v2v_registration_from_numbers(now, self->from);
@@ -100,7 +99,7 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
     double moved = INFINITY, first = INFINITY, least = INFINITY;
     int is_lower = 1;
     v2v_anderson_restart(self->anderson);
-    memcpy(self->best, now, bytes);
+    memcpy(self->kept, now, bytes);
     for (int r = 0; r <= stage->rounds; r++) {
         const int is_last = r == stage->rounds || (moved <= still && !is_optional(stage));
         if (is_last && !is_optional(stage)) { /* nothing is compared with it */
@@ -111,7 +110,7 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
         first = r == 0 ? at->missed : first;
         if (at->missed < least) {
             least = at->missed;
-            memcpy(self->best, now, bytes);
+            memcpy(self->kept, now, bytes);
         }
         *lowered = 1.0 - least / first;
         if (is_last || !is_lower ||
@@ -121,11 +120,12 @@ static enum v2v_status run_stage(struct calibration_run *self, const struct stag
         v2v_registration_to_numbers(self->from, at->calibration);
         moved = v2v_registration_step(at->calibration, at->registration, stage->look.terms,
                                       stage->look.smoothing);
+        v2v_registration_fix_modes(at->calibration, self->parallax);
         mix(self);
         v2v_par_broadcast(at->comm, &moved, sizeof moved, 0);
     }
     if (is_optional(stage) || !is_lower) {
-        memcpy(now, self->best, bytes);
+        memcpy(now, self->kept, bytes);
     }
 done:
     return rc;
@@ -247,10 +247,10 @@ static enum v2v_status refine(struct calibration_run *self, int has_shifts)
     v2v_anderson_restart(self->anderson);
     for (int r = 0; r < REFINING && moved > 1.0; r++) {
         v2v_registration_to_numbers(self->from, self->at.calibration);
-        memcpy(self->best, now->view, bytes);
+        memcpy(self->kept, now->view, bytes);
         V2V_TRY(v2v_refinement_step(&self->at, has_shifts));
         v2v_registration_fix_modes(now, self->parallax);
-        moved = moved_by(now->view, self->best, self->at.count);
+        moved = moved_by(now->view, self->kept, self->at.count);
         v2v_par_broadcast(self->at.comm, &moved, sizeof moved, 0);
         mix(self);
         v2v_log(V2V_LOG_DEBUG, "by all views: moved by %.3f of what ends rounds", moved);
@@ -303,7 +303,7 @@ static enum v2v_status undo_shifts_in_vain(struct calibration_run *self,
     if (self->terms != V2V_REGISTER_SHIFT) {
         return V2V_OK; /* what is more was worth it, or nothing was */
     }
-    memcpy(self->best, now->view, bytes);
+    memcpy(self->kept, now->view, bytes);
     for (int64_t v = 0; v < now->views; v++) {
         now->view[v] = (struct v2v_view_calibration){.gain = now->view[v].gain};
     }
@@ -315,7 +315,7 @@ static enum v2v_status undo_shifts_in_vain(struct calibration_run *self,
         V2V_TRY(judge(self, report));
         undo_in_vain(self, report);
     } else {
-        memcpy(now->view, self->best, bytes);
+        memcpy(now->view, self->kept, bytes);
         *report = of_all;
     }
 done:
@@ -388,7 +388,7 @@ static enum v2v_status begin(struct calibration_run *self)
     V2V_TRY(v2v_anderson_create(&self->anderson, numbers));
     V2V_TRY(V2V_ALLOC(self->from, "calibrate.numbers", numbers));
     V2V_TRY(V2V_ALLOC(self->to, "calibrate.numbers", numbers));
-    V2V_TRY(V2V_ALLOC(self->best, "calibrate.best", psf->views));
+    V2V_TRY(V2V_ALLOC(self->kept, "calibrate.kept", psf->views));
     v2v_psf_parallax(self->parallax, psf);
 done:
     return v2v_par_agree(at->comm, rc);
@@ -396,7 +396,7 @@ done:
 
 static void end(struct calibration_run *self)
 {
-    v2v_mem_free(self->best);
+    v2v_mem_free(self->kept);
     v2v_mem_free(self->to);
     v2v_mem_free(self->from);
     v2v_anderson_destroy(&self->anderson);

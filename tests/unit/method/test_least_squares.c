@@ -5,6 +5,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/base/pi.h"
 #include "v2v3d/base/random.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
@@ -19,7 +20,6 @@ enum { MOST = 24 * 24, UNKNOWNS = NUMBERS + SLICES * MOST, BLIND = 2 * FRAME + 5
 
 static const struct v2v_part rows = {2, 9}, columns = {1, 12};
 static const struct v2v_volume_errors known = {.noise = 0.2, .square = 0.5};
-static const double pi = 3.14159265358979323846;
 
 static struct v2v_psf_file psf;
 static struct v2v_torus torus;
@@ -35,7 +35,7 @@ static double window_of(int64_t i, struct v2v_part part)
 {
     const int64_t in = v2v_smaller(i - part.first, part.first + part.count - 1 - i);
     const double rise = (double)(part.count / 8 + 1);
-    const double s = sin(0.5 * pi * fmin(1.0, ((double)in + 0.5) / rise));
+    const double s = sin(0.5 * V2V_PI * fmin(1.0, ((double)in + 0.5) / rise));
     return in < 0 ? 0.0 : s * s;
 }
 
@@ -95,9 +95,9 @@ static double mean_of_modes(void)
     double sum = 0.0;
     for (int64_t z = 0; z < SLICES; z++) {
         for (int64_t p = 0; p < pixels; p++) {
-            const double a = sin(pi * (double)z / (2.0 * SLICES));
-            const double b = sin(pi * (double)(p / torus.width) / (double)torus.height);
-            const double c = sin(pi * (double)(p % torus.width) / (double)torus.width);
+            const double a = sin(V2V_PI * (double)z / (2.0 * SLICES));
+            const double b = sin(V2V_PI * (double)(p / torus.width) / (double)torus.height);
+            const double c = sin(V2V_PI * (double)(p % torus.width) / (double)torus.width);
             sum += 1.0 / (4e-4 + 4.0 * (a * a + b * b + c * c));
         }
     }
