@@ -6,6 +6,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/method/networks.h"
@@ -136,22 +137,22 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_projection *p = &work->projection;
-    const int64_t samples = work->psf.views * work->height * work->width;
+    int64_t saturated = 0;
     V2V_TRY(v2v_projection_init(p, work->session, &work->psf, work->height, work->width));
     for (int64_t t = 0; t < work->evaluation->frames; t++) {
         v2v_watchdog_beat("evaluate: a frame's residual");
         rc = v2v_volume_read(volume, p->slices, t, p->mine.first, p->mine.count);
         if (rc == V2V_OK) {
-            rc = v2v_recording_read_seen(work->recording, work->views, work->scaling.offset, NULL,
-                                         t);
+            rc = v2v_as_recorded_read(work->views, &saturated, NULL, work->recording,
+                                      &work->scaling, t);
         }
         V2V_TRY(v2v_par_agree(work->session->world, rc));
-        work->saturated += v2v_saturated_pixels(work->views, samples);
-        v2v_scaling_apply(&work->scaling, work->views, samples);
+        work->saturated += saturated;
         work->deficit =
             fmax(work->deficit, v2v_deficit_of_images(work->scratch, work->views, work->psf.views,
                                                       work->height, work->width));
         V2V_TRY(v2v_projection_forward(p));
+        v2v_as_recorded_predict(p->views, work->scratch, work->recording, 0, work->psf.views);
         v2v_saturated_cap(p->views, work->views, work->psf.views, work->height * work->width);
         match(work, t);
         judge_flux(work, t);

@@ -4,6 +4,7 @@
 #include "cli/steps.h"
 #include "cli/volumes.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/method/left_out.h"
@@ -23,7 +24,8 @@ struct trial {
     const struct v2v_estimator_ops *ops;
     struct v2v_psf_file psf;
     struct v2v_problem problem;
-    struct v2v_match match;    /* of the views so far */
+    struct v2v_match match; /* of the views so far */
+    struct v2v_recording *recording;
     float *recorded, *seen;    /* [v,y,x] frame 0; averaged with its neighbours' */
     struct v2v_fusion *fusion; /* of the latter */
     float *scratch;            /* [y,x] */
@@ -39,6 +41,7 @@ static void judge(struct trial *trial, int64_t view, float *predicted)
 {
     const int64_t height = trial->problem.height, width = trial->problem.width;
     const float *recorded = trial->recorded + view * height * width;
+    v2v_as_recorded_predict(predicted, trial->scratch, trial->recording, view, 1);
     v2v_saturated_cap(predicted, recorded, 1, height * width);
     const struct v2v_match match = v2v_match_of(trial->scratch, recorded, predicted, height, width);
     v2v_match_add(&trial->match, &match);
@@ -51,9 +54,9 @@ static enum v2v_status read(struct trial *trial, const char *input)
     const struct v2v_session *session = trial->session;
     struct v2v_problem *problem = &trial->problem;
     const struct v2v_input_settings settings = v2v_estimator_input(trial->ops, &session->config);
-    struct v2v_recording *recording = NULL;
     struct v2v_scaling scaling;
-    V2V_TRY(v2v_step_recording(session, &recording, input, &trial->psf));
+    V2V_TRY(v2v_step_recording(session, &trial->recording, input, &trial->psf));
+    struct v2v_recording *const recording = trial->recording;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t views = info->views, pixels = v2v_mem_product(info->height, info->width, 1);
     problem->height = info->height;
@@ -62,8 +65,7 @@ static enum v2v_status read(struct trial *trial, const char *input)
     V2V_TRY(V2V_ALLOC(trial->recorded, "heldout.views", v2v_mem_product(views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(trial->seen, "heldout.views", v2v_mem_product(views, pixels, 1)));
     V2V_TRY(V2V_ALLOC(trial->scratch, "heldout.views", pixels));
-    V2V_TRY(v2v_recording_read_seen(recording, trial->recorded, scaling.offset, NULL, 0));
-    v2v_scaling_apply(&scaling, trial->recorded, views * pixels);
+    V2V_TRY(v2v_as_recorded_read(trial->recorded, NULL, NULL, recording, &scaling, 0));
     V2V_TRY(v2v_fusion_create(&trial->fusion, session->config.recon.neighbours, views, info->height,
                               info->width, trial->ops->leaves_blind));
     V2V_TRY(v2v_fusion_read(trial->fusion, trial->seen, recording, &scaling, 0));
@@ -76,7 +78,6 @@ static enum v2v_status read(struct trial *trial, const char *input)
         }
     }
 done:
-    v2v_recording_close(&recording);
     return rc;
 }
 
@@ -218,6 +219,7 @@ done:
     v2v_mem_free(trial.scratch);
     v2v_mem_free(trial.seen);
     v2v_mem_free(trial.recorded);
+    v2v_recording_close(&trial.recording);
     v2v_psf_file_fini(&trial.psf);
     return rc;
 }

@@ -4,6 +4,7 @@
 #include "cli/volumes_frames.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/eval/unlike.h"
@@ -129,12 +130,14 @@ done:
 }
 
 /* Views and their projections, which are 0 then where nothing is seen. Local. */
-static enum v2v_status match_views(struct found *found, const struct v2v_recording_info *info)
+static enum v2v_status match_views(struct found *found, const struct v2v_recording *recording)
 {
     enum v2v_status rc = V2V_OK;
+    const struct v2v_recording_info *info = v2v_recording_info(recording);
     const int64_t samples = v2v_mem_product(found->views, info->height, info->width);
     float *views = NULL;
     V2V_TRY(V2V_ALLOC(views, "cli.quality", samples));
+    v2v_as_recorded_predict(found->projected, views, recording, 0, found->views);
     memcpy(views, found->recorded, (size_t)samples * sizeof *views);
     v2v_saturated_cap(found->projected, views, found->views, info->height * info->width);
     V2V_TRY(v2v_match_frame(&found->match, found->of_view, found->displaced, views,
@@ -158,7 +161,7 @@ static enum v2v_status match_frame(struct found *found, const struct v2v_volumes
     V2V_TRY(project(found, made, session));
     rc = read_views(found, made);
     if (rc == V2V_OK) {
-        rc = match_views(found, info);
+        rc = match_views(found, made->recording);
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
 done:

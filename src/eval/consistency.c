@@ -5,6 +5,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/eval/settle.h"
 #include "v2v3d/method/fusion.h"
@@ -91,14 +92,12 @@ void v2v_consistency_fini(struct v2v_consistency *out)
 static enum v2v_status load(struct judge *self, int64_t i)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t samples = self->out->views * self->problem.height * self->problem.width;
     const int64_t t = self->out->frame[i];
     V2V_TRY(
         v2v_fusion_read(self->fusion, self->views, self->job->recording, self->job->scaling, t));
     if (self->recorded != NULL) {
-        V2V_TRY(v2v_recording_read_seen(self->job->recording, self->recorded,
-                                        self->job->scaling->offset, NULL, t));
-        v2v_scaling_apply(self->job->scaling, self->recorded, samples);
+        V2V_TRY(v2v_as_recorded_read(self->recorded, NULL, NULL, self->job->recording,
+                                     self->job->scaling, t));
     }
 done:
     return rc;
@@ -133,6 +132,7 @@ static void judge_views(struct judge *self, int64_t i)
         const float *views = self->recorded != NULL ? self->recorded : self->views;
         const float *recorded = views + v * height * width;
         float *predicted = self->predicted + (k - fold->used) * height * width;
+        v2v_as_recorded_predict(predicted, self->scratch, self->job->recording, v, 1);
         v2v_saturated_cap(predicted, recorded, 1, height * width);
         const struct v2v_match match =
             v2v_match_of(self->scratch, recorded, predicted, height, width);
@@ -298,10 +298,13 @@ done:
     return rc;
 }
 
-/* Does the method take other views than were recorded, means of frames or dark blind samples? */
+/* Does the method take other views than were recorded: means of frames, dark blind samples, or
+ * without shading and distortion? */
 static int is_another(const struct judge *self)
 {
-    return self->config.recon.neighbours > 0 || !self->ops->leaves_blind;
+    const struct v2v_calibration *calibration = v2v_recording_calibration(self->job->recording);
+    return self->config.recon.neighbours > 0 || !self->ops->leaves_blind ||
+           (calibration != NULL && v2v_calibration_has_fields(calibration));
 }
 
 /** What is held already, and what averaging takes beside the estimators: on every rank the fusion,

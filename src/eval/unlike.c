@@ -2,6 +2,7 @@
 
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/par/watchdog.h"
@@ -40,14 +41,13 @@ enum v2v_status v2v_unlike_read(float *views, int64_t *blind, double *clipped,
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
-    const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
-    struct v2v_scaling offset = *scaling; /* with the shading of a calibration */
+    struct v2v_scaling offset = *scaling;
+    int64_t saturated = 0;
     offset.gain = 1.0;
-    V2V_TRY(v2v_recording_read_seen(recording, views, offset.offset, blind, t));
+    V2V_TRY(v2v_as_recorded_read(views, &saturated, blind, recording, &offset, t));
     if (clipped != NULL) {
-        *clipped = (double)v2v_saturated_pixels(views, samples) / (double)samples;
+        *clipped = (double)saturated / (double)(info->views * info->height * info->width);
     }
-    v2v_scaling_apply(&offset, views, samples);
 done:
     return rc;
 }

@@ -294,8 +294,9 @@ static int64_t undo_distortion(const struct v2v_recording *recording, float *vie
     return blind;
 }
 
-enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
-                                          uint8_t *marks, double zero, int64_t *blind, int64_t t)
+/* As recorded: v2v_recording_read_marked, distortion left. */
+static enum v2v_status read_frame(struct v2v_recording *recording, float *views, uint8_t *marks,
+                                  double zero, int64_t *blind, int64_t t)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
@@ -316,6 +317,15 @@ enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float
     if (marks != NULL) {
         *blind = v2v_blind_find(marks, views, zero, info->views, info->height, info->width);
     }
+done:
+    return rc;
+}
+
+enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
+                                          uint8_t *marks, double zero, int64_t *blind, int64_t t)
+{
+    enum v2v_status rc = V2V_OK;
+    V2V_TRY(read_frame(recording, views, marks, zero, blind, t));
     if (recording->as_recorded != NULL) {
         *blind = undo_distortion(recording, views, *blind > 0 ? marks : NULL);
     }
@@ -329,8 +339,9 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     return v2v_recording_read_marked(recording, views, NULL, 0.0, &none, t);
 }
 
-enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
-                                        int64_t *blind, int64_t t)
+/* By either of the two functions above: samples that see nothing are V2V_BLIND. */
+static enum v2v_status read_and_leave(struct v2v_recording *recording, float *views, double zero,
+                                      int64_t *blind, int64_t t, int is_distorted)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
@@ -339,7 +350,9 @@ enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *
     if (recording->marks == NULL) {
         V2V_TRY(V2V_ALLOC(recording->marks, "io.recording", samples));
     }
-    V2V_TRY(v2v_recording_read_marked(recording, views, recording->marks, zero, &found, t));
+    V2V_TRY(is_distorted
+                ? read_frame(recording, views, recording->marks, zero, &found, t)
+                : v2v_recording_read_marked(recording, views, recording->marks, zero, &found, t));
     if (found > 0) {
         v2v_blind_leave(views, recording->marks, samples);
     }
@@ -348,6 +361,18 @@ done:
         *blind = found;
     }
     return rc;
+}
+
+enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
+                                        int64_t *blind, int64_t t)
+{
+    return read_and_leave(recording, views, zero, blind, t, 0);
+}
+
+enum v2v_status v2v_recording_read_distorted(struct v2v_recording *recording, float *views,
+                                             double zero, int64_t *blind, int64_t t)
+{
+    return read_and_leave(recording, views, zero, blind, t, 1);
 }
 
 void v2v_recording_close(struct v2v_recording **recording)

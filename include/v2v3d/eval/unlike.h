@@ -46,7 +46,7 @@ struct v2v_unlike {
 void v2v_unlike_zero(double *above, double *below, const float *views, float *scratch,
                      const struct v2v_unlike_input *input);
 
-/** A frame as recorded, less the offset, with the shading of a calibration.
+/** A frame as recorded (eval/as_recorded.h), less the offset.
  *  @kind   Local
  *  @param  blind out: how many samples see nothing, V2V_BLIND (tensor/blind.h); may be NULL
  *  @param  clipped out: part of the samples that is saturated; may be NULL

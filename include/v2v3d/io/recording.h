@@ -86,6 +86,10 @@ enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float
 enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
                                         int64_t *blind, int64_t t) V2V_MUST_CHECK;
 
+/** The same with the distortion that a calibration says they have. @kind Local. */
+enum v2v_status v2v_recording_read_distorted(struct v2v_recording *recording, float *views,
+                                             double zero, int64_t *blind, int64_t t) V2V_MUST_CHECK;
+
 /** @kind Local; accepts NULL. */
 void v2v_recording_close(struct v2v_recording **recording);
 
