@@ -156,8 +156,11 @@ enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_f
                 path, pedestal);
     }
     if (session->calibration.views > 0) {
-        V2V_TRY(v2v_par_agree(session->world,
-                              v2v_calibration_apply_to_psf(psf, &session->calibration)));
+        rc = v2v_calibration_apply_to_psf(psf, &session->calibration);
+        if (rc == V2V_E_INPUT) {
+            rc = V2V_FAIL(rc, "%s: %s", path, v2v_status_message());
+        }
+        V2V_TRY(v2v_par_agree(session->world, rc));
     }
 done:
     return rc;

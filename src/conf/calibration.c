@@ -146,12 +146,24 @@ done:
     return rc;
 }
 
+/* A side of the frame, pixels. */
+static enum v2v_status read_side(int64_t *side, const struct reader *reader,
+                                 const yaml_node_t *node)
+{
+    enum v2v_status rc = V2V_OK;
+    char what[128];
+    V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: a side of the frame", reader->path,
+                            line_of(node)));
+    V2V_TRY(v2v_text_to_i64(side, text_of(node), 1, MOST_SIDE, what, V2V_E_CONFIG));
+done:
+    return rc;
+}
+
 static enum v2v_status read_document(struct v2v_calibration *calibration, struct reader *reader)
 {
     enum v2v_status rc = V2V_OK;
     static const char keys[] = "height, width, views";
-    static const struct quantity side = {"a side of the frame", 1, 0, 1.0, MOST_SIDE, NULL};
-    double height = 0.0, width = 0.0;
+    int64_t height = 0, width = 0;
     const yaml_node_t *root = yaml_document_get_root_node(&reader->document);
     if (root == NULL || root->type != YAML_MAPPING_NODE) {
         V2V_TRY(
@@ -161,22 +173,22 @@ static enum v2v_status read_document(struct v2v_calibration *calibration, struct
          pair < root->data.mapping.pairs.top; pair++) {
         const yaml_node_t *key = yaml_document_get_node(&reader->document, pair->key);
         yaml_node_t *value = yaml_document_get_node(&reader->document, pair->value);
-        if (strcmp(text_of(key), "height") == 0 && height == 0.0) {
-            V2V_TRY(read_numbers(&height, reader, value, &side));
-        } else if (strcmp(text_of(key), "width") == 0 && width == 0.0) {
-            V2V_TRY(read_numbers(&width, reader, value, &side));
+        if (strcmp(text_of(key), "height") == 0 && height == 0) {
+            V2V_TRY(read_side(&height, reader, value));
+        } else if (strcmp(text_of(key), "width") == 0 && width == 0) {
+            V2V_TRY(read_side(&width, reader, value));
         } else if (strcmp(text_of(key), "views") == 0 && calibration->view == NULL) {
             V2V_TRY(read_views(calibration, reader, value));
         } else {
             V2V_TRY(wrong_key(reader, key, keys));
         }
     }
-    if (height == 0.0 || width == 0.0 || calibration->view == NULL) {
+    if (height == 0 || width == 0 || calibration->view == NULL) {
         V2V_TRY(
             V2V_FAIL(V2V_E_CONFIG, "%s: no calibration: it wants the keys %s", reader->path, keys));
     }
-    calibration->height = (int64_t)height;
-    calibration->width = (int64_t)width;
+    calibration->height = height;
+    calibration->width = width;
 done:
     return rc;
 }
@@ -200,6 +212,30 @@ void v2v_calibration_fini(struct v2v_calibration *calibration)
     *calibration = (struct v2v_calibration){0};
 }
 
+/* The next document of a file; of none left an empty one. */
+static enum v2v_status load(yaml_document_t *document, yaml_parser_t *parser, const char *path)
+{
+    if (!yaml_parser_load(parser, document)) {
+        return V2V_FAIL(V2V_E_CONFIG, "%s:%lld: %s", path, (long long)parser->problem_mark.line + 1,
+                        parser->problem != NULL ? parser->problem : "not YAML");
+    }
+    return V2V_OK;
+}
+
+static enum v2v_status refuse_second(yaml_parser_t *parser, const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    yaml_document_t document;
+    V2V_TRY(load(&document, parser, path));
+    if (yaml_document_get_root_node(&document) != NULL) {
+        rc = V2V_FAIL(V2V_E_CONFIG, "%s:%lld: only one YAML document is allowed", path,
+                      (long long)document.start_mark.line + 1);
+    }
+    yaml_document_delete(&document);
+done:
+    return rc;
+}
+
 enum v2v_status v2v_calibration_read(struct v2v_calibration *calibration, const char *path)
 {
     enum v2v_status rc = V2V_OK;
@@ -215,12 +251,10 @@ enum v2v_status v2v_calibration_read(struct v2v_calibration *calibration, const 
         V2V_TRY(V2V_FAIL(V2V_E_MEMORY, "%s: out of memory", path));
     }
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, (size_t)bytes);
-    loaded = yaml_parser_load(&parser, &reader.document);
-    if (!loaded) {
-        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: %s", path, (long long)parser.problem_mark.line + 1,
-                         parser.problem != NULL ? parser.problem : "not YAML"));
-    }
+    V2V_TRY(load(&reader.document, &parser, path));
+    loaded = 1;
     V2V_TRY(read_document(calibration, &reader));
+    V2V_TRY(refuse_second(&parser, path));
 done:
     if (loaded) {
         yaml_document_delete(&reader.document);
@@ -298,8 +332,7 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
     for (int q = 0; q < QUANTITIES; q++) {
         fprintf(stream, "# %s: %s\n", table[q].name, table[q].meaning);
     }
-    fprintf(stream, "height: %lld\nwidth: %lld\nviews:\n", (long long)calibration->height,
-            (long long)calibration->width);
+    fprintf(stream, "views:\n");
     for (int64_t v = 0; v < calibration->views; v++) {
         for (int q = 0; q < QUANTITIES; q++) {
             const double *number = numbers_of(&calibration->view[v], &table[q]);
@@ -314,4 +347,7 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
             fprintf(stream, "%s\n", table[q].count > 1 ? "]" : "");
         }
     }
+    /* last: a file that is cut off lacks them */
+    fprintf(stream, "height: %lld\nwidth: %lld\n", (long long)calibration->height,
+            (long long)calibration->width);
 }

@@ -91,6 +91,30 @@ static void fields_that_are_nothing_are_not_printed(void **state)
     v2v_calibration_fini(&c);
 }
 
+static void what_is_cut_off_at_a_line_is_refused(void **state)
+{
+    (void)state;
+    struct v2v_calibration c, in;
+    char *text = NULL;
+    size_t bytes = 0;
+    assert_ok(v2v_calibration_init(&c, 2, 8, 9));
+    c.view[1].shading[0] = 0.5;
+    FILE *stream = open_memstream(&text, &bytes);
+    assert_non_null(stream);
+    v2v_calibration_print(&c, stream);
+    assert_int_equal(fclose(stream), 0);
+    assert_ok(v2v_calibration_read(&in, write_text(text)));
+    v2v_calibration_fini(&in);
+    for (char *end = strrchr(text, '\n'); end != NULL; end = strrchr(text, '\n')) {
+        end[end[1] == '\0' ? 0 : 1] = '\0'; /* with its last end of a line, or without */
+        if (strstr(text, "width") == NULL) {
+            assert_int_equal(v2v_calibration_read(&in, write_text(text)), V2V_E_CONFIG);
+        }
+    }
+    free(text);
+    v2v_calibration_fini(&c);
+}
+
 #define EIGHT "0, 0, 0, 0, 0, 0, 0, 0, "
 
 static void a_wrong_file_is_refused_by_line_and_key(void **state)
@@ -123,6 +147,11 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
          ":4: shading: 8.5 is outside"},
         {"height: 0\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame"},
         {"height: 8\nwidth: [9\n", "cal.yaml:"},
+        {"height: 8.5\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame: '8.5' is no"},
+        {"height: [8]\nwidth: 9\nviews:\n  - gain: 1\n", ":1: a side of the frame"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: 1\n---\nheight: 8\n",
+         ":5: only one YAML document"},
+        {"height: 8\nwidth: 9\nviews:\n  - gain: 1\n---\n[\n", "cal.yaml:"},
     };
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         struct v2v_calibration in;
@@ -162,6 +191,7 @@ int main(void)
         cmocka_unit_test(what_is_printed_is_read_again),
         cmocka_unit_test(what_is_left_out_is_as_the_psfs_say),
         cmocka_unit_test(fields_that_are_nothing_are_not_printed),
+        cmocka_unit_test(what_is_cut_off_at_a_line_is_refused),
         cmocka_unit_test(a_wrong_file_is_refused_by_line_and_key),
         cmocka_unit_test(frames_of_another_size_have_other_fields),
     };
