@@ -113,7 +113,8 @@ const struct v2v_key v2v_key_table[] = {
     NUMBER(input, gain, gain, V2V_NUMBER_AUTO, 1e-12, 1e12,
            "multiplied on; auto: the recording's mean becomes 0.2"),
     WORD(input, hot_pixels, V2V_HOT_PIXELS_MEND,
-         "mend: what is brighter than light through the PSFs can be is taken from its neighbours",
+         "mend: pixels brighter than light through the PSFs, or darker than the dark, are taken "
+         "from their neighbours",
          "mend", "keep"),
 
     WORD(psf, normalize, V2V_NORMALIZE_VIEW, "view: each view sums to 1", "view", "none"),

@@ -11,10 +11,19 @@ static const double between_pixels = 2.0;
 /* Of the light of the frame, and of its noise. */
 static const double least_part = 0.5, least_noises = 8.0;
 
-enum { NEIGHBOURS = 8, OF_BRIGHT = 1000 };
+/* Of what a cold pixel is below the dark: those that touch it and are that far below belong to it,
+ * and are twice that far below if they are cold. */
+static const double as_far = 0.25;
+
+/* Pixels of one part: fewer than see nothing together. */
+enum { MOST_COLD = 31 };
+
+/* One sample in so many is brighter than the bright level, or darker than the dark. */
+enum { NEIGHBOURS = 8, OF_EXTREME = 1000 };
 
 struct level {
-    double base, least; /* a hot pixel is brighter than their sum, at least */
+    double base, least;  /* a hot pixel is brighter than their sum, at least; INFINITY: none is */
+    double dark, margin; /* a cold one darker than their difference */
 };
 
 static int64_t sample(float *to, const float *from, int64_t count)
@@ -58,11 +67,15 @@ static struct level level_of(float *scratch, const float *images, int64_t count,
 {
     double noise = noise_of(scratch, images, count, height, width);
     const int64_t n = sample(scratch, images, count * height * width);
-    const double bright = (double)v2v_select(scratch, n, n - 1 - n / OF_BRIGHT);
+    const double bright = (double)v2v_select(scratch, n, n - 1 - n / OF_EXTREME);
+    const double dark = (double)v2v_select(scratch, n, n / OF_EXTREME);
     const double base = (double)v2v_select(scratch, n, n / 2);
     noise = noise > 0.0 ? noise : quantum_of(scratch, n, base);
-    return (struct level){base, bright > base ? least_part * (bright - base) + least_noises * noise
-                                              : INFINITY};
+    return (struct level){
+        .base = base,
+        .least = bright > base ? least_part * (bright - base) + least_noises * noise : INFINITY,
+        .dark = dark,
+        .margin = least_part * (base - dark) + least_noises * noise};
 }
 
 /* Ascending. @return how many there are */
@@ -115,37 +128,105 @@ double v2v_sharpness_of_image(const float *image, int64_t height, int64_t width)
     return most;
 }
 
-static int mend(float *image, int64_t y, int64_t x, int64_t height, int64_t width, double sharpness,
-                const struct level *level)
+/* @return whether it was hot */
+static int mend_hot(float *image, int64_t place, int64_t height, int64_t width, double sharpness,
+                    const struct level *level)
 {
-    float *here = image + y * width + x, sorted[NEIGHBOURS];
-    const int n = neighbours_of(sorted, image, y, x, height, width);
+    float sorted[NEIGHBOURS];
+    const int n = neighbours_of(sorted, image, place / width, place % width, height, width);
     if (n == 0) {
         return 0;
     }
     const double sum = fmax(sum_above(sorted, n, level->base), 0.0);
     const double made = between_pixels * sharpness * sum * NEIGHBOURS / n;
-    if (!((double)*here - level->base - made > level->least)) {
+    if (!((double)image[place] - level->base - made > level->least)) {
         return 0;
     }
-    *here = 0.5f * (sorted[(n - 1) / 2] + sorted[n / 2]);
+    image[place] = 0.5f * (sorted[(n - 1) / 2] + sorted[n / 2]);
     return 1;
 }
 
-int64_t v2v_hot_pixels_mend(float *images, float *scratch, int64_t count, int64_t height,
-                            int64_t width, double sharpness)
+/* Cold pixels that touch each other: the first, and others. */
+struct part {
+    int64_t place[MOST_COLD];
+    int count;
+};
+
+static int has(const struct part *part, int64_t place)
 {
-    int64_t hot = 0;
-    const struct level level = level_of(scratch, images, count, height, width);
-    if (!isfinite(sharpness) || !isfinite(level.least)) {
-        return 0;
+    int k = 0;
+    while (k < part->count && part->place[k] != place) {
+        k++;
     }
-    const float least = (float)(level.base + level.least);
-    for (int64_t i = 0; i < count * height * width; i++) {
-        if (images[i] > least) {
-            float *image = images + i / (height * width) * height * width;
-            hot += mend(image, i / width % height, i % width, height, width, sharpness, &level);
+    return k < part->count;
+}
+
+/* All that are below `least`. @return bool: it has room for them
+ * @param around [NEIGHBOURS * MOST_COLD]: the `others` that touch it, some more than once */
+static int grow(struct part *part, float *around, int64_t *others, const float *image,
+                int64_t height, int64_t width, double least)
+{
+    *others = 0;
+    for (int k = 0; k < part->count; k++) {
+        const int64_t y = part->place[k] / width, x = part->place[k] % width;
+        for (int64_t j = v2v_larger(y - 1, 0); j <= v2v_smaller(y + 1, height - 1); j++) {
+            for (int64_t i = v2v_larger(x - 1, 0); i <= v2v_smaller(x + 1, width - 1); i++) {
+                const int64_t place = j * width + i;
+                if (!((double)image[place] < least)) {
+                    around[(*others)++] = image[place];
+                } else if (!has(part, place)) {
+                    if (part->count == MOST_COLD) {
+                        return 0;
+                    }
+                    part->place[part->count++] = place;
+                }
+            }
         }
     }
-    return hot;
+    return 1;
+}
+
+/* A cold pixel with those that touch it, where they are few, as rows and parts that see nothing
+ * are not (tensor/blind.h), and all far below what is around, as a hole in light is not.
+ * @return how many */
+static int64_t mend_cold(float *image, int64_t place, int64_t height, int64_t width,
+                         const struct level *level)
+{
+    struct part part = {.place = {place}, .count = 1};
+    float around[NEIGHBOURS * MOST_COLD];
+    int64_t others = 0;
+    const double below = level->dark - (double)image[place];
+    if (!grow(&part, around, &others, image, height, width, level->dark - as_far * below) ||
+        others == 0) {
+        return 0;
+    }
+    for (int k = 0; k < part.count; k++) {
+        if (level->dark - (double)image[part.place[k]] < 2.0 * as_far * below) {
+            return 0;
+        }
+    }
+    const float median = v2v_select(around, others, others / 2);
+    for (int k = 0; k < part.count; k++) {
+        image[part.place[k]] = median;
+    }
+    return part.count;
+}
+
+struct v2v_mended v2v_hot_pixels_mend(float *images, float *scratch, int64_t count, int64_t height,
+                                      int64_t width, double sharpness)
+{
+    struct v2v_mended mended = {0, 0};
+    const struct level level = level_of(scratch, images, count, height, width);
+    const float brightest = isfinite(sharpness) ? (float)(level.base + level.least) : INFINITY;
+    const float darkest = (float)(level.dark - level.margin);
+    const int64_t pixels = height * width;
+    for (int64_t i = 0; i < count * pixels; i++) {
+        float *image = images + i / pixels * pixels;
+        if (images[i] > brightest) {
+            mended.hot += mend_hot(image, i % pixels, height, width, sharpness, &level);
+        } else if (images[i] < darkest) {
+            mended.cold += mend_cold(image, i % pixels, height, width, &level);
+        }
+    }
+    return mended;
 }

@@ -63,7 +63,7 @@ enum v2v_status v2v_recording_calibrate(struct v2v_recording *recording,
 /** That one; NULL: none. @kind Local. */
 const struct v2v_calibration *v2v_recording_calibration(const struct v2v_recording *recording);
 
-/** From now on hot pixels of frames are mended as they are read (v2v_hot_pixels_mend); the first
+/** From now on hot and cold pixels are mended as frames are read (v2v_hot_pixels_mend); the first
  *  frame that has some is told. @kind Local. @param sharpness of the PSFs (v2v_psf_sharpness)
  *  @return V2V_OK | V2V_E_MEMORY */
 enum v2v_status v2v_recording_mend(struct v2v_recording *recording,
