@@ -35,7 +35,7 @@ static const struct v2v_option options[] = {
 /* Of the held-out residual before. */
 static const double hardly_lower = 0.99;
 
-/* Of the others' gains, beyond which a view and its PSF have hardly anything in common. */
+/* Of the median of all gains, beyond which a view and its PSF have hardly anything in common. */
 static const double hardly_alike = 8.0;
 
 /* Below, others say little about where a view lies: shifts of three were off by 0.2 to 0.6 pixels
@@ -46,22 +46,42 @@ enum { MANY_VIEWS = 5 };
  * 48 x 48, 1.6 in those of 32 x 32, of views in register 1.5; 0.2 in those of 64 and more. */
 enum { LARGE_FRAME = 64 };
 
+/* That of the view which half of the views have no more than, but for ties. */
+static double median_gain(const struct v2v_calibration *calibration)
+{
+    double median = 1.0;
+    for (int64_t v = 0; v < calibration->views; v++) {
+        const double gain = calibration->view[v].gain;
+        int64_t before = 0;
+        for (int64_t o = 0; o < calibration->views; o++) {
+            const double other = calibration->view[o].gain;
+            before += other < gain || (other == gain && o < v);
+        }
+        median = before == calibration->views / 2 ? gain : median;
+    }
+    return median;
+}
+
 static void warn(const struct v2v_calibration *calibration,
                  const struct v2v_calibration_report *report)
 {
+    const double median = median_gain(calibration);
+    int64_t odd = report->odd_view;
     for (int64_t v = 0; v < calibration->views; v++) {
-        double others = 0.0;
-        for (int64_t o = 0; o < calibration->views; o++) {
-            others += o == v ? 0.0 : log(calibration->view[o].gain);
-        }
-        const double gain = calibration->view[v].gain,
-                     ratio = gain / exp(others / (double)(calibration->views - 1));
+        const double ratio = calibration->view[v].gain / median;
         if (ratio > hardly_alike || ratio < 1.0 / hardly_alike) {
+            odd = odd == v ? -1 : odd; /* it is told of here */
             v2v_log(V2V_LOG_WARNING,
                     "view %" PRId64 ": a gain of %.3g beside the others': it shows little of what "
                     "they show, and theirs follow from it; look at it before you use this",
                     v, ratio);
         }
+    }
+    if (odd >= 0) {
+        v2v_log(V2V_LOG_WARNING,
+                "view %" PRId64 " is predicted much worse than most: it is not its PSF's, or too "
+                "far off, and theirs follow from it; look at it before you use this",
+                odd);
     }
     if (report->is_in_vain) {
         v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual by more than noise does: "

@@ -57,6 +57,16 @@ works simulate --psf psf.h5 --scene neurons --size 128 --seed 3 -o moved.h5 --no
 works deconvolve --psf psf.h5 --input moved.h5 -o displaced.h5
 grep -q 'frame 0: the views lie [0-9.]* pixels from where the volume has them' stderr ||
     fail "out of register in silence: $(cat stderr)"
+tilts='0 0, 0 0.5, 0.35 0.35, 0.5 0, 0.35 -0.35, 0 -0.5, -0.35 -0.35, -0.5 0, -0.35 0.35'
+works psf simulate -c tiny.yaml --set optics.slices=9 --set "optics.tilts=$tilts" -o nine.h5
+works psf simulate -c tiny.yaml --set optics.slices=9 -o exchanged.h5 \
+    --set "optics.tilts=${tilts/0.35 0.35, 0.5 0/0.5 0, 0.35 0.35}"
+works simulate --psf nine.h5 --scene mixed --size 96 --seed 1 --noise gaussian:0.01 -o nine_rec.h5
+works deconvolve --psf nine.h5 --input nine_rec.h5 -o nine_tv.h5
+grep -q unexplained stderr && fail "views in their places are called unexplained: $(cat stderr)"
+works deconvolve --psf exchanged.h5 --input nine_rec.h5 -o nine_tv.h5 --force
+grep -q 'leaves more of view [23] unexplained than of the others' stderr ||
+    fail "neighbours in each other's place in silence: $(cat stderr)"
 works deconvolve --psf psf.h5 --input moved.h5 -o one.h5 --iterations 1
 grep -q 'by noise where it is dark' stderr && fail "light of one iteration is not noise: $(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"

@@ -233,6 +233,7 @@ static void round_views_come_back_into_register(void **state)
     }
     assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
     assert_true(small.report.frame_after < 0.5 * small.report.frame_before);
+    assert_int_equal(small.report.odd_view, -1);
     assert_found(&small.found, &small.truth, 0.02, 0.007); /* 0.54 %: no bias is told */
     small_fini(&small);
 }
@@ -269,6 +270,7 @@ static void unlike_views_in_register_have_gains_alone(void **state)
     assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
     assert_true(small.report.is_gains_alone);
     assert_false(small.report.is_in_vain || small.report.has_slopes || small.report.has_fields);
+    assert_int_equal(small.report.odd_view, -1);
     assert_true(small.report.frame_after < 0.5 * small.report.frame_before);
     for (int v = 0; v < VIEWS; v++) {
         const struct v2v_view_calibration *found = &small.found.view[v];
@@ -285,6 +287,21 @@ static void unlike_views_in_register_have_gains_alone(void **state)
             fail_msg("view %d: gain %g, not %g within %g", v, found->gain, gain, bar);
         }
     }
+    small_fini(&small);
+}
+
+static void a_view_of_something_else_is_found(void **state)
+{
+    (void)state;
+    enum { SIDE = 96, ODD = 5 };
+    static float views[VIEWS * SIDE * SIDE], others[VIEWS * SIDE * SIDE];
+    struct small small;
+    small_init(&small, SIDE);
+    show(views, &small.truth, 0.01, 3);
+    show(others, &small.truth, 0.01, 4);
+    memcpy(views + ODD * SIDE * SIDE, others + ODD * SIDE * SIDE, SIDE * SIDE * sizeof *views);
+    assert_ok(v2v_calibrate(&small.found, &small.report, &small.problem, views, test_world()));
+    assert_int_equal(small.report.odd_view, ODD);
     small_fini(&small);
 }
 
@@ -313,6 +330,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(round_views_come_back_into_register),
         cmocka_unit_test(small_noisy_views_in_register_stay),
         cmocka_unit_test(unlike_views_in_register_have_gains_alone),
+        cmocka_unit_test(a_view_of_something_else_is_found),
         cmocka_unit_test(two_views_cannot_be_compared),
     };
     return test_mpi_main(tests, argc, argv);
