@@ -183,9 +183,9 @@ static enum v2v_status flush_results(void)
                           reason != 0 ? strerror(reason) : "not all could be written");
 }
 
-/* A proof is an empty file: one that is there already, of an earlier run, is none of a user's.
- * Rank-0. */
-static enum v2v_status check_proof(const char *path)
+/* A proof is an empty file: one that is there already, of an earlier run, is none of a user's, and
+ * proves nothing of this one. Rank-0. */
+static enum v2v_status clear_proof(const char *path)
 {
     enum v2v_status rc = V2V_OK;
     struct stat state;
@@ -193,6 +193,7 @@ static enum v2v_status check_proof(const char *path)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--proof %s: exists, and is no proof", path));
     }
     V2V_TRY(v2v_file_check_output(path, 1, NULL, 0));
+    unlink(path); /* fails where there is none */
 done:
     return rc;
 }
@@ -207,8 +208,8 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
         }
     } else {
         const int proves = arguments->proof != NULL && v2v_comm_rank(session->world) == 0;
+        V2V_TRY(v2v_par_agree(session->world, proves ? clear_proof(arguments->proof) : V2V_OK));
         V2V_TRY(prepare(session, command, arguments));
-        V2V_TRY(v2v_par_agree(session->world, proves ? check_proof(arguments->proof) : V2V_OK));
         /* a rank alone waits for nobody, and may take as long as it wants for a large frame */
         v2v_watchdog_set_period(
             v2v_comm_size(session->world) > 1 ? session->config.parallel.watchdog_s : 0.0);
@@ -225,7 +226,7 @@ static enum v2v_status run_parsed(const struct v2v_command *command,
     }
     V2V_TRY(v2v_par_agree(session->world, flush_results()));
     if (arguments->proof != NULL && v2v_comm_rank(session->world) == 0) {
-        V2V_TRY(check_proof(arguments->proof)); /* it may be what the command wrote */
+        V2V_TRY(clear_proof(arguments->proof)); /* it may be what the command wrote */
         V2V_TRY(v2v_file_write_text(arguments->proof, ""));
     }
 done:

@@ -177,7 +177,7 @@ static const double much_missed = 0.3;
 static const double displaced = 0.25;
 
 /* Of a view's structure, beside half of the views: two neighbours of 13 in each other's place miss
- * 0.06 to 0.6, the others 0 to 0.1; of views in register the worst misses up to 0.004, of a real
+ * 0.06 to 0.6, the others 0 to 0.1; of views in register the worst misses up to 0.008, of a real
  * recording as much as the others. */
 static const double much_of_one = 0.1, times_others = 3.0;
 
@@ -270,13 +270,22 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
 }
 
 /* Light is not below zero, noise is: what is left of it in the dark is above. So is light that
- * iterations of a given number may have left too much of. */
+ * iterations of a given number may have left too much of. A network's volumes have the light that
+ * it was taught. */
 static void warn_of_light(const struct found *found, const struct v2v_volumes_made *made,
                           const struct v2v_session *session)
 {
     const double flux = v2v_match_flux(&found->match);
-    if (knows_misfit(made) && session->config.deconv.iterations == 0 && found->is_seen &&
-        flux > V2V_MATCH_MUCH_LIGHT) {
+    const int is_bright = flux > V2V_MATCH_MUCH_LIGHT;
+    if (!found->is_seen) {
+        return;
+    }
+    if (made->ops->has_gain && (is_bright || flux < 1.0 / V2V_MATCH_MUCH_LIGHT)) {
+        v2v_log(V2V_LOG_WARNING,
+                "frame %lld: the volume has %.3g times the light of its views: %sis psf.reduce "
+                "what the network was trained with?",
+                (long long)found->frame, flux, first_doubt(made));
+    } else if (knows_misfit(made) && session->config.deconv.iterations == 0 && is_bright) {
         v2v_log(
             V2V_LOG_WARNING,
             "frame %lld: the volume has %.3g times the light of its views, by noise where it is "

@@ -124,8 +124,8 @@ enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
-    if (folder->lock < 0) {
-        goto done; /* not rank 0 */
+    if (folder->lock < 0 || step >= folder->config->train.steps) {
+        goto done; /* not rank 0, or no step is left that could be of these settings */
     }
     if (step == 0 && folder->resumes) {
         tell_of_nothing(folder);

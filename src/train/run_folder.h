@@ -23,9 +23,10 @@ struct v2v_run_folder {
 enum v2v_status v2v_run_folder_enter(struct v2v_run_folder *folder, const struct v2v_train_job *job,
                                      const struct v2v_comm *comm) V2V_MUST_CHECK;
 
-/* The run starts after step `step`; nothing in the folder has changed until here. At step 0 the
- * checkpoints of an older run go, else what is set otherwise than before is told; config.yaml is
- * written; metrics.jsonl is opened and lines of later steps are cut off. Local; rank 0 works. */
+/* The run starts after step `step`; nothing in the folder has changed until here, and nothing does
+ * where that is the last. At step 0 the checkpoints of an older run go, else what is set otherwise
+ * than before is told; config.yaml is written; metrics.jsonl is opened and lines of later steps are
+ * cut off. Local; rank 0 works. */
 enum v2v_status v2v_run_folder_start(struct v2v_run_folder *folder, int64_t step) V2V_MUST_CHECK;
 
 /* One line of a step that began then. Local; rank 0 works. */

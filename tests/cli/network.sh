@@ -294,6 +294,10 @@ grep -q 'goes on with' stderr && fail "the same is called other: $(cat stderr)"
 works train --psf psf.h5 --input recording.h5 -o again --resume --steps 8 --set train.learning_rate=0.002
 [ "$(grep -c 'goes on with train.learning_rate: 0.002, which was' stderr)" -eq 1 ] ||
     fail "no word on another learning rate: $(cat stderr)"
+cp again/config.yaml config_before
+works train --psf psf.h5 --input recording.h5 -o again --resume --steps 2 --seed 77
+grep -q '8 steps are done, 2 were asked for' stderr || fail "$(cat stderr)"
+cmp again/config.yaml config_before || fail 'no step was made of settings that were written'
 rm again/weights*.h5
 works train --psf psf.h5 --input recording.h5 -o again --resume --steps 2
 grep -q 'has a log of steps and no checkpoint: begins anew' stderr ||

@@ -154,6 +154,8 @@ works init --proof ended
 [ -e ended ] || fail '--proof made no file'
 works init --proof ended
 echo mine >mine
+refuses 65 'no.h5' info no.h5 --proof ended
+[ -e ended ] && fail 'a run that failed is proved by the one before'
 refuses 2 'mine: exists, and is no proof' init --proof mine
 [ "$(cat mine)" = mine ] || fail '--proof replaced a file'
 refuses 74 'nowhere' init --proof nowhere/ended
