@@ -68,6 +68,7 @@ struct calibration_run {
     double (*missed)[2];               /* [v]: of its length; of the deviation of its noise */
     unsigned terms;                    /* that are kept, of method/registration.h */
     int64_t rounds;
+    double ahead; /* iterations of the whole frame at most, of what is not begun yet */
 };
 
 /** From where the numbers were, `from`, by a step to where they are, mixed with the steps before.
@@ -85,6 +86,42 @@ static void mix(struct calibration_run *self)
 static int is_optional(const struct stage *stage)
 {
     return stage->least > 0.0;
+}
+
+/* Iterations at most, of the whole frame: of a stage, of all that follows the stages, of all. */
+static double cost_of_stage(const struct calibration_run *self, const struct stage *stage)
+{
+    return (double)(stage->rounds + is_optional(stage)) *
+           v2v_calibrator_cost(&self->at, &stage->look);
+}
+
+static double cost_of_weights(const struct calibration_run *self)
+{
+    return WEIGHTS * v2v_calibrator_cost(&self->at, &stages[FIRST_FINE].look);
+}
+
+static double cost_of_end(const struct calibration_run *self)
+{
+    return 3.0 * v2v_calibrator_cost(&self->at, &judging) +
+           (double)(2 * REFINING * v2v_refinement_iterations()) *
+               v2v_calibrator_share(&self->at, LARGE);
+}
+
+static double cost_of_all(const struct calibration_run *self)
+{
+    double cost =
+        v2v_calibrator_cost(&self->at, &judging) + 2.0 * cost_of_weights(self) + cost_of_end(self);
+    for (int s = 0; s < STAGES; s++) {
+        cost += cost_of_stage(self, &stages[s]);
+    }
+    return cost;
+}
+
+/** A part begins that takes so much at most; what those before did not take is not ahead. Local. */
+static void begin_part(struct calibration_run *self, double cost)
+{
+    self->at.progress.total = (int64_t)(self->at.done + self->ahead);
+    self->ahead -= cost;
 }
 
 /** Rounds of a look and a step; of an optional stage, or where a round was in vain, back to where
@@ -168,6 +205,7 @@ static enum v2v_status run_stages(struct calibration_run *self, int first, int e
     for (int s = first; s < end; s++) {
         const unsigned terms = stages[s].look.terms;
         double lowered = 0.0;
+        begin_part(self, cost_of_stage(self, &stages[s]));
         if ((terms & V2V_REGISTER_FINE_FIELDS) != 0 && (self->terms & V2V_REGISTER_FIELDS) == 0) {
             continue; /* what is coarse was not worth it */
         }
@@ -206,6 +244,7 @@ static enum v2v_status choose_weight(struct calibration_run *self, int is_calibr
     enum v2v_status rc = V2V_OK;
     const struct v2v_look *look = &stages[FIRST_FINE].look;
     double least = INFINITY;
+    begin_part(self, cost_of_weights(self));
     for (int k = 0; k < WEIGHTS; k++) {
         self->at.config.deconv.lambda = (struct v2v_number){V2V_NUMBER_GIVEN, weights[k]};
         V2V_TRY(is_calibrated ? v2v_calibrator_look(&self->at, look)
@@ -363,6 +402,7 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     struct v2v_calibrator *const at = &self->at;
     double weight = weights[0];
     V2V_TRY(choose_weight(self, 0, &weight));
+    begin_part(self, v2v_calibrator_cost(at, &judging));
     V2V_TRY(look_uncalibrated(self, &judging));
     report->frame_before = at->missed;
     report->heldout_before = at->missed_in_square;
@@ -374,6 +414,7 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     V2V_TRY(run_stages(self, 0, FIRST_FINE));
     V2V_TRY(choose_weight(self, 1, &report->weight));
     V2V_TRY(run_stages(self, FIRST_FINE, STAGES));
+    begin_part(self, cost_of_end(self));
     V2V_TRY(refine(self, 1));
     V2V_TRY(judge(self, report));
     undo_in_vain(self, report);
@@ -383,21 +424,6 @@ static enum v2v_status find(struct calibration_run *self, struct v2v_calibration
     report->has_fields = (self->terms & V2V_REGISTER_FIELDS) != 0;
 done:
     return rc;
-}
-
-/* Iterations at most, of the whole frame. */
-static int64_t cost_at_most(const struct calibration_run *self)
-{
-    const struct v2v_calibrator *at = &self->at;
-    double cost =
-        4.0 * v2v_calibrator_cost(at, &judging) +
-        2.0 * WEIGHTS * v2v_calibrator_cost(at, &stages[FIRST_FINE].look) +
-        (double)(2 * REFINING * v2v_refinement_iterations()) * v2v_calibrator_share(at, LARGE);
-    for (int s = 0; s < STAGES; s++) {
-        cost += (double)(stages[s].rounds + is_optional(&stages[s])) *
-                v2v_calibrator_cost(at, &stages[s].look);
-    }
-    return (int64_t)cost;
 }
 
 /** Collective(comm). */
@@ -480,7 +506,8 @@ enum v2v_status v2v_calibrate(struct v2v_calibration *calibration,
     V2V_TRY(begin(&self));
     report->square_rows = self.at.busiest.rows;
     report->square_columns = self.at.busiest.columns;
-    v2v_progress_begin(&self.at.progress, "calibrating, steps at most", 0, cost_at_most(&self));
+    self.ahead = cost_of_all(&self);
+    v2v_progress_begin(&self.at.progress, "calibrating, steps at most", 0, (int64_t)self.ahead);
     V2V_TRY(find(&self, report));
 done:
     v2v_progress_end(&self.at.progress);
