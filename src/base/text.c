@@ -56,7 +56,7 @@ enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, d
         return V2V_FAIL(code, "%s: '%s' is not a number", what, text);
     }
     if (!isfinite(number) || number < least || number > most) {
-        return V2V_FAIL(code, "%s: %s is outside [%g, %g]", what, text, least, most);
+        return V2V_FAIL(code, "%s: %s is outside [%.9g, %.9g]", what, text, least, most);
     }
     *value = number;
     return V2V_OK;

@@ -161,6 +161,11 @@ done:
     return rc;
 }
 
+static enum v2v_status check_filled(const char *text, const char *what)
+{
+    return text[0] != '\0' ? V2V_OK : V2V_FAIL(V2V_E_USAGE, "%s: empty value", what);
+}
+
 static enum v2v_status store(struct parser *parser, const struct v2v_option *option,
                              const char *text)
 {
@@ -174,9 +179,7 @@ static enum v2v_status store(struct parser *parser, const struct v2v_option *opt
         break;
     case V2V_OPTION_TEXT:
     case V2V_OPTION_OPERAND:
-        if (text[0] == '\0') {
-            V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: empty value", what));
-        }
+        V2V_TRY(check_filled(text, what));
         *(const char **)to = text;
         break;
     case V2V_OPTION_INTEGER:
@@ -197,6 +200,7 @@ static enum v2v_status store(struct parser *parser, const struct v2v_option *opt
         V2V_TRY(parse_choice(to, option, text));
         break;
     case V2V_OPTION_LIST:
+        V2V_TRY(check_filled(text, what));
         V2V_TRY(append_word(parser, option, text));
         break;
     case V2V_OPTION_SETTING:

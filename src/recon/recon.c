@@ -299,7 +299,9 @@ static enum v2v_status run_rounds(struct v2v_recon *recon)
         }
         mine = put_round(recon, t, mine);
         V2V_TRY(v2v_agreement_tell(recon->agreement, mine));
-        v2v_progress_step(&progress, v2v_smaller((round + 1) * ranks, recon->frames), NULL);
+        if (mine == V2V_OK) {
+            v2v_progress_step(&progress, v2v_smaller((round + 1) * ranks, recon->frames), NULL);
+        }
     }
     V2V_TRY(v2v_agreement_end(recon->agreement));
 done:

@@ -52,6 +52,8 @@ refuses 2 '--output FILE is missing' project --psf p.h5 --volume v.h5
 refuses 2 '--psf needs a value: FILE' project --volume v.h5 -o out.h5 --psf
 refuses 2 '--psf needs a value: FILE' project --psf --volume v.h5
 refuses 2 '--psf: empty value' project --psf ''
+refuses 2 '--input: empty value' deconvolve --psf p.h5 --input '' -o v.h5
+refuses 78 '1 is outside .0, 0.9999999.' train --psf p.h5 --input r.h5 -o run --set train.beta1=1
 refuses 2 '--json takes no value' evaluate --json=yes
 refuses 2 "'stray' is one word too many" project --psf p.h5 stray
 refuses 2 "--reduce: 'max' is not sum or mean" project --psf p --volume v -o out.h5 --reduce max
