@@ -83,7 +83,7 @@ static void warn(const struct v2v_calibration *calibration,
     if (odd >= 0) {
         v2v_log(V2V_LOG_WARNING,
                 "view %" PRId64 " is predicted much worse than most: it is not its PSF's, or too "
-                "far off, and theirs follow from it; look at it before you use this",
+                "far off, which spoils the others; look at it before you use this",
                 odd);
     }
     if (report->is_in_vain) {

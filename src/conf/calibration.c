@@ -347,7 +347,7 @@ void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stre
             fprintf(stream, "%s\n", table[q].count > 1 ? "]" : "");
         }
     }
-    /* last: a file that is cut off lacks them */
+    /* last: a file that is cut off lacks one, or digits of it */
     fprintf(stream, "height: %lld\nwidth: %lld\n", (long long)calibration->height,
             (long long)calibration->width);
 }

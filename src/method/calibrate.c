@@ -316,7 +316,7 @@ static void find_odd(const struct calibration_run *self, struct v2v_calibration_
         const double noise = v2v_noise_of_images(at->scratch, at->recorded + v * at->pixels, 1,
                                                  at->height, at->width);
         missed[v][0] = sqrt(in_frame->squares / in_frame->of);
-        missed[v][1] = sqrt(in_frame->squares) / noise;
+        missed[v][1] = sqrt(in_frame->squares / in_frame->seen) / noise;
     }
     for (int64_t v = 0; v < at->count; v++) {
         int64_t better = 0;

@@ -204,7 +204,7 @@ static int64_t folds_of(const struct v2v_calibrator *self, const struct v2v_look
 enum v2v_status v2v_calibrator_look(struct v2v_calibrator *self, const struct v2v_look *look)
 {
     enum v2v_status rc = V2V_OK;
-    struct v2v_missed frame = {0.0, 0.0}, square = {0.0, 0.0};
+    struct v2v_missed frame = {0.0, 0.0, 0.0}, square = {0.0, 0.0, 0.0};
     const int64_t folds = folds_of(self, look);
     v2v_calibrator_go(self, look->side);
     V2V_TRY(v2v_calibrator_apply(self));

@@ -107,7 +107,7 @@ struct v2v_missed v2v_registration_missed(const float *recorded, const float *pr
                                           int64_t width, struct v2v_part rows,
                                           struct v2v_part columns)
 {
-    struct v2v_missed missed = {0.0, 0.0};
+    struct v2v_missed missed = {0.0, 0.0, 0.0};
     for (int64_t y = rows.first; y < rows.first + rows.count; y++) {
         for (int64_t x = columns.first; x < columns.first + columns.count; x++) {
             const int64_t i = y * width + x;
@@ -116,6 +116,7 @@ struct v2v_missed v2v_registration_missed(const float *recorded, const float *pr
             const double d = is_seen ? a - (double)prediction[i] : 0.0;
             missed.squares += d * d;
             missed.of += a * a;
+            missed.seen += (double)is_seen;
         }
     }
     return missed;

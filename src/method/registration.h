@@ -34,9 +34,9 @@ _Static_assert(sizeof(struct v2v_view_calibration) ==
 /** Of a view, for these terms. @kind Local. */
 int v2v_registration_unknowns(unsigned terms);
 
-/** Squares of what is missed, of the squares of what is there. */
+/** Squares of what is missed, of the squares of what is there, over pixels that are seen. */
 struct v2v_missed {
-    double squares, of;
+    double squares, of, seen;
 };
 
 /** What a pixel is compared by: its prediction, by what that changes where the view is displaced by

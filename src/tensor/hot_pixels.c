@@ -18,8 +18,12 @@ static const double as_far = 0.25;
 /* Pixels of one part: fewer than see nothing together. */
 enum { MOST_COLD = 31 };
 
-/* One sample in so many is brighter than the bright level, or darker than the dark. */
-enum { NEIGHBOURS = 8, OF_EXTREME = 1000 };
+/* Of the light of the frame that a cold pixel is below its dark: more than what numbers are rounded
+ * to, and what goes below zero where distortion is undone. */
+static const double least_light = 1e-3;
+
+/* One sample in so many is brighter than the bright level, one darker than the dark. */
+enum { NEIGHBOURS = 8, OF_BRIGHT = 1000, OF_DARK = 100 };
 
 struct level {
     double base, least;  /* a hot pixel is brighter than their sum, at least; INFINITY: none is */
@@ -67,15 +71,16 @@ static struct level level_of(float *scratch, const float *images, int64_t count,
 {
     double noise = noise_of(scratch, images, count, height, width);
     const int64_t n = sample(scratch, images, count * height * width);
-    const double bright = (double)v2v_select(scratch, n, n - 1 - n / OF_EXTREME);
-    const double dark = (double)v2v_select(scratch, n, n / OF_EXTREME);
+    const double bright = (double)v2v_select(scratch, n, n - 1 - n / OF_BRIGHT);
+    const double dark = (double)v2v_select(scratch, n, n / OF_DARK);
     const double base = (double)v2v_select(scratch, n, n / 2);
     noise = noise > 0.0 ? noise : quantum_of(scratch, n, base);
     return (struct level){
         .base = base,
         .least = bright > base ? least_part * (bright - base) + least_noises * noise : INFINITY,
         .dark = dark,
-        .margin = least_part * (base - dark) + least_noises * noise};
+        .margin = least_part * (base - dark) + least_noises * noise +
+                  least_light * fmax(bright - base, 0.0)};
 }
 
 /* Ascending. @return how many there are */
@@ -222,10 +227,14 @@ struct v2v_mended v2v_hot_pixels_mend(float *images, float *scratch, int64_t cou
     const int64_t pixels = height * width;
     for (int64_t i = 0; i < count * pixels; i++) {
         float *image = images + i / pixels * pixels;
+        if (images[i] < darkest) {
+            mended.cold += mend_cold(image, i % pixels, height, width, &level);
+        }
+    }
+    for (int64_t i = 0; i < count * pixels; i++) { /* then: beside cold pixels light seems hot */
+        float *image = images + i / pixels * pixels;
         if (images[i] > brightest) {
             mended.hot += mend_hot(image, i % pixels, height, width, sharpness, &level);
-        } else if (images[i] < darkest) {
-            mended.cold += mend_cold(image, i % pixels, height, width, &level);
         }
     }
     return mended;

@@ -302,6 +302,12 @@ rm again/weights*.h5
 works train --psf psf.h5 --input recording.h5 -o again --resume --steps 2
 grep -q 'has a log of steps and no checkpoint: begins anew' stderr ||
     fail "no word on lost checkpoints: $(cat stderr)"
+# Of a sum over the slices and of their mean one at least is not what the network was trained with.
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input recording.h5 -o sum.h5
+cp stderr of_sum
+works reconstruct --psf psf.h5 --weights run/weights.h5 --input recording.h5 -o mean.h5 --set psf.reduce=mean
+[ "$(cat of_sum stderr | grep -c 'times the light of its views: .* is psf.reduce what')" -ge 1 ] ||
+    fail "light times the number of slices in silence: $(cat of_sum stderr)"
 # Weights of `unrolled` serve other PSFs; a run that goes on with others says so.
 corrected=(train -c tiny.yaml --set model.method=unrolled --input recording.h5 -o corrected)
 works "${corrected[@]}" --psf psf.h5 --steps 2

@@ -19,7 +19,7 @@ struct v2v_calibration_report {
     int has_slopes, has_fields; /**< bools: did they lower the residual by enough to be kept? */
     int is_gains_alone;         /**< bool: shifts lowered it by no more than noise does */
     int is_in_vain;             /**< bool: nothing did, and the views stay as they came */
-    int64_t odd_view; /**< that the others predict much worse than most, as calibrated; -1: none */
+    int64_t odd_view;           /**< that the others predict much worse than most; -1: none */
 };
 
 /** Shift, gain, slope with depth, shading and distortion of every view, by predicting views from

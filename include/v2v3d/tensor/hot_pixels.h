@@ -25,10 +25,11 @@ struct v2v_mended {
  *  exceeds 2 `sharpness` times the sum of its neighbours by more than half of the 99.9th percentile
  *  and 8 times the noise, all above the median of the frame; percentiles and noise by up to 65536
  *  samples. None is where that percentile is the median: there is no light to compare with. It is
- *  cold where it is below the 0.1th percentile by more than half of what that is below the median
- *  and 8 times the noise. Cold pixels that touch each other, up to 31, become the median of what
- *  touches them; those that touch them belong to them if they are a quarter as far below, and none
- *  of them is less than half as far.
+ *  cold where it is below the first percentile by more than half of what that is below the median,
+ *  8 times the noise and 1e-3 of what the 99.9th is above the median. Cold pixels that touch each
+ *  other, up to 31, become the median of what touches them, before hot ones are looked for; those
+ *  that touch them belong to them if they are a quarter as far below, and none of them is less than
+ *  half as far.
  *  @kind   Local, deterministic
  *  @param  images [count,height,width], of one frame, finite
  *  @param  scratch [V2V_HOT_PIXELS_SCRATCH]

@@ -92,6 +92,34 @@ static void cold_pixels_become_their_neighbours_median(void **state)
     }
 }
 
+/* Beside one, light is not hot. */
+static void light_beside_cold_pixels_stays(void **state)
+{
+    (void)state;
+    draw(0.0, 2.0);
+    set(0, 4, 5, -1e4);
+    set(1, 5, 4, -3e4);
+    const struct v2v_mended mended =
+        v2v_hot_pixels_mend(images, scratch, IMAGES, HEIGHT, WIDTH, 0.31);
+    assert_int_equal(mended.hot, 0);
+    assert_int_equal(mended.cold, 2);
+    assert_true(images[4 * WIDTH + 4] == whole[4 * WIDTH + 4]);
+    assert_true(images[PIXELS + 4 * WIDTH + 4] == whole[PIXELS + 4 * WIDTH + 4]);
+}
+
+/* Up to a hundredth of a frame. */
+static void many_cold_pixels_are_found(void **state)
+{
+    (void)state;
+    int64_t many = 0;
+    draw(100.0, 2.0);
+    for (int64_t i = 37; i < SAMPLES; i += 151) {
+        images[i] = 0.0f;
+        many++;
+    }
+    assert_int_equal(mend_cold(), many);
+}
+
 /* What noise goes down to, parts and rows of a view that see nothing, and holes in light. */
 static void what_is_dark_otherwise_stays(void **state)
 {
@@ -170,6 +198,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hot_pixels_become_their_neighbours_median),
         cmocka_unit_test(cold_pixels_become_their_neighbours_median),
+        cmocka_unit_test(light_beside_cold_pixels_stays),
+        cmocka_unit_test(many_cold_pixels_are_found),
         cmocka_unit_test(what_is_dark_otherwise_stays),
         cmocka_unit_test(single_photons_stay),
         cmocka_unit_test(what_light_can_make_stays),
