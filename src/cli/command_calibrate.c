@@ -8,6 +8,7 @@
 #include "v2v3d/io/json.h"
 #include "v2v3d/method/calibrate.h"
 #include "v2v3d/method/fusion.h"
+#include "v2v3d/optics/calibration.h"
 #include "v2v3d/tensor/saturation.h"
 #include <inttypes.h>
 #include <math.h>
@@ -110,6 +111,48 @@ static void warn(const struct v2v_calibration *calibration,
                 "worse; calibrate frames of %d x %d or more",
                 calibration->height, calibration->width, LARGE_FRAME, LARGE_FRAME);
     }
+}
+
+/* Of the slope from one view's depth to another's: views in each other's place come within 0.15. */
+static const double nearly = 0.3;
+
+/* Has the view a slope that makes its PSF that of another one? */
+static int lies_as(const struct v2v_view_calibration *view, const double own[2],
+                   const double other[2], int64_t slices)
+{
+    double way = 0.0, missed = 0.0;
+    for (int axis = 0; axis < 2; axis++) {
+        const double slope = 0.5 * (double)(slices - 1) * (other[axis] - own[axis]);
+        way += slope * slope;
+        missed += pow(view->slope[axis] - slope, 2.0);
+    }
+    return way > 1.0 && missed < nearly * nearly * way;
+}
+
+/* Two views in each other's place have each other's slopes, where these were found. */
+static enum v2v_status warn_of_exchanged(const struct v2v_calibration *calibration,
+                                         const struct v2v_psf_file *psf)
+{
+    enum v2v_status rc = V2V_OK;
+    const struct v2v_view_calibration *view = calibration->view;
+    double(*parallax)[2] = NULL;
+    V2V_TRY(V2V_ALLOC(parallax, "cli.calibration", psf->views));
+    v2v_psf_parallax(parallax, psf);
+    for (int64_t a = 0; a < psf->views; a++) {
+        for (int64_t b = a + 1; b < psf->views; b++) {
+            if (lies_as(&view[a], parallax[a], parallax[b], psf->slices) &&
+                lies_as(&view[b], parallax[b], parallax[a], psf->slices)) {
+                v2v_log(V2V_LOG_WARNING,
+                        "views %" PRId64 " and %" PRId64
+                        " change with depth as each other's PSFs do: are they in each other's "
+                        "place?",
+                        a, b);
+            }
+        }
+    }
+done:
+    v2v_mem_free(parallax);
+    return rc;
 }
 
 static void print_text(const struct v2v_calibration *calibration,
@@ -240,6 +283,7 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     if (v2v_step_on_root(session)) {
         V2V_TRY(write_file(&calibration, given->output));
         warn(&calibration, &report);
+        V2V_TRY(warn_of_exchanged(&calibration, &psf));
         if (given->json) {
             V2V_TRY(print_json(&calibration, &report));
         } else {

@@ -41,8 +41,8 @@ static const struct v2v_option common_options[] = {
      .kind = V2V_OPTION_TEXT,
      .at = COMMON(proof),
      .value = "FILE",
-     .help = "make this file once the command has succeeded, an older one goes when it "
-             "starts; for job scripts"},
+     .help = "make this file once the command has succeeded, and take an older one away "
+             "when it starts; for job scripts"},
     {.name = "mem-report",
      .kind = V2V_OPTION_FLAG,
      .at = COMMON(mem_report),

@@ -239,17 +239,24 @@ done:
     return rc;
 }
 
+/* Of the samples, one in so many hot ones is more than cameras have. */
+enum { MANY_HOT = 200 };
+
 static void mend(struct v2v_recording *recording, float *views, int64_t t)
 {
     const struct v2v_recording_info *info = &recording->info;
+    const int64_t samples = info->views * info->height * info->width;
     const struct v2v_mended mended = v2v_hot_pixels_mend(
         views, recording->samples, info->views, info->height, info->width, recording->sharpness);
     if (mended.hot + mended.cold > 0 && !recording->has_told) {
         v2v_log(V2V_LOG_INFO,
                 "%s: frame %lld has %lld pixels that no light through the PSFs makes so bright, "
                 "and %lld darker than the dark: such pixels, here and in other frames, are taken "
-                "from their neighbours",
-                recording->stack.path, (long long)t, (long long)mended.hot, (long long)mended.cold);
+                "from their neighbours%s",
+                recording->stack.path, (long long)t, (long long)mended.hot, (long long)mended.cold,
+                mended.hot > samples / MANY_HOT
+                    ? "; did counts below zero become the largest there are?"
+                    : "");
         recording->has_told = 1;
     }
 }

@@ -67,6 +67,10 @@ grep -q unexplained stderr && fail "views in their places are called unexplained
 works deconvolve --psf exchanged.h5 --input nine_rec.h5 -o nine_tv.h5 --force
 grep -q 'leaves more of view [23] unexplained than of the others' stderr ||
     fail "neighbours in each other's place in silence: $(cat stderr)"
+works calibrate --psf nine.h5 --input nine_rec.h5 -o nine.yaml
+grep -q "each other's place" stderr && fail "views in their places are exchanged: $(cat stderr)"
+works calibrate --psf exchanged.h5 --input nine_rec.h5 -o nine.yaml --force
+grep -q "views 2 and 3 change with depth as each other's PSFs do" stderr || fail "$(cat stderr)"
 works deconvolve --psf psf.h5 --input moved.h5 -o one.h5 --iterations 1
 grep -q 'by noise where it is dark' stderr && fail "light of one iteration is not noise: $(cat stderr)"
 [ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"

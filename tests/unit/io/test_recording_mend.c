@@ -1,3 +1,4 @@
+#include "capture.h"
 #include "support.h"
 
 #include "h5_files.h"
@@ -5,6 +6,7 @@
 #include "v2v3d/io/recording.h"
 
 #include <stdio.h>
+#include <string.h>
 
 enum { FRAMES = 2, HEIGHT = 12, WIDTH = 12, PIXELS = HEIGHT * WIDTH };
 
@@ -35,10 +37,16 @@ static void hot_pixels_are_mended_as_they_are_read(void **state)
 {
     (void)state;
     float views[PIXELS];
+    char text[512];
     struct v2v_recording *recording = open_recording();
     assert_ok(v2v_recording_read(recording, views, 0));
     assert_true(views[5 * WIDTH + 5] == 5000.0f);
     assert_ok(v2v_recording_mend(recording, 0.2));
+    test_capture_begin();
+    assert_ok(v2v_recording_read(recording, views, 0));
+    test_capture_end(text, sizeof text);
+    assert_non_null(strstr(text, "hot.h5: frame 0 has 1 pixels that no light"));
+    assert_non_null(strstr(text, "become the largest there are?")); /* one of 144 is many */
     for (int64_t t = 0; t < FRAMES; t++) {
         assert_ok(v2v_recording_read(recording, views, t));
         for (int64_t i = 0; i < PIXELS; i++) { /* neighbours' median: of three columns the middle */
