@@ -10,6 +10,7 @@
 #include "v2v3d/method/fusion.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/tensor/saturation.h"
+#include "v2v3d/tensor/statistics.h"
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -50,27 +51,29 @@ enum { MANY_VIEWS = 5 };
  * 48 x 48, 1.6 in those of 32 x 32, of views in register 1.5; 0.2 in those of 64 and more. */
 enum { LARGE_FRAME = 64 };
 
-/* That of the view which half of the views have no more than, but for ties. */
-static double median_gain(const struct v2v_calibration *calibration)
+static enum v2v_status median_gain(double *median, const struct v2v_calibration *calibration)
 {
-    double median = 1.0;
-    for (int64_t v = 0; v < calibration->views; v++) {
-        const double gain = calibration->view[v].gain;
-        int64_t before = 0;
-        for (int64_t o = 0; o < calibration->views; o++) {
-            const double other = calibration->view[o].gain;
-            before += other < gain || (other == gain && o < v);
-        }
-        median = before == calibration->views / 2 ? gain : median;
+    enum v2v_status rc = V2V_OK;
+    const int64_t views = calibration->views;
+    float *gains = NULL;
+    V2V_TRY(V2V_ALLOC(gains, "cli.calibration", views));
+    for (int64_t v = 0; v < views; v++) {
+        gains[v] = (float)calibration->view[v].gain;
     }
-    return median;
+    *median = (double)v2v_select(gains, views, views / 2);
+done:
+    v2v_mem_free(gains);
+    return rc;
 }
 
-static void warn(const struct v2v_calibration *calibration,
-                 const struct v2v_calibration_report *report)
+/* Views that have little in common with their PSFs, or with what the others show. */
+static enum v2v_status warn_of_views(const struct v2v_calibration *calibration,
+                                     const struct v2v_calibration_report *report)
 {
-    const double median = median_gain(calibration);
+    enum v2v_status rc = V2V_OK;
+    double median = 1.0;
     int64_t odd = report->odd_view;
+    V2V_TRY(median_gain(&median, calibration));
     for (int64_t v = 0; v < calibration->views; v++) {
         const double ratio = calibration->view[v].gain / median;
         if (ratio > hardly_alike || ratio < 1.0 / hardly_alike) {
@@ -87,6 +90,14 @@ static void warn(const struct v2v_calibration *calibration,
                 "far off, which spoils the others; look at it before you use this",
                 odd);
     }
+done:
+    return rc;
+}
+
+/* What the calibration as a whole is worth. */
+static void warn_of_worth(const struct v2v_calibration *calibration,
+                          const struct v2v_calibration_report *report)
+{
     if (report->is_in_vain) {
         v2v_log(V2V_LOG_WARNING, "nothing lowers the held-out residual by more than noise does: "
                                  "the views are in register, or too noisy to tell; the "
@@ -127,6 +138,20 @@ static int lies_as(const struct v2v_view_calibration *view, const double own[2],
         missed += pow(view->slope[axis] - slope, 2.0);
     }
     return way > 1.0 && missed < nearly * nearly * way;
+}
+
+/* @param part of a view, at most */
+static void tell_of_saturated(double part)
+{
+    const int are_many = part > many_saturated;
+    if (part > 0.0) {
+        v2v_log(are_many ? V2V_LOG_WARNING : V2V_LOG_INFO,
+                "saturated samples, up to %.2g %% of a view, are left out: they hide its gain%s",
+                100.0 * part,
+                are_many ? ", and so many of them where it lies: shifts may be off by most of a "
+                           "pixel"
+                         : "");
+    }
 }
 
 /* Two views in each other's place have each other's slopes, where these were found. */
@@ -270,19 +295,12 @@ static enum v2v_status run(const void *arguments, struct v2v_session *session)
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_scaling_warn(&scaling, given->input, session->world);
     v2v_step_announce(session);
-    if (saturated > 0) {
-        const double part = (double)saturated / (double)(info->height * info->width);
-        v2v_log(part > many_saturated ? V2V_LOG_WARNING : V2V_LOG_INFO,
-                "saturated samples, up to %.2g %% of a view, are left out: they hide its gain%s",
-                100.0 * part,
-                part > many_saturated ? ", and so many of them where it lies: shifts may be off by "
-                                        "most of a pixel"
-                                      : "");
-    }
+    tell_of_saturated((double)saturated / (double)(info->height * info->width));
     V2V_TRY(v2v_calibrate(&calibration, &report, &problem, views, session->world));
     if (v2v_step_on_root(session)) {
         V2V_TRY(write_file(&calibration, given->output));
-        warn(&calibration, &report);
+        V2V_TRY(warn_of_views(&calibration, &report));
+        warn_of_worth(&calibration, &report);
         V2V_TRY(warn_of_exchanged(&calibration, &psf));
         if (given->json) {
             V2V_TRY(print_json(&calibration, &report));

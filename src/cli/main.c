@@ -193,7 +193,9 @@ static enum v2v_status clear_proof(const char *path)
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "--proof %s: exists, and is no proof", path));
     }
     V2V_TRY(v2v_file_check_output(path, 1, NULL, 0));
-    unlink(path); /* fails where there is none */
+    if (unlink(path) != 0 && errno != ENOENT) {
+        V2V_TRY(V2V_FAIL(V2V_E_IO, "--proof %s: %s", path, strerror(errno)));
+    }
 done:
     return rc;
 }

@@ -240,6 +240,7 @@ static int64_t least_explained(const struct found *found)
 static void warn_of_misfit(const struct found *found, const struct v2v_volumes_made *made)
 {
     const char *doubt = first_doubt(made);
+    const int64_t worst = knows_misfit(made) ? least_explained(found) : -1;
     double squares = 0.0, known = 0.0, most = 0.0;
     int64_t farthest = 0;
     for (int64_t v = 0; v < found->views; v++) {
@@ -261,11 +262,11 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
                 "frame %lld: the volume leaves much of the views unexplained: %sdo they belong to "
                 "these PSFs, in their order, and in register (v2v3d calibrate)?",
                 (long long)found->frame, doubt);
-    } else if (knows_misfit(made) && least_explained(found) >= 0) {
+    } else if (worst >= 0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: the volume leaves more of view %lld unexplained than of the others: "
                 "is it that of its PSF, or in the place of a neighbour?",
-                (long long)found->frame, (long long)least_explained(found));
+                (long long)found->frame, (long long)worst);
     }
 }
 

@@ -301,9 +301,13 @@ static int64_t undo_distortion(const struct v2v_recording *recording, float *vie
     return blind;
 }
 
-/* As recorded: v2v_recording_read_marked, distortion left. */
+/* Is distortion, which a calibration says views have, undone as they are read? */
+enum distortion { UNDONE, LEFT };
+
+/* As v2v_recording_read_marked. */
 static enum v2v_status read_frame(struct v2v_recording *recording, float *views, uint8_t *marks,
-                                  double zero, int64_t *blind, int64_t t)
+                                  double zero, int64_t *blind, int64_t t,
+                                  enum distortion distortion)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
@@ -324,6 +328,9 @@ static enum v2v_status read_frame(struct v2v_recording *recording, float *views,
     if (marks != NULL) {
         *blind = v2v_blind_find(marks, views, zero, info->views, info->height, info->width);
     }
+    if (recording->as_recorded != NULL && distortion == UNDONE) {
+        *blind = undo_distortion(recording, views, *blind > 0 ? marks : NULL);
+    }
 done:
     return rc;
 }
@@ -331,13 +338,7 @@ done:
 enum v2v_status v2v_recording_read_marked(struct v2v_recording *recording, float *views,
                                           uint8_t *marks, double zero, int64_t *blind, int64_t t)
 {
-    enum v2v_status rc = V2V_OK;
-    V2V_TRY(read_frame(recording, views, marks, zero, blind, t));
-    if (recording->as_recorded != NULL) {
-        *blind = undo_distortion(recording, views, *blind > 0 ? marks : NULL);
-    }
-done:
-    return rc;
+    return read_frame(recording, views, marks, zero, blind, t, UNDONE);
 }
 
 enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views, int64_t t)
@@ -346,9 +347,9 @@ enum v2v_status v2v_recording_read(struct v2v_recording *recording, float *views
     return v2v_recording_read_marked(recording, views, NULL, 0.0, &none, t);
 }
 
-/* By either of the two functions above: samples that see nothing are V2V_BLIND. */
-static enum v2v_status read_and_leave(struct v2v_recording *recording, float *views, double zero,
-                                      int64_t *blind, int64_t t, int is_distorted)
+/* As v2v_recording_read_seen. */
+static enum v2v_status read_seen(struct v2v_recording *recording, float *views, double zero,
+                                 int64_t *blind, int64_t t, enum distortion distortion)
 {
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = &recording->info;
@@ -357,9 +358,7 @@ static enum v2v_status read_and_leave(struct v2v_recording *recording, float *vi
     if (recording->marks == NULL) {
         V2V_TRY(V2V_ALLOC(recording->marks, "io.recording", samples));
     }
-    V2V_TRY(is_distorted
-                ? read_frame(recording, views, recording->marks, zero, &found, t)
-                : v2v_recording_read_marked(recording, views, recording->marks, zero, &found, t));
+    V2V_TRY(read_frame(recording, views, recording->marks, zero, &found, t, distortion));
     if (found > 0) {
         v2v_blind_leave(views, recording->marks, samples);
     }
@@ -373,13 +372,13 @@ done:
 enum v2v_status v2v_recording_read_seen(struct v2v_recording *recording, float *views, double zero,
                                         int64_t *blind, int64_t t)
 {
-    return read_and_leave(recording, views, zero, blind, t, 0);
+    return read_seen(recording, views, zero, blind, t, UNDONE);
 }
 
 enum v2v_status v2v_recording_read_distorted(struct v2v_recording *recording, float *views,
                                              double zero, int64_t *blind, int64_t t)
 {
-    return read_and_leave(recording, views, zero, blind, t, 1);
+    return read_seen(recording, views, zero, blind, t, LEFT);
 }
 
 void v2v_recording_close(struct v2v_recording **recording)

@@ -130,7 +130,8 @@ grep -q 'was made by other PSFs, or by these calibrated' stderr ||
 works train -c tiny.yaml --steps 1 --psf psf.h5 --input rec.h5 -o run --calibration cal.yaml
 works reconstruct --psf psf.h5 --weights run/weights.h5 --input rec.h5 -o net.h5 --calibration cal.yaml
 
-# Distortion that is undone takes noise away: views that have none are not explained the better.
+# Distortion that is undone takes noise away: views that have none are not explained the better. With
+# their noise taken away by half a pixel's interpolation residuals were 0.8 of what they are.
 half="distortion_y: $(field '0, 0.6, 0, 0, 0, 0'), distortion_x: $(field '0.6, 0, 0, 0, 0, 0')"
 {
     sed '/gain/d' spoil.yaml
@@ -169,6 +170,6 @@ printf 'deconv:\n  iterations: 3\n' >settings.yaml
 cp settings.yaml kept.yaml
 refuses 2 'settings.yaml: the output would overwrite the input' calibrate -c settings.yaml \
     --psf psf.h5 --input rec.h5 -o settings.yaml --force
-cmp settings.yaml kept.yaml
+cmp settings.yaml kept.yaml || fail 'settings that were to be overwritten have changed'
 refuses 65 'there is no frame 7' calibrate --psf psf.h5 --input rec.h5 -o out.yaml --frame 7
 finish

@@ -84,6 +84,7 @@ static void cold_pixels_become_their_neighbours_median(void **state)
         }
         assert_int_equal(mend_cold(), 36);
         for (int64_t i = 0; i < SAMPLES; i++) {
+            /* six deviations of the noise; in a spot all of its light, 100, and three */
             const int is_light = (double)whole[i] - bases[k] > 10.0;
             if (images[i] != whole[i]) {
                 assert_true(fabs((double)images[i] - (double)whole[i]) < (is_light ? 106.0 : 12.0));
