@@ -26,7 +26,7 @@ static struct v2v_unlike_input input_of(const float *reference, int64_t shown,
 }
 
 /* @param such how many of all frames are; 0: not looked at */
-static void warn_of_zero(double above, double below, int64_t t, int64_t such,
+static void warn_of_zero(struct v2v_dark dark, int64_t t, int64_t such,
                          const struct v2v_volumes_made *made)
 {
     const double offset = made->scaling->offset;
@@ -35,16 +35,16 @@ static void warn_of_zero(double above, double below, int64_t t, int64_t such,
         snprintf(others, sizeof others, " %lld of %lld frames are such", (long long)such,
                  (long long)frames_of(made));
     }
-    if (above > 0.0) {
+    if (dark.above > 0.0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld is hardly anywhere darker than %.4g above its offset %.4g: light of "
                 "the background, or another zero of the camera (--offset %.6g)?%s",
-                (long long)(made->first + t), above, offset, offset + above, others);
-    } else if (below > 0.0) {
+                (long long)(made->first + t), dark.above, offset, offset + dark.above, others);
+    } else if (dark.below > 0.0) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld is %.4g below its offset %.4g where it is dark, as no light is: is the "
                 "camera's zero lower (--offset %.6g)?%s",
-                (long long)(made->first + t), below, offset, offset - below, others);
+                (long long)(made->first + t), dark.below, offset, offset - dark.below, others);
     }
 }
 
@@ -83,9 +83,15 @@ static void warn(const struct v2v_unlike *frames, int64_t shown,
                 (long long)all);
     }
     const int64_t above = count(&first, frames, V2V_UNLIKE_ABOVE, all);
-    warn_of_zero(above > 0 ? frames[first].figure[V2V_UNLIKE_ABOVE] : 0.0, 0.0, first, above, made);
+    if (above > 0) {
+        warn_of_zero((struct v2v_dark){.above = frames[first].figure[V2V_UNLIKE_ABOVE]}, first,
+                     above, made);
+    }
     const int64_t below = count(&first, frames, V2V_UNLIKE_BELOW, all);
-    warn_of_zero(0.0, below > 0 ? frames[first].figure[V2V_UNLIKE_BELOW] : 0.0, first, below, made);
+    if (below > 0) {
+        warn_of_zero((struct v2v_dark){.below = frames[first].figure[V2V_UNLIKE_BELOW]}, first,
+                     below, made);
+    }
     const int64_t clipped = count(&first, frames, V2V_UNLIKE_CLIPPED, all);
     if (clipped > 0) {
         v2v_log(V2V_LOG_WARNING,
@@ -139,19 +145,18 @@ static enum v2v_status find_zero(int *is_odd, const struct v2v_unlike_input *inp
     const struct v2v_recording_info *info = v2v_recording_info(made->recording);
     const int64_t samples = v2v_mem_product(info->views, info->height, info->width);
     const int64_t last = info->frames - 1;
-    double above = 0.0, below = 0.0;
     float *scratch = NULL, *views = NULL;
     V2V_TRY(V2V_ALLOC(scratch, "cli.frames", samples));
     V2V_TRY(V2V_ALLOC(views, "cli.frames", samples));
-    v2v_unlike_zero(&above, &below, input->reference, scratch, input);
-    if (above + below > 0.0) {
-        warn_of_zero(above, below, input->shown, 0, made);
+    struct v2v_dark dark = v2v_unlike_zero(input->reference, scratch, input);
+    if (dark.above + dark.below > 0.0) {
+        warn_of_zero(dark, input->shown, 0, made);
     } else if (last != input->shown) {
         V2V_TRY(v2v_unlike_read(views, NULL, NULL, made->recording, made->scaling, last));
-        v2v_unlike_zero(&above, &below, views, scratch, input);
-        warn_of_zero(above, below, last, 0, made);
+        dark = v2v_unlike_zero(views, scratch, input);
+        warn_of_zero(dark, last, 0, made);
     }
-    *is_odd = above + below > 0.0;
+    *is_odd = dark.above + dark.below > 0.0;
 done:
     v2v_mem_free(views);
     v2v_mem_free(scratch);

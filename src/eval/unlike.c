@@ -25,14 +25,14 @@ static const double much_more = 1.7, least_left = 2e-3, more_of_noise = 1.1, mor
 /* Standard deviations of what is left of two frames of nothing but noise. */
 static const double certain = 8.0;
 
-void v2v_unlike_zero(double *above, double *below, const float *views, float *scratch,
-                     const struct v2v_unlike_input *input)
+struct v2v_dark v2v_unlike_zero(const float *views, float *scratch,
+                                const struct v2v_unlike_input *input)
 {
     const struct v2v_recording_info *info = v2v_recording_info(input->recording);
-    *above = input->is_zero_told
-                 ? 0.0
-                 : v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
-    *below = v2v_deficit_of_images(scratch, views, info->views, info->height, info->width);
+    struct v2v_dark dark =
+        v2v_dark_of_images(scratch, views, info->views, info->height, info->width);
+    dark.above = input->is_zero_told ? 0.0 : dark.above;
+    return dark;
 }
 
 enum v2v_status v2v_unlike_read(float *views, int64_t *blind, double *clipped,
@@ -98,8 +98,9 @@ static enum v2v_status judge_own(struct v2v_unlike *frames, const struct v2v_unl
         V2V_TRY(v2v_unlike_read(views, NULL, &clipped, input->recording, input->scaling, t));
         figure[V2V_UNLIKE_CLIPPED] = clipped > V2V_MUCH_SATURATED ? clipped : 0.0;
         if (input->asks_zero) {
-            v2v_unlike_zero(&figure[V2V_UNLIKE_ABOVE], &figure[V2V_UNLIKE_BELOW], views, scratch,
-                            input);
+            const struct v2v_dark dark = v2v_unlike_zero(views, scratch, input);
+            figure[V2V_UNLIKE_ABOVE] = dark.above;
+            figure[V2V_UNLIKE_BELOW] = dark.below;
         }
         v2v_blind_fill(views, info->views, info->height * info->width);
         judge(&frames[t], of_view, views, input);

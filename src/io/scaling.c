@@ -42,7 +42,7 @@ static enum v2v_status find_pedestal(double *pedestal, float *views, float *scra
     enum v2v_status rc = V2V_OK;
     const struct v2v_recording_info *info = v2v_recording_info(recording);
     V2V_TRY(v2v_recording_read_seen(recording, views, (double)NAN, NULL, 0));
-    *pedestal = v2v_pedestal_of_images(scratch, views, info->views, info->height, info->width);
+    *pedestal = v2v_dark_of_images(scratch, views, info->views, info->height, info->width).above;
 done:
     return rc;
 }

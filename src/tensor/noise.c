@@ -185,11 +185,13 @@ double v2v_mean_of_square(const float *at, int64_t width, int64_t side)
 
 static int is_seen(const float *at, int64_t width, int64_t side)
 {
-    int64_t blind = 0;
+    int blind = 0;
     for (int64_t y = 0; y < side; y++) {
-        blind += v2v_blind_count(at + y * width, side);
+        for (int64_t x = 0; x < side; x++) {
+            blind |= at[y * width + x] == V2V_BLIND;
+        }
     }
-    return blind == 0;
+    return !blind;
 }
 
 /* Means of squares of an image, from its first row and column on, but of those with blind samples.
@@ -269,19 +271,13 @@ static struct darkness darkness_of(float *scratch, const float *images, int64_t 
  * two. */
 enum { CERTAIN = 5, STRAYS = 2, OF_BRIGHT = 100 };
 
-double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
-                              int64_t width)
+struct v2v_dark v2v_dark_of_images(float *scratch, const float *images, int64_t count,
+                                   int64_t height, int64_t width)
 {
     const struct darkness dark = darkness_of(scratch, images, count, height, width);
-    const int is_much = dark.least > 0.0 && OF_BRIGHT * dark.least > dark.bright;
-    return is_much && dark.least > CERTAIN * dark.error ? dark.least + STRAYS * dark.error : 0.0;
-}
-
-double v2v_deficit_of_images(float *scratch, const float *images, int64_t count, int64_t height,
-                             int64_t width)
-{
-    const struct darkness dark = darkness_of(scratch, images, count, height, width);
-    const double below = -dark.least - STRAYS * dark.error;
-    const int is_certain = dark.least < -(CERTAIN + STRAYS) * dark.error;
-    return is_certain && OF_BRIGHT * below > dark.bright ? below : 0.0;
+    const double above = dark.least, below = -dark.least - STRAYS * dark.error;
+    const int is_above = above > CERTAIN * dark.error && OF_BRIGHT * above > dark.bright;
+    const int is_below = below > CERTAIN * dark.error && OF_BRIGHT * below > dark.bright;
+    return (struct v2v_dark){.above = is_above ? above + STRAYS * dark.error : 0.0,
+                             .below = is_below ? below : 0.0};
 }

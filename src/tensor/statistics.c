@@ -1,5 +1,6 @@
 #include "v2v3d/tensor/statistics.h"
 
+#include "v2v3d/base/clones.h"
 #include "v2v3d/base/memory.h"
 
 #include <math.h>
@@ -183,11 +184,13 @@ static inline double sum_lanes(const float *x, const float *by, int64_t count)
            ((lane[2] + lane[6]) + (lane[3] + lane[7]));
 }
 
+V2V_SIMD_CLONES
 static double sum(const float *x, int64_t count)
 {
     return sum_lanes(x, NULL, count);
 }
 
+V2V_SIMD_CLONES
 static double sum_of_squares(const float *x, int64_t count)
 {
     return sum_lanes(x, x, count);

@@ -5,6 +5,7 @@
 #include "v2v3d/io/scaling.h"
 #include "v2v3d/method/estimator.h"
 #include "v2v3d/par/comm.h"
+#include "v2v3d/tensor/statistics.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -41,10 +42,10 @@ struct v2v_unlike {
     double figure[V2V_UNLIKE_FIGURES];
 };
 
-/** How far the dark of views lies above zero, where that is asked for, or below; 0, 0: it does not.
- *  @kind Local. @param views as recorded, less the offset @param scratch as large */
-void v2v_unlike_zero(double *above, double *below, const float *views, float *scratch,
-                     const struct v2v_unlike_input *input);
+/** Where the dark of views lies; above zero only where that is asked for. @kind Local.
+ *  @param views as recorded, less the offset @param scratch as large */
+struct v2v_dark v2v_unlike_zero(const float *views, float *scratch,
+                                const struct v2v_unlike_input *input);
 
 /** A frame as recorded (eval/as_recorded.h), less the offset.
  *  @kind   Local

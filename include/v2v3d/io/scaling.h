@@ -23,7 +23,7 @@ struct v2v_scaling {
  *  else 32767 when its mean is above it, no sample above 65535 and the first frame's dark not far
  *  below, else 0; auto gain: the mean of the recording's samples that see something, after the
  *  offset, becomes 0.2 (REFERENCE.md 1). Where nothing is stated and auto takes 0, the pedestal is
- *  what the first frame has at least (v2v_pedestal_of_images). Reads all frames once when the
+ *  what the first frame has at least (v2v_dark_of_images). Reads all frames once when the
  *  offset has to be guessed or the gain is auto, split over ranks.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_MEMORY | V2V_E_INPUT (auto gain and a mean that
  *  no float32 gain makes 0.2); agreed */

@@ -24,20 +24,19 @@ float v2v_select(float *x, int64_t count, int64_t k);
 /** Mean of side x side pixels of an image of that width, `at` the first of them. @kind Local. */
 double v2v_mean_of_square(const float *at, int64_t width, int64_t side);
 
-/** What images hold at least, nearly everywhere, as where the zero of a camera was not subtracted:
- *  of the means of squares of 16 x 16 pixels (of what there is of smaller images) the one that a
- *  hundredth of them are below, and twice its error, which it is too low by: of white noise, or
- *  what quarters of the darkest tenth of the squares tell. 0 where there are dark pixels: that is
- *  less than a hundredth of the brightest square, or than 5 such errors.
- *  @kind Local. @param scratch [count,height,width] */
-double v2v_pedestal_of_images(float *scratch, const float *images, int64_t count, int64_t height,
-                              int64_t width);
+/** Where the dark of images lies, as where the zero of a camera was not subtracted, or more than
+ *  it: by the mean of squares of 16 x 16 pixels (of what there is of smaller images) that a
+ *  hundredth of them are below, and twice its error, which it is too low by: of white noise, or what
+ *  quarters of the darkest tenth of the squares tell. */
+struct v2v_dark {
+    double above; /**< zero: 0 where that is less than 5 such errors, or than a hundredth of the
+                       brightest square */
+    double below; /**< likewise; 0 where it is less than 7 errors */
+};
 
-/** Likewise how far the dark lies below zero, as where more than the zero of a camera was
- *  subtracted: 0 where that is less than 7 such errors, or a hundredth of the brightest square.
- *  @kind Local. @param scratch [count,height,width] */
-double v2v_deficit_of_images(float *scratch, const float *images, int64_t count, int64_t height,
-                             int64_t width);
+/** @kind Local. @param scratch [count,height,width] */
+struct v2v_dark v2v_dark_of_images(float *scratch, const float *images, int64_t count,
+                                   int64_t height, int64_t width);
 
 /** Standard deviation of white noise of which |a - b - c + d| are given: their median over
  *  2 * 0.6745. @kind Local. @param differences [count], rearranged @param count above 0 */

@@ -1,7 +1,7 @@
 /* Convolutions of listed tiles in bf16. Sixteen tiles at a time are one thread's: where the 6 x 6
  * pixels lie that each of them sees is found once, a plain input's are packed; then, block of
- * channels by block, the nine pixels that each output sees are laid side by side, so that 16
- * outputs are a tile of the unit, and multiplied with all outputs' weights. */
+ * channels by block, their columns are laid side by side, so that what 16 outputs see through a tap
+ * is a tile of the unit, and multiplied with all outputs' weights. */
 #include "v2v3d/op/tile_conv.h"
 
 #include "op/isa.h"
@@ -16,11 +16,14 @@
 
 enum { TILE = V2V_TILE, PIXELS = TILE * TILE, SIDE = TILE + 2, SEEN = SIDE * SIDE, TAPS = 9 };
 
-/* Tiles at a time, an even number: their sums and a block's weights stay in the second-level cache,
- * what two tiles see of a block in the first-level one. */
-enum { GROUP = 16, PAIR = 2 };
+/* Tiles at a time, an even number: their sums and some blocks' weights stay in the second-level
+ * cache, what two tiles see of those blocks in the first-level one. */
+enum { GROUP = 16, PAIR = 2, BLOCKS = 2 };
 
-enum { LINED = PAIR * PIXELS * TAPS * AMX_DEPTH, WEIGHTS = TAPS * 2 * AMX_TILE };
+/* What a tile sees of a block, three times: [tap's column][6][4][32]. */
+enum { COLUMN = SIDE * TILE * AMX_DEPTH, LINED = TAPS / 3 * COLUMN };
+
+enum { WEIGHTS = TAPS * 2 * AMX_TILE };
 
 _Static_assert((int)PIXELS == (int)AMX_SIDE, "a tile of pixels is a side of the unit's tile");
 
@@ -63,7 +66,8 @@ enum v2v_status v2v_tile_conv_create(struct v2v_tile_conv **conv,
         memcpy(self->plane, spec->plane, (size_t)spec->in * sizeof *self->plane);
         self->packed_floats = self->blocks * GROUP * SEEN * AMX_DEPTH / 2;
     }
-    self->thread_floats = self->packed_floats + LINED / 2 + GROUP / PAIR * self->outputs * AMX_SUMS;
+    self->thread_floats =
+        self->packed_floats + PAIR * BLOCKS * LINED / 2 + GROUP / PAIR * self->outputs * AMX_SUMS;
     V2V_TRY(v2v_pool_take(&self->weights, spec->pool, "conv.weights",
                           v2v_mem_product(self->outputs, self->blocks, WEIGHTS / 2)));
     V2V_TRY(v2v_workspace_reserve(spec->workspace, self->threads * self->thread_floats));
@@ -213,18 +217,28 @@ static void look_at_packed(struct group *group)
 
 /* ---- products ---- */
 
-/* [pixel][tap][32] of one tile and a block of channels. */
+/* Of one tile and a block of channels: from a tap's first row on, 16 pixels follow each other. */
 static void line_up(bf16 *to, const struct group *group, int64_t tile, int64_t block)
 {
     static const bf16 zeros[AMX_DEPTH] = {0};
     const int32_t *from = group->from[tile];
     const bf16 *base = group->base + block * group->pixels * AMX_DEPTH;
-    for (int64_t y = 0; y < TILE; y++) {
-        for (int64_t x = 0; x < TILE; x++) {
-            for (int64_t tap = 0; tap < TAPS; tap++, to += AMX_DEPTH) {
-                const int32_t pixel = from[(y + tap / 3) * SIDE + x + tap % 3];
-                memcpy(to, pixel < 0 ? zeros : base + (int64_t)pixel * AMX_DEPTH, sizeof zeros);
-            }
+    for (int64_t column = 0; column < TAPS / 3; column++) {
+        for (int64_t i = 0; i < SIDE * TILE; i++, to += AMX_DEPTH) {
+            const int32_t pixel = from[i / TILE * SIDE + column + i % TILE];
+            memcpy(to, pixel < 0 ? zeros : base + (int64_t)pixel * AMX_DEPTH, sizeof zeros);
+        }
+    }
+}
+
+/* What tiles `first` and the next see of a block of channels: they lie apart, in other lists'
+ * order than they are read in. */
+static void ask_for(const struct group *group, int64_t first, int64_t block)
+{
+    const bf16 *base = group->base + block * group->pixels * AMX_DEPTH;
+    for (int64_t t = first; t < v2v_smaller(first + PAIR, group->count); t++) {
+        for (int64_t i = 0; i < SEEN; i++) {
+            __builtin_prefetch(base + (int64_t)group->from[t][i] * AMX_DEPTH);
         }
     }
 }
@@ -232,21 +246,26 @@ static void line_up(bf16 *to, const struct group *group, int64_t tile, int64_t b
 static void multiply(const struct v2v_tile_conv *self, float *sums, bf16 *lined,
                      const struct group *group)
 {
-    struct amx_walk walk = {.pixel = TAPS * AMX_DEPTH, .block = 0, .taps = TAPS};
-    const bf16 *values[] = {lined, lined + PIXELS * TAPS * AMX_DEPTH};
+    struct amx_walk walk = {.pixel = AMX_DEPTH, .block = LINED, .taps = TAPS};
+    const bf16 *values[] = {lined, lined + BLOCKS * LINED};
     const bf16 *weights = (const bf16 *)v2v_piece_data(&self->weights);
     for (int t = 0; t < TAPS; t++) {
-        walk.tap[t] = t * AMX_DEPTH;
+        walk.tap[t] = t % 3 * COLUMN + t / 3 * TILE * AMX_DEPTH;
     }
-    for (int64_t b = 0; b < self->blocks; b++) {
+    for (int64_t b = 0; b < self->blocks; b += BLOCKS) {
+        const int64_t blocks = v2v_smaller(BLOCKS, self->blocks - b);
         float *at = sums;
         for (int64_t t = 0; t < group->count; t += PAIR) {
-            line_up(lined, group, t, b);
-            line_up(lined + (values[1] - values[0]), group, v2v_smaller(t + 1, group->count - 1),
-                    b);
+            for (int64_t i = 0; i < PAIR * blocks; i++) { /* an odd tile is its own neighbour */
+                line_up(lined + (i % PAIR * BLOCKS + i / PAIR) * LINED, group,
+                        v2v_smaller(t + i % PAIR, group->count - 1), b + i / PAIR);
+            }
+            for (int64_t i = 0; i < blocks; i++) {
+                ask_for(group, t + PAIR, b + i);
+            }
             for (int64_t o = 0; o < self->outputs; o++, at += AMX_SUMS) {
                 (self->has_unit ? v2v_amx_multiply : v2v_dot_multiply)(
-                    at, values, weights + (o * self->blocks + b) * WEIGHTS, &walk, 1, b == 0);
+                    at, values, weights + (o * self->blocks + b) * WEIGHTS, &walk, blocks, b == 0);
             }
         }
     }
@@ -302,7 +321,7 @@ static void run_group(const struct v2v_tile_conv *self, float *out, const float 
                       const struct v2v_winograd_part *part, int64_t first, float *mine)
 {
     struct group group;
-    float *sums = mine + self->packed_floats + LINED / 2;
+    float *sums = mine + self->packed_floats + PAIR * BLOCKS * LINED / 2;
     list_places(&group, part, first);
     if (self->plane != NULL) {
         pack_planes(self, (bf16 *)mine, in, &group);

@@ -290,11 +290,8 @@ static void figures_of_parts_are_those_of_the_whole(void **state)
     assert_true(v2v_figures_deviation(&figures) == 0.0);
 }
 
-typedef double estimate(float *scratch, const float *images, int64_t count, int64_t height,
-                        int64_t width);
-
 /* Noise of 10 about `dark`, and in a quarter of each image light of 1000. */
-static double estimate_of(estimate *of_images, double dark, int64_t height, int64_t width)
+static struct v2v_dark dark_of(double dark, int64_t height, int64_t width)
 {
     enum { IMAGES = 3, MOST = 64 * 80 };
     static float images[IMAGES * MOST], scratch[IMAGES * MOST];
@@ -303,17 +300,17 @@ static double estimate_of(estimate *of_images, double dark, int64_t height, int6
         images[i] =
             (float)(dark + (is_lit ? 1000.0 : 0.0) + 10.0 * v2v_random_normal(5, 0, (uint64_t)i));
     }
-    return of_images(scratch, images, IMAGES, height, width);
+    return v2v_dark_of_images(scratch, images, IMAGES, height, width);
 }
 
 static double pedestal_of(double dark, int64_t height, int64_t width)
 {
-    return estimate_of(v2v_pedestal_of_images, dark, height, width);
+    return dark_of(dark, height, width).above;
 }
 
 static double deficit_of(double dark, int64_t height, int64_t width)
 {
-    return estimate_of(v2v_deficit_of_images, dark, height, width);
+    return dark_of(dark, height, width).below;
 }
 
 static void a_pedestal_is_what_is_nowhere_dark(void **state)
@@ -356,13 +353,13 @@ static void noise_that_neighbours_share_is_no_deficit(void **state)
                 images[i] += (float)v2v_random_normal(6, draw, (uint64_t)at[k]) / 4.0f;
             }
         }
-        assert_true(v2v_deficit_of_images(scratch, images, IMAGES, SIDE, SIDE) == 0.0);
-        assert_true(v2v_pedestal_of_images(scratch, images, IMAGES, SIDE, SIDE) == 0.0);
+        struct v2v_dark dark = v2v_dark_of_images(scratch, images, IMAGES, SIDE, SIDE);
+        assert_true(dark.above == 0.0 && dark.below == 0.0);
         for (int64_t i = 0; i < IMAGES * PIXELS; i++) {
             images[i] -= 1.0f;
         }
-        const double found = v2v_deficit_of_images(scratch, images, IMAGES, SIDE, SIDE);
-        assert_true(found > 0.8 && found < 1.2);
+        dark = v2v_dark_of_images(scratch, images, IMAGES, SIDE, SIDE);
+        assert_true(dark.above == 0.0 && dark.below > 0.8 && dark.below < 1.2);
     }
 }
 
