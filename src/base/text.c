@@ -62,7 +62,7 @@ enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, d
     return V2V_OK;
 }
 
-int64_t v2v_text_count_pairs(const char *text)
+int64_t v2v_text_count_listed(const char *text)
 {
     int64_t count = *text != '\0';
     for (; *text != '\0'; text++) {
@@ -75,7 +75,7 @@ enum v2v_status v2v_text_to_pairs(double (*pair)[2], const char *text, double le
                                   const char *what, const char *one)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t count = v2v_text_count_pairs(text);
+    const int64_t count = v2v_text_count_listed(text);
     for (int64_t i = 0; i < count; i++) {
         char number[2][32] = {"", ""};
         int read = 0;

@@ -133,6 +133,8 @@ extern const struct v2v_command v2v_command_weights_init;
 #define V2V_OPTIONS_PAGES_WITH(more)                                                               \
     V2V_OPTION_SET("views", "input.views", "V",                                                    \
                    "TIFF input: views of a frame; 0: as PSFs or file", more),                      \
+        V2V_OPTION_SET("without-views", "input.without_views", "LIST",                             \
+                       "views, from 0, that are not used, nor their PSFs: 3,7", more),             \
         V2V_OPTION_SET("first-view", "input.first_view", "K",                                      \
                        "page (HDF5: view) of the first frame's first view, from 0", more),         \
         V2V_OPTION_SET("stride", "input.stride", "S",                                              \

@@ -299,6 +299,7 @@ static enum v2v_status refuse_others(const struct arguments *given, enum v2v_con
                    OF_RECORDINGS | OF_WEIGHTS | OF_FOLDERS},
                   {"input.layout", "--layout", "recordings", OF_RECORDINGS | OF_FOLDERS},
                   {"input.first_view", "--first-view", "recordings", OF_RECORDINGS},
+                  {"input.without_views", "--without-views", "recordings", OF_RECORDINGS},
                   {"input.stride", "--stride", "recordings", OF_RECORDINGS},
                   {"input.slices", "--slices", "volumes and weights", OF_VOLUMES | OF_WEIGHTS},
                   {"input.channel", "--channel", "volumes and recordings", BOTH},

@@ -68,8 +68,9 @@ static const struct v2v_option options[] = {
 
 /* Settings that say how the recording is read, or its volume measured. */
 static const char *const of_recordings[] = {
-    "input.dataset",          "input.offset", "input.views",         "input.stride",
-    "input.first_view",       "input.layout", "input.pixel_size_um", "input.slice_spacing_um",
+    "input.dataset",          "input.offset",           "input.views",
+    "input.stride",           "input.first_view",       "input.layout",
+    "input.pixel_size_um",    "input.slice_spacing_um", "input.without_views",
     "input.frame_interval_s", "psf.normalize"};
 enum { OF_RECORDINGS = sizeof of_recordings / sizeof *of_recordings };
 

@@ -148,8 +148,8 @@ static enum v2v_status project(struct work *work, struct v2v_volume *volume)
         }
         V2V_TRY(v2v_par_agree(work->session->world, rc));
         work->saturated += saturated;
-        const struct v2v_dark dark = v2v_dark_of_images(
-            work->scratch, work->views, work->psf.views, work->height, work->width);
+        const struct v2v_dark dark = v2v_dark_of_images(work->scratch, work->views, work->psf.views,
+                                                        work->height, work->width);
         work->deficit = fmax(work->deficit, dark.below);
         V2V_TRY(v2v_projection_forward(p));
         v2v_as_recorded_predict(p->views, work->scratch, work->recording, 0, work->psf.views);

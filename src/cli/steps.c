@@ -143,11 +143,33 @@ done:
     return rc;
 }
 
+/* Local. */
+static enum v2v_status keep_views(const struct v2v_session *session, struct v2v_psf_file *psf,
+                                  const char *path)
+{
+    enum v2v_status rc = V2V_OK;
+    const char *without = session->config.input.without_views;
+    const int64_t views = psf->views;
+    struct v2v_kept_views kept = {0};
+    V2V_TRY(v2v_kept_views_init(&kept, without, views));
+    v2v_psf_keep_views(psf, &kept);
+    if (kept.count < views && v2v_step_on_root(session)) {
+        v2v_log(V2V_LOG_INFO,
+                "%s: %" PRId64 " of %" PRId64 " views, without %s; they are counted from 0 without "
+                "those",
+                path, kept.count, views, without);
+    }
+done:
+    v2v_kept_views_fini(&kept);
+    return rc;
+}
+
 enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
                              const char *path)
 {
     enum v2v_status rc = V2V_OK;
     V2V_TRY(v2v_psf_read(psf, path, session->config.psf.normalize, session->world));
+    V2V_TRY(v2v_par_agree(session->world, keep_views(session, psf, path)));
     const double pedestal = v2v_step_on_root(session) ? v2v_psf_pedestal(psf) : 0.0;
     if (pedestal > 0.0) {
         v2v_log(V2V_LOG_WARNING,
@@ -173,7 +195,8 @@ enum v2v_status v2v_step_recording(const struct v2v_session *session,
     enum v2v_status rc = V2V_OK;
     struct v2v_input_settings settings = session->config.input;
     if (settings.views == 0) {
-        settings.views = psf->views;
+        settings.views =
+            psf->views > 0 ? psf->views + v2v_text_count_listed(settings.without_views) : 0;
     }
     V2V_TRY(v2v_recording_open(recording, path, &settings, session->world));
     const struct v2v_recording_info *info = v2v_recording_info(*recording);

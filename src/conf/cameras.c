@@ -26,7 +26,7 @@ enum v2v_status v2v_cameras_init(struct v2v_cameras *cameras,
                                  const struct v2v_synthesis_settings *settings, int64_t views)
 {
     enum v2v_status rc = V2V_OK;
-    const int64_t listed = v2v_text_count_pairs(settings->cameras);
+    const int64_t listed = v2v_text_count_listed(settings->cameras);
     *cameras = (struct v2v_cameras){.views = views > 0 ? views : listed > 0 ? listed : USUAL_VIEWS};
     if (listed > 0 && listed != cameras->views) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "synthesis.cameras: has %lld cameras for %lld views",

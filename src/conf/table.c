@@ -98,6 +98,7 @@ const struct v2v_key v2v_key_table[] = {
     BOOL(parallel, reproducible, 0, "the same bits at any rank count; threads 0 then is 1"),
 
     WHOLE(input, views, 0, 4096, 0, "views of a frame; 0: as many as the PSF set has"),
+    TEXT(input, without_views, "3, 7, ..: from 0, of PSFs and recordings, that are not used"),
     WHOLE(input, first_view, 0, BILLION, 0, "page of the first frame's first view, from 0"),
     WHOLE(input, stride, 0, BILLION, 0, "pages from frame to frame; 0: as many as views"),
     WORD(input, layout, V2V_LAYOUT_AUTO, "of a folder: a file a view, or files of frames",

@@ -3,6 +3,7 @@
 #include "v2v3d/base/bounds.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/recording.h"
 #include "v2v3d/tensor/blind.h"
 #include "v2v3d/tensor/hot_pixels.h"
@@ -17,6 +18,8 @@ enum { UNDISTORTING = 4 };
 struct v2v_recording {
     struct v2v_recording_info info;
     struct v2v_stack stack;
+    int64_t recorded;                          /* views of a frame .. */
+    struct v2v_kept_views kept;                /* .. and those of them that are read */
     int64_t first_page;                        /* the first frame's first view */
     int64_t stride;                            /* pages from frame to frame */
     const struct v2v_calibration *calibration; /* NULL: none */
@@ -93,6 +96,9 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
     recording->info.apart = v2v_parts(views, stride);
     recording->info.height = stack->height;
     recording->info.width = stack->width;
+    recording->recorded = views;
+    V2V_TRY(v2v_kept_views_init(&recording->kept, settings->without_views, views));
+    recording->info.views = recording->kept.count;
 done:
     return rc;
 }
@@ -190,8 +196,9 @@ static enum v2v_status read_pages(struct v2v_recording *recording, float *views,
     for (int64_t i = 0; i < count && rc == V2V_OK; i++) {
         rc = v2v_stack_read(&recording->stack, views + (first + i) * pixels, page + i, 1);
         if (rc == V2V_E_INPUT) {
-            rc = V2V_FAIL(rc, "%s; the page is frame %lld, view %lld (from 0)",
-                          v2v_status_message(), (long long)t, (long long)(first + i));
+            rc =
+                V2V_FAIL(rc, "%s; the page is frame %lld, view %lld (from 0)", v2v_status_message(),
+                         (long long)t, (long long)recording->kept.view[first + i]);
         }
     }
     return rc;
@@ -301,6 +308,15 @@ static int64_t undo_distortion(const struct v2v_recording *recording, float *vie
     return blind;
 }
 
+/* Of view `i` of frame t. The first page of a sliding window shows some view; the views before it
+ * come at the window's end. */
+static int64_t page_of(const struct v2v_recording *recording, int64_t i, int64_t t)
+{
+    const int64_t views = recording->recorded, pages = t * recording->stride;
+    const int64_t first = recording->stride < views ? pages % views : 0;
+    return recording->first_page + pages + (recording->kept.view[i] - first + views) % views;
+}
+
 /* Is distortion, which a calibration says views have, undone as they are read? */
 enum distortion { UNDONE, LEFT };
 
@@ -313,15 +329,15 @@ static enum v2v_status read_frame(struct v2v_recording *recording, float *views,
     const struct v2v_recording_info *info = &recording->info;
     V2V_ASSERT(t >= -info->before && t < info->frames + info->after);
     t += info->before;
-    /* The first page of a sliding window shows this view; the views before it come at the window's
-     * end. */
-    const int64_t page = recording->first_page + t * recording->stride;
-    const int is_sliding = recording->stride < info->views;
-    const int64_t view = is_sliding ? t * recording->stride % info->views : 0;
-    const int64_t late = info->views - view;
     *blind = 0;
-    V2V_TRY(read_views(recording, views, page, view, late, t));
-    V2V_TRY(read_views(recording, views, page + late, 0, view, t));
+    for (int64_t i = 0, count = 0; i < info->views; i += count) {
+        const int64_t page = page_of(recording, i, t);
+        count = 1;
+        while (i + count < info->views && page_of(recording, i + count, t) == page + count) {
+            count++;
+        }
+        V2V_TRY(read_views(recording, views, page, i, count, t));
+    }
     if (recording->samples != NULL) {
         mend(recording, views, t);
     }
@@ -385,6 +401,7 @@ void v2v_recording_close(struct v2v_recording **recording)
 {
     if (*recording != NULL) {
         v2v_stack_fini(&(*recording)->stack);
+        v2v_kept_views_fini(&(*recording)->kept);
         v2v_mem_free((*recording)->as_recorded);
         v2v_mem_free((*recording)->samples);
         v2v_mem_free((*recording)->marks);

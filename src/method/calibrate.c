@@ -478,8 +478,8 @@ static enum v2v_status check_views(const struct v2v_problem *problem, const floa
     }
     if (flat > 0 && flat < count) {
         return V2V_FAIL(V2V_E_INPUT,
-                        "view %lld has one value everywhere: it cannot be calibrated; leave it out "
-                        "of the recording and the PSFs",
+                        "view %lld has one value everywhere: it cannot be calibrated; without it "
+                        "(--without-views) others can",
                         (long long)first);
     }
     return V2V_OK;

@@ -6,6 +6,7 @@
 #include "v2v3d/tensor/statistics.h"
 
 #include <math.h>
+#include <string.h>
 
 static double sum_of(const float *x, int64_t count)
 {
@@ -51,6 +52,16 @@ enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int nor
     }
 done:
     return rc;
+}
+
+void v2v_psf_keep_views(struct v2v_psf_file *psf, const struct v2v_kept_views *kept)
+{
+    const int64_t samples = psf->slices * psf->height * psf->width;
+    for (int64_t i = 0; i < kept->count; i++) {
+        memmove(psf->data + i * samples, psf->data + kept->view[i] * samples,
+                (size_t)samples * sizeof *psf->data);
+    }
+    psf->views = kept->count;
 }
 
 /* Parts of the set, of `samples` each. */

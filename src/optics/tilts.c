@@ -25,7 +25,7 @@ static void ring_tilt(double tilt[2], const struct v2v_optics_settings *settings
 static int64_t count_of(const struct v2v_optics_settings *settings)
 {
     return settings->tilts[0] == '\0' ? 1 + settings->rings * settings->views_per_ring
-                                      : v2v_text_count_pairs(settings->tilts);
+                                      : v2v_text_count_listed(settings->tilts);
 }
 
 static enum v2v_status parse(struct v2v_tilts *tilts, const struct v2v_optics_settings *settings)

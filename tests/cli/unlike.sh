@@ -79,6 +79,23 @@ tells 'uneven.h5: PSFs of some views sum to 3[.0-9]* times those of others'
 works deconvolve --psf uneven.h5 --input good.tif -o as_they_are.h5 --normalize none
 misses 'PSFs of some views'
 
+# Views that are not used: neither what they show nor their PSFs matter.
+cp good.h5 spoilt.h5
+"$V2V_POKE" spoilt.h5 /views $((3 * 128 * 128 + 64 * 128 + 64)) 1e6
+without=(--without-views '3,0' --set input.hot_pixels=keep)
+works deconvolve --psf psf.h5 --input good.h5 "${without[@]}" -o without.h5
+tells 'psf.h5: 3 of 5 views, without 3,0; they are counted from 0 without those'
+works deconvolve --psf uneven.h5 --input spoilt.h5 "${without[@]}" -o without_spoilt.h5
+same without.h5 without_spoilt.h5 /volume
+h5diff -q without.h5 good_volume.h5 /volume >/dev/null && fail "view 3 changed nothing"
+works evaluate --volume without.h5 --psf psf.h5 --input spoilt.h5 "${without[@]}"
+works convert --input good.h5 --without-views 3 -o four.h5
+refuses 65 'four.h5: .views has 4 views, but 5 are asked for' deconvolve --psf psf.h5 \
+    --input four.h5 -o out.h5
+refuses 78 'input.without_views: 5 is outside \[0, 4\]' deconvolve --psf psf.h5 --input good.h5 \
+    --without-views 5 -o out.h5
+refuses 2 'without-views is of recordings, and psf.h5' convert --input psf.h5 --without-views 1 -o out.h5
+
 works deconvolve --psf psf.h5 --input all -o all.h5
 tells '^frame 0: residual of the views'
 tells '1 of 5 frames, frame 1 the first of them, show nothing above their noise'

@@ -17,10 +17,10 @@ enum v2v_status v2v_text_to_i64(int64_t *value, const char *text, int64_t least,
 enum v2v_status v2v_text_to_f64(double *value, const char *text, double least, double most,
                                 const char *what, enum v2v_status code) V2V_MUST_CHECK;
 
-/** How many pairs "a b, a b, .." names; of an empty text none. @kind Local. */
-int64_t v2v_text_count_pairs(const char *text);
+/** How many things "a b, a b, .." lists; of an empty text none. @kind Local. */
+int64_t v2v_text_count_listed(const char *text);
 
-/** pair[i] of such a text, v2v_text_count_pairs of them; `what` names the setting and `one` what a
+/** pair[i] of such a text, v2v_text_count_listed of them; `what` names the setting and `one` what a
  *  pair is ("view"). @kind Local. @return V2V_OK | V2V_E_CONFIG (the first that is none) */
 enum v2v_status v2v_text_to_pairs(double (*pair)[2], const char *text, double least, double most,
                                   const char *what, const char *one) V2V_MUST_CHECK;

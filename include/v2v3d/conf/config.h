@@ -78,10 +78,11 @@ enum v2v_hot_pixels { V2V_HOT_PIXELS_MEND, V2V_HOT_PIXELS_KEEP };
 
 /** Where the frames of a recording or volume lie in a file, and how they are read. */
 struct v2v_input_settings {
-    int64_t views;                       /**< 0: as many as the PSF set has */
-    int64_t first_view;                  /**< page of the first frame's first view */
-    int64_t stride;                      /**< pages from frame to frame; 0: `views` */
-    int layout;                          /**< enum v2v_layout: of a folder */
+    int64_t views;                             /**< 0: as many as the PSF set has */
+    char without_views[V2V_CONFIG_TEXT_BYTES]; /**< "3, 7": not used, nor their PSFs */
+    int64_t first_view;                        /**< page of the first frame's first view */
+    int64_t stride;                            /**< pages from frame to frame; 0: `views` */
+    int layout;                                /**< enum v2v_layout: of a folder */
     int64_t channel;                     /**< of a TIFF hyperstack, from 1; 0: it has but one */
     char dataset[V2V_CONFIG_TEXT_BYTES]; /**< of an HDF5 file; "": /views, /volume */
     int64_t slices; /**< of a frame of a TIFF volume that does not say; 0: all pages */

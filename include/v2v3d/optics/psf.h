@@ -19,6 +19,7 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
@@ -37,6 +38,9 @@ static inline int64_t v2v_psf_centre(int64_t side)
  *  @kind Collective(comm). @return as v2v_psf_file_read */
 enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
                              const struct v2v_comm *comm) V2V_MUST_CHECK;
+
+/** From now on the set has these views alone. @kind Local. */
+void v2v_psf_keep_views(struct v2v_psf_file *psf, const struct v2v_kept_views *kept);
 
 /** Scale every view so that it sums to 1 over z, y, x: volumes then carry the units of the views
  *  (a constant volume 1 projects to views of 1 away from the border). Double-precision sums.

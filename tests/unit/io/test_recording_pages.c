@@ -76,6 +76,36 @@ static void pages_become_views_by_first_view_and_stride(void **state)
     }
 }
 
+/* Frame 4 of a row of frames, of one with a page before and between them, and of a sliding window,
+ * which starts with view 1. */
+static void views_that_are_not_used_are_passed_over(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *without;
+        int64_t stride, views;
+        int64_t page[3];
+    } cases[] = {{"", 0, 3, {12, 13, 14}}, {"1", 0, 2, {12, 14}},  {"0", 4, 2, {18, 19}},
+                 {"2,0", 0, 1, {13}},      {"1", 1, 2, {6, 5}},    {"0", 1, 2, {4, 5}},
+                 {"2", 1, 2, {6, 4}},      {" 1 , 2 ", 1, 1, {6}}, {"", 1, 3, {6, 4, 5}}};
+    const struct v2v_tiff_info stack = stack_info(21, 1);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct v2v_input_settings settings = {.views = 3, .stride = cases[i].stride};
+        struct v2v_recording *recording = NULL;
+        float views[3][6];
+        snprintf(settings.without_views, sizeof settings.without_views, "%s", cases[i].without);
+        settings.first_view = cases[i].stride == 4;
+        make_stack(&stack);
+        assert_ok(v2v_recording_open(&recording, path, &settings, NULL));
+        assert_int_equal(v2v_recording_info(recording)->views, cases[i].views);
+        assert_ok(v2v_recording_read(recording, views[0], 4));
+        for (int64_t v = 0; v < cases[i].views; v++) {
+            assert_true(views[v][0] == (float)cases[i].page[v]);
+        }
+        v2v_recording_close(&recording);
+    }
+}
+
 /* Page 7 of a sliding window over 3 views: view 1 of the frames that start at pages 5, 6 and 7. */
 static void a_nan_in_a_page_is_refused_with_frame_and_view(void **state)
 {
@@ -96,6 +126,11 @@ static void a_nan_in_a_page_is_refused_with_frame_and_view(void **state)
         assert_says(frame);
     }
     assert_ok(v2v_recording_read(recording, views, 8));
+    v2v_recording_close(&recording);
+    const struct v2v_input_settings fewer = {.views = 3, .stride = 1, .without_views = "0"};
+    assert_ok(v2v_recording_open(&recording, path, &fewer, NULL));
+    assert_int_equal(v2v_recording_read(recording, views, 6), V2V_E_INPUT);
+    assert_says("frame 6, view 1 (from 0)");
     v2v_recording_close(&recording);
 }
 
@@ -188,6 +223,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(pages_become_views_by_first_view_and_stride),
+        cmocka_unit_test(views_that_are_not_used_are_passed_over),
         cmocka_unit_test(a_nan_in_a_page_is_refused_with_frame_and_view),
         cmocka_unit_test(pages_that_make_no_whole_frames_are_refused_with_the_counts),
         cmocka_unit_test(a_time_series_states_its_views_and_its_interval),
