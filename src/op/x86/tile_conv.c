@@ -18,7 +18,7 @@ enum { TILE = V2V_TILE, PIXELS = TILE * TILE, SIDE = TILE + 2, SEEN = SIDE * SID
 
 /* Tiles at a time, an even number: their sums and some blocks' weights stay in the second-level
  * cache, what two tiles see of those blocks in the first-level one. */
-enum { GROUP = 16, PAIR = 2, BLOCKS = 2 };
+enum { GROUP = 32, PAIR = 2, BLOCKS = 2 };
 
 /* What a tile sees of a block, three times: [tap's column][6][4][32]. */
 enum { COLUMN = SIDE * TILE * AMX_DEPTH, LINED = TAPS / 3 * COLUMN };
