@@ -87,8 +87,8 @@ static enum v2v_status warn_of_views(const struct v2v_calibration *calibration,
     if (odd >= 0) {
         v2v_log(V2V_LOG_WARNING,
                 "view %" PRId64 " is predicted much worse than most: it is not its PSF's, or too "
-                "far off, which spoils the others (--without-views: without it); look at it before "
-                "you use this",
+                "far off, which spoils the others (--without-views, which counts all of the set's "
+                "views); look at it before you use this",
                 odd);
     }
 done:

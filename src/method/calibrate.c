@@ -479,7 +479,7 @@ static enum v2v_status check_views(const struct v2v_problem *problem, const floa
     if (flat > 0 && flat < count) {
         return V2V_FAIL(V2V_E_INPUT,
                         "view %lld has one value everywhere: it cannot be calibrated; without it "
-                        "(--without-views) others can",
+                        "(--without-views, which counts all of the set's views) others can",
                         (long long)first);
     }
     return V2V_OK;

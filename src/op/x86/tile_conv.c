@@ -1,4 +1,4 @@
-/* Convolutions of listed tiles in bf16. Sixteen tiles at a time are one thread's: where the 6 x 6
+/* Convolutions of listed tiles in bf16. Some tiles at a time are one thread's: where the 6 x 6
  * pixels lie that each of them sees is found once, a plain input's are packed; then, block of
  * channels by block, their columns are laid side by side, so that what 16 outputs see through a tap
  * is a tile of the unit, and multiplied with all outputs' weights. */
