@@ -36,7 +36,8 @@ enum v2v_status v2v_step_output_or_resume(const struct v2v_session *session, con
  *  they don't. Rank 0 reads. @kind Collective(world), agreed; the session owns it */
 enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *path) V2V_MUST_CHECK;
 
-/** PSFs as the configuration normalises them, calibrated. @kind Collective(world), agreed */
+/** PSFs as the configuration normalises them, without input.without_views, calibrated.
+ *  @kind Collective(world), agreed */
 enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_file *psf,
                              const char *path) V2V_MUST_CHECK;
 

@@ -58,6 +58,9 @@ void v2v_psf_keep_views(struct v2v_psf_file *psf, const struct v2v_kept_views *k
 {
     const int64_t samples = psf->slices * psf->height * psf->width;
     for (int64_t i = 0; i < kept->count; i++) {
+        if (kept->view[i] == i) { /* where it belongs, as all are where none is left out */
+            continue;
+        }
         memmove(psf->data + i * samples, psf->data + kept->view[i] * samples,
                 (size_t)samples * sizeof *psf->data);
     }

@@ -1,5 +1,4 @@
 #include "v2v3d/base/bounds.h"
-#include "v2v3d/base/clones.h"
 #include "v2v3d/fft/fft2.h"
 #include "v2v3d/optics/data_step.h"
 #include "v2v3d/optics/psf.h"
@@ -20,32 +19,15 @@ static double light_of_ring(const float *kernel, int64_t height, int64_t width, 
     return light;
 }
 
-/* In lanes of its own, whatever vectors the processor has. */
-V2V_SIMD_CLONES
-static double light_of(const float *kernel, int64_t pixels)
-{
-    enum { LANES = 8 };
-    double lane[LANES] = {0}, light = 0.0;
-    for (int64_t i = 0; i + LANES <= pixels; i += LANES) {
-        for (int l = 0; l < LANES; l++) {
-            lane[l] += fabs((double)kernel[i + l]);
-        }
-    }
-    for (int64_t i = pixels - pixels % LANES; i < pixels; i++) {
-        light += fabs((double)kernel[i]);
-    }
-    for (int l = 0; l < LANES; l++) {
-        light += lane[l];
-    }
-    return light;
-}
-
 /* Pixels from the kernel's centre to the edge of a square that holds all but LOST of its light. */
 static int64_t reach_of(const float *kernel, int64_t height, int64_t width)
 {
     const int64_t most = v2v_larger(height, width) - 1;
-    const double total = light_of(kernel, height * width);
-    double inside = 0.0;
+    double total = 0.0, inside = 0.0;
+#pragma omp simd reduction(+ : total)
+    for (int64_t i = 0; i < height * width; i++) {
+        total += fabs((double)kernel[i]);
+    }
     for (int64_t r = 0; r <= most; r++) {
         inside += light_of_ring(kernel, height, width, r);
         if (inside >= (1.0 - V2V_DATA_STEP_LOST) * total) {

@@ -12,7 +12,8 @@ extern "C" {
 #endif
 
 struct v2v_recording_info {
-    int64_t frames, views, height, width;
+    int64_t frames, height, width;
+    int64_t views;         /**< of a frame, without those of settings->without_views */
     int64_t before, after; /**< frames that a cut left out on either side */
     int64_t apart; /**< of one that is read: frames that share no page lie so many apart: 1, more
                         in a sliding window */
@@ -25,8 +26,9 @@ struct v2v_recording_info {
 struct v2v_recording;
 
 /** Open a recording: HDF5 `/views` [v,y,x] or [t,v,y,x] (integers, float32, float64), or a TIFF
- *  stack of `settings->views` pages a frame. A hyperstack that states channels, or slices and
- *  frames, has its views there: in the channels, or in the slices of settings->channel. With a
+ *  stack of `settings->views` pages a frame. Those of settings->without_views are not read. A
+ *  hyperstack that states channels, or slices and frames, has its views there: in the channels, or
+ *  in the slices of settings->channel. With a
  *  stride below the view count (a sliding window), page p of the stack still is view (p -
  *  first_view) mod views; with one above it, pages between frames are none of any. An HDF5 file
  *  is first looked at in a child process of rank 0 with a limit of time and memory. With
@@ -35,7 +37,7 @@ struct v2v_recording;
  *  @kind   Collective(comm)
  *  @return V2V_OK | V2V_E_INPUT (file, dataset or page, reason; pages that make no whole frame;
  *          no frame; another view count than asked for, or channels of which none is chosen;
- *          frames never written) | V2V_E_MEMORY; agreed */
+ *          frames never written) | V2V_E_CONFIG (settings->without_views) | V2V_E_MEMORY; agreed */
 enum v2v_status v2v_recording_open(struct v2v_recording **recording, const char *path,
                                    const struct v2v_input_settings *settings,
                                    const struct v2v_comm *comm) V2V_MUST_CHECK;

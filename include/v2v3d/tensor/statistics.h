@@ -25,13 +25,14 @@ float v2v_select(float *x, int64_t count, int64_t k);
 double v2v_mean_of_square(const float *at, int64_t width, int64_t side);
 
 /** Where the dark of images lies, as where the zero of a camera was not subtracted, or more than
- *  it: by the mean of squares of 16 x 16 pixels (of what there is of smaller images) that a
- *  hundredth of them are below, and twice its error, which it is too low by: of white noise, or
- *  what quarters of the darkest tenth of the squares tell. */
+ *  it: the mean of squares of 16 x 16 pixels (of what there is of smaller images) that a hundredth
+ *  of them are below, and twice its error, which it is too low by: of white noise, or what quarters
+ *  of the darkest tenth of the squares tell. */
 struct v2v_dark {
-    double above; /**< zero: 0 where that is less than 5 such errors, or than a hundredth of the
-                       brightest square */
-    double below; /**< likewise; 0 where it is less than 7 errors */
+    double above; /**< zero; 0 where that mean is less than 5 errors above it, or than a hundredth
+                       of the brightest square */
+    double below; /**< zero; 0 where that mean is less than 7 errors below it, or this less than
+                       such a hundredth */
 };
 
 /** @kind Local. @param scratch [count,height,width] */

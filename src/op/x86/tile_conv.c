@@ -231,14 +231,13 @@ static void line_up(bf16 *to, const struct group *group, int64_t tile, int64_t b
     }
 }
 
-/* What tiles `first` and the next see of a block of channels: they lie apart, in other lists'
- * order than they are read in. */
+/* What tiles `first` and the next see of a block of a list's channels: pixels that lie apart. */
 static void ask_for(const struct group *group, int64_t first, int64_t block)
 {
     const bf16 *base = group->base + block * group->pixels * AMX_DEPTH;
     for (int64_t t = first; t < v2v_smaller(first + PAIR, group->count); t++) {
         for (int64_t i = 0; i < SEEN; i++) {
-            __builtin_prefetch(base + (int64_t)group->from[t][i] * AMX_DEPTH);
+            __builtin_prefetch(base + (int64_t)v2v_larger(group->from[t][i], 0) * AMX_DEPTH);
         }
     }
 }
@@ -260,7 +259,7 @@ static void multiply(const struct v2v_tile_conv *self, float *sums, bf16 *lined,
                 line_up(lined + (i % PAIR * BLOCKS + i / PAIR) * LINED, group,
                         v2v_smaller(t + i % PAIR, group->count - 1), b + i / PAIR);
             }
-            for (int64_t i = 0; i < blocks; i++) {
+            for (int64_t i = 0; self->plane == NULL && i < blocks; i++) {
                 ask_for(group, t + PAIR, b + i);
             }
             for (int64_t o = 0; o < self->outputs; o++, at += AMX_SUMS) {
