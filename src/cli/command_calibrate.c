@@ -81,15 +81,15 @@ static enum v2v_status warn_of_views(const struct v2v_calibration *calibration,
             v2v_log(V2V_LOG_WARNING,
                     "view %" PRId64 ": a gain of %.3g beside the others': it shows little of what "
                     "they show, and theirs follow from it; look at it before you use this",
-                    v, ratio);
+                    calibration->number[v], ratio);
         }
     }
     if (odd >= 0) {
-        v2v_log(V2V_LOG_WARNING,
-                "view %" PRId64 " is predicted much worse than most: it is not its PSF's, or too "
-                "far off, which spoils the others (--without-views, which counts all of the set's "
-                "views); look at it before you use this",
-                odd);
+        v2v_log(
+            V2V_LOG_WARNING,
+            "view %" PRId64 " is predicted much worse than most: it is not its PSF's, or too "
+            "far off, which spoils the others (--without-views); look at it before you use this",
+            calibration->number[odd]);
     }
 done:
     return rc;
@@ -172,7 +172,7 @@ static enum v2v_status warn_of_exchanged(const struct v2v_calibration *calibrati
                         "views %" PRId64 " and %" PRId64
                         " change with depth as each other's PSFs do: are they in each other's "
                         "place?",
-                        a, b);
+                        calibration->number[a], calibration->number[b]);
             }
         }
     }
@@ -187,8 +187,8 @@ static void print_text(const struct v2v_calibration *calibration,
     printf("view  shift y   shift x      gain   slope y   slope x\n");
     for (int64_t v = 0; v < calibration->views; v++) {
         const struct v2v_view_calibration *view = &calibration->view[v];
-        printf("%4" PRId64 "  %7.2f   %7.2f   %7.3f   %7.2f   %7.2f\n", v, view->shift[0],
-               view->shift[1], view->gain, view->slope[0], view->slope[1]);
+        printf("%4" PRId64 "  %7.2f   %7.2f   %7.3f   %7.2f   %7.2f\n", calibration->number[v],
+               view->shift[0], view->shift[1], view->gain, view->slope[0], view->slope[1]);
     }
     printf("slopes with depth %s, shading and distortion %s; %" PRId64 " rounds\n",
            report->has_slopes ? "fitted" : "gain nothing",
@@ -210,15 +210,16 @@ static enum v2v_status print_json(const struct v2v_calibration *calibration,
     const double square[4] = {
         (double)report->square_rows.first, (double)report->square_columns.first,
         (double)report->square_rows.count, (double)report->square_columns.count};
-    V2V_TRY(V2V_ALLOC(numbers, "cli.calibration", 5 * views));
+    V2V_TRY(V2V_ALLOC(numbers, "cli.calibration", 6 * views));
     double *const shifts = numbers, *const slopes = numbers + 2 * views,
-                  *gains = slopes + 2 * views;
+                  *gains = slopes + 2 * views, *names = gains + views;
     for (int64_t v = 0; v < views; v++) {
         for (int axis = 0; axis < 2; axis++) {
             shifts[2 * v + axis] = calibration->view[v].shift[axis];
             slopes[2 * v + axis] = calibration->view[v].slope[axis];
         }
         gains[v] = calibration->view[v].gain;
+        names[v] = (double)calibration->number[v];
     }
     const struct v2v_json_item items[] = {
         v2v_json_number("heldout_before", report->heldout_before),
@@ -226,6 +227,7 @@ static enum v2v_status print_json(const struct v2v_calibration *calibration,
         v2v_json_number("heldout_frame_before", report->frame_before),
         v2v_json_number("heldout_frame_after", report->frame_after),
         {.name = "square", .values = square, .count = 4},
+        {.name = "view_numbers", .values = names, .count = views},
         {.name = "shifts", .values = shifts, .count = 2 * views},
         {.name = "gains", .values = gains, .count = views},
         {.name = "slopes", .values = slopes, .count = 2 * views},

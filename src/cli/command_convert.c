@@ -243,7 +243,7 @@ static enum v2v_status convert_psf(const struct arguments *given, const struct v
     if (v2v_file_kind_of_name(given->output) != V2V_FILE_HDF5) {
         V2V_TRY(V2V_FAIL(V2V_E_USAGE, "%s: PSFs are written as HDF5 (.h5) only", given->output));
     }
-    V2V_TRY(v2v_psf_file_read(&psf, given->input, session->world));
+    V2V_TRY(v2v_psf_file_read(&psf, given->input, settings->without_views, session->world));
     if (settings->pixel_size_um > 0.0) {
         psf.pixel_size_um = settings->pixel_size_um;
     }
@@ -295,18 +295,19 @@ static enum v2v_status refuse_others(const struct arguments *given, enum v2v_con
     static const struct {
         const char *key, *option, *owners;
         int of;
-    } inputs[] = {{"input.views", "--views", "recordings and weights",
-                   OF_RECORDINGS | OF_WEIGHTS | OF_FOLDERS},
-                  {"input.layout", "--layout", "recordings", OF_RECORDINGS | OF_FOLDERS},
-                  {"input.first_view", "--first-view", "recordings", OF_RECORDINGS},
-                  {"input.without_views", "--without-views", "recordings", OF_RECORDINGS},
-                  {"input.stride", "--stride", "recordings", OF_RECORDINGS},
-                  {"input.slices", "--slices", "volumes and weights", OF_VOLUMES | OF_WEIGHTS},
-                  {"input.channel", "--channel", "volumes and recordings", BOTH},
-                  {"input.dataset", "--dataset", "volumes and recordings", BOTH},
-                  {"input.pixel_size_um", "--pixel-size", "images", BOTH | OF_PSFS},
-                  {"input.slice_spacing_um", "--slice-spacing", "volumes", OF_VOLUMES | OF_PSFS},
-                  {"input.frame_interval_s", "--frame-interval", "volumes and recordings", BOTH}};
+    } inputs[] = {
+        {"input.views", "--views", "recordings and weights",
+         OF_RECORDINGS | OF_WEIGHTS | OF_FOLDERS},
+        {"input.layout", "--layout", "recordings", OF_RECORDINGS | OF_FOLDERS},
+        {"input.first_view", "--first-view", "recordings", OF_RECORDINGS},
+        {"input.without_views", "--without-views", "recordings and PSFs", OF_RECORDINGS | OF_PSFS},
+        {"input.stride", "--stride", "recordings", OF_RECORDINGS},
+        {"input.slices", "--slices", "volumes and weights", OF_VOLUMES | OF_WEIGHTS},
+        {"input.channel", "--channel", "volumes and recordings", BOTH},
+        {"input.dataset", "--dataset", "volumes and recordings", BOTH},
+        {"input.pixel_size_um", "--pixel-size", "images", BOTH | OF_PSFS},
+        {"input.slice_spacing_um", "--slice-spacing", "volumes", OF_VOLUMES | OF_PSFS},
+        {"input.frame_interval_s", "--frame-interval", "volumes and recordings", BOTH}};
     static const struct {
         int of;
         const char *name;

@@ -41,6 +41,7 @@ struct v2v_evaluation {
     double *value[V2V_FIGURE_COUNT]; /**< [t]; NULL: not asked for */
     double mean[V2V_FIGURE_COUNT];
     int64_t views, slices;                  /**< 0: without --psf and --input */
+    const char *without_views;              /**< not used, the session's (conf/kept_views.h) */
     double *of_view[V2V_VIEW_FIGURE_COUNT]; /**< [v]; NULL: not asked for */
     struct v2v_consistency consistency;     /**< no frames: not asked for */
     /** Its means over frames; NaN: not known. */

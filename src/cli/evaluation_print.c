@@ -1,6 +1,7 @@
 #include "cli/evaluation.h"
 
 #include "v2v3d/base/text.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/json.h"
 #include <inttypes.h>
 #include <math.h>
@@ -37,7 +38,7 @@ static void print_views(const struct v2v_evaluation *evaluation)
     }
     printf("\n");
     for (int64_t v = 0; v < evaluation->views; v++) {
-        printf("%5" PRId64, v);
+        printf("%5" PRId64, v2v_kept_views_number(evaluation->without_views, v));
         for (int f = 0; f < figures; f++) {
             printf("  %16s", text_of(cell, evaluation->of_view[f][v], 4));
         }

@@ -6,6 +6,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/quality.h"
 #include "v2v3d/method/estimator.h"
@@ -274,7 +275,7 @@ static void judge_light(struct work *work)
     if (odd >= 0) {
         snprintf(text, sizeof text,
                  "view %" PRId64 " is %.2f times as bright as the volume has it, beside the others",
-                 odd, times);
+                 v2v_kept_views_number(work->evaluation->without_views, odd), times);
         warn(work, text);
     }
 }
@@ -396,7 +397,8 @@ static void find_faults(struct work *work)
         const double x = evaluation->of_view[V2V_VIEW_SHIFT_X][v];
         if (sqrt(y * y + x * x) > out_of_register && !shows_nothing(&work->of_view[v].structure)) {
             snprintf(text, sizeof text,
-                     "view %" PRId64 " is out of register: %+.1f, %+.1f pixels in y, x", v, y, x);
+                     "view %" PRId64 " is out of register: %+.1f, %+.1f pixels in y, x",
+                     v2v_kept_views_number(evaluation->without_views, v), y, x);
             warn(work, text);
         }
     }
@@ -423,6 +425,7 @@ enum v2v_status v2v_evaluation_of_views(struct v2v_evaluation *evaluation,
     work.height = info->height;
     work.width = info->width;
     evaluation->views = work.psf.views;
+    evaluation->without_views = session->config.input.without_views;
     evaluation->slices = work.psf.slices;
     V2V_TRY(v2v_par_agree(session->world, take_memory(&work)));
     V2V_TRY(compare_origins(&work));

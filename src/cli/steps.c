@@ -129,6 +129,9 @@ enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *pa
     }
     if (v2v_step_on_root(session)) {
         rc = v2v_calibration_read(calibration, path);
+        if (rc == V2V_OK) {
+            rc = v2v_calibration_leave(calibration, session->config.input.without_views, path);
+        }
         header = *calibration;
     }
     V2V_TRY(v2v_par_agree(session->world, rc));
@@ -139,28 +142,9 @@ enum v2v_status v2v_step_calibration(struct v2v_session *session, const char *pa
     V2V_TRY(v2v_par_agree(session->world, rc));
     v2v_par_broadcast(session->world, calibration->view,
                       calibration->views * (int64_t)sizeof *calibration->view, 0);
+    v2v_par_broadcast(session->world, calibration->number,
+                      calibration->views * (int64_t)sizeof *calibration->number, 0);
 done:
-    return rc;
-}
-
-/* Local. */
-static enum v2v_status keep_views(const struct v2v_session *session, struct v2v_psf_file *psf,
-                                  const char *path)
-{
-    enum v2v_status rc = V2V_OK;
-    const char *without = session->config.input.without_views;
-    const int64_t views = psf->views;
-    struct v2v_kept_views kept = {0};
-    V2V_TRY(v2v_kept_views_init(&kept, without, views));
-    v2v_psf_keep_views(psf, &kept);
-    if (kept.count < views && v2v_step_on_root(session)) {
-        v2v_log(V2V_LOG_INFO,
-                "%s: %" PRId64 " of %" PRId64 " views, without %s; they are counted from 0 without "
-                "those",
-                path, kept.count, views, without);
-    }
-done:
-    v2v_kept_views_fini(&kept);
     return rc;
 }
 
@@ -168,8 +152,11 @@ enum v2v_status v2v_step_psf(const struct v2v_session *session, struct v2v_psf_f
                              const char *path)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_psf_read(psf, path, session->config.psf.normalize, session->world));
-    V2V_TRY(v2v_par_agree(session->world, keep_views(session, psf, path)));
+    const char *without = session->config.input.without_views;
+    V2V_TRY(v2v_psf_read(psf, path, without, session->config.psf.normalize, session->world));
+    if (without[0] != '\0' && v2v_step_on_root(session)) {
+        v2v_log(V2V_LOG_INFO, "%s: %" PRId64 " views, without %s", path, psf->views, without);
+    }
     const double pedestal = v2v_step_on_root(session) ? v2v_psf_pedestal(psf) : 0.0;
     if (pedestal > 0.0) {
         v2v_log(V2V_LOG_WARNING,

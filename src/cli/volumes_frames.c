@@ -3,6 +3,7 @@
 #include "cli/steps.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/eval/unlike.h"
 
 #include <stdio.h>
@@ -63,7 +64,7 @@ static int64_t count(int64_t *first, const struct v2v_unlike *frames, enum v2v_u
 }
 
 static void warn(const struct v2v_unlike *frames, int64_t shown,
-                 const struct v2v_volumes_made *made)
+                 const struct v2v_volumes_made *made, const struct v2v_session *session)
 {
     int64_t first = 0;
     const int64_t before = made->first, all = frames_of(made);
@@ -75,10 +76,12 @@ static void warn(const struct v2v_unlike *frames, int64_t shown,
     }
     const int64_t odd = count(&first, frames, V2V_UNLIKE_ODD, all);
     if (odd > 0) {
+        const int64_t view = (int64_t)frames[first].figure[V2V_UNLIKE_ODD] - 1;
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: view %lld is %.2f times as bright as in frame %lld, beside the other "
                 "views; %lld of %lld frames have such a view",
-                (long long)(before + first), (long long)frames[first].figure[V2V_UNLIKE_ODD] - 1,
+                (long long)(before + first),
+                (long long)v2v_kept_views_number(session->config.input.without_views, view),
                 frames[first].figure[V2V_UNLIKE_TIMES], (long long)(before + shown), (long long)odd,
                 (long long)all);
     }
@@ -129,7 +132,7 @@ enum v2v_status v2v_volumes_judge_frames(const float *reference, int64_t shown, 
     V2V_TRY(v2v_par_agree(session->world, V2V_ALLOC(frames, "cli.frames", frames_of(made))));
     V2V_TRY(v2v_unlike_frames(frames, &input, session->world));
     if (v2v_step_on_root(session)) {
-        warn(frames, shown, made);
+        warn(frames, shown, made, session);
         warn_of_moved(frames, made);
     }
 done:

@@ -4,6 +4,7 @@
 #include "cli/volumes_frames.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/eval/as_recorded.h"
 #include "v2v3d/eval/first_seen.h"
 #include "v2v3d/eval/quality.h"
@@ -25,8 +26,15 @@ struct found {
     double saturated;                 /* part of the views' pixels */
     int64_t views;
     int64_t shown, frame; /* of the volumes, and before the cut */
+    const char *without;  /* views that are not used (conf/kept_views.h) */
     int is_seen;          /* it shows something above its noise */
 };
+
+/* What the files call a view. */
+static long long number_of(const struct found *found, int64_t view)
+{
+    return (long long)v2v_kept_views_number(found->without, view);
+}
 
 /* Of the views that lack some. */
 static void tell_of_blind(const struct found *found, const struct v2v_volumes_made *made)
@@ -41,7 +49,7 @@ static void tell_of_blind(const struct found *found, const struct v2v_volumes_ma
         const size_t length = strlen(list);
         if (here > 0) {
             snprintf(list + length, sizeof list - length, "%s%lld", lacking > 0 ? ", " : " ",
-                     (long long)v);
+                     number_of(found, v));
         }
         lacking += here > 0;
         dead += here == pixels;
@@ -50,7 +58,7 @@ static void tell_of_blind(const struct found *found, const struct v2v_volumes_ma
         v2v_log(dead > 0 || !is_left ? V2V_LOG_WARNING : V2V_LOG_INFO,
                 "frame %lld: %s%s: %lld samples of one value see nothing and are %s",
                 (long long)found->frame, lacking > 1 ? "views" : "view",
-                lacking == found->views ? " 0 and all others" : list, (long long)found->blind,
+                lacking == found->views ? ": all of them" : list, (long long)found->blind,
                 is_left ? "left out" : "taken for dark by this method");
     }
 }
@@ -256,7 +264,8 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
                 "frame %lld: the views lie %.1f pixels from where the volume has them, view %lld "
                 "%.1f: %sare they those of these PSFs, in their order, not mirrored, in register "
                 "(v2v3d calibrate)?",
-                (long long)found->frame, sqrt(squares / known), (long long)farthest, most, doubt);
+                (long long)found->frame, sqrt(squares / known), number_of(found, farthest), most,
+                doubt);
     } else if (v2v_structure_missed(&found->match.structure) > much_missed) {
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: the volume leaves much of the views unexplained: %sdo they belong to "
@@ -266,7 +275,7 @@ static void warn_of_misfit(const struct found *found, const struct v2v_volumes_m
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: the volume leaves more of view %lld unexplained than of the others: "
                 "is it that of its PSF, or in the place of a neighbour?",
-                (long long)found->frame, (long long)worst);
+                (long long)found->frame, number_of(found, worst));
     }
 }
 
@@ -303,7 +312,7 @@ static void warn_of_odd_view(const struct found *found, const struct v2v_volumes
         v2v_log(V2V_LOG_WARNING,
                 "frame %lld: view %lld is %.2f times as bright as the volume has it, beside the "
                 "other views: %swas it blocked, or is its gain another (v2v3d calibrate)?",
-                (long long)found->frame, (long long)odd, times, first_doubt(made));
+                (long long)found->frame, number_of(found, odd), times, first_doubt(made));
     }
 }
 
@@ -382,7 +391,8 @@ done:
 void v2v_volumes_report_quality(const struct v2v_volumes_made *made,
                                 const struct v2v_session *session)
 {
-    struct found found = {.views = made->psf->views};
+    struct found found = {.views = made->psf->views,
+                          .without = session->config.input.without_views};
     if (report(&found, made, session) != V2V_OK && v2v_step_on_root(session)) {
         v2v_log(V2V_LOG_WARNING, "quality not known: %s", v2v_status_message());
     }

@@ -3,6 +3,7 @@
 #include "conf/text_file.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/conf/kept_views.h"
 
 #include <stddef.h>
 #include <string.h>
@@ -97,11 +98,25 @@ static enum v2v_status wrong_key(const struct reader *reader, const yaml_node_t 
                     reader->path, line_of(key), text_of(key), wanted);
 }
 
-static enum v2v_status read_view(struct v2v_view_calibration *view, struct reader *reader,
-                                 const yaml_node_t *node)
+/* @param least behind the view before it */
+static enum v2v_status read_number(int64_t *number, const struct reader *reader,
+                                   const yaml_node_t *node, int64_t least)
+{
+    enum v2v_status rc = V2V_OK;
+    char what[128];
+    V2V_TRY(v2v_text_format(what, sizeof what, "%.80s:%lld: view", reader->path, line_of(node)));
+    V2V_TRY(v2v_text_to_i64(number, text_of(node), least, MOST_VIEWS - 1, what, V2V_E_CONFIG));
+done:
+    return rc;
+}
+
+/* @param number of the view, where it is not said; what it is */
+static enum v2v_status read_view(struct v2v_view_calibration *view, int64_t *number,
+                                 struct reader *reader, const yaml_node_t *node)
 {
     enum v2v_status rc = V2V_OK;
     unsigned seen = 0;
+    const int64_t least = *number;
     if (node->type != YAML_MAPPING_NODE) {
         V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s:%lld: a view wants 'key: value' lines", reader->path,
                          line_of(node)));
@@ -109,17 +124,20 @@ static enum v2v_status read_view(struct v2v_view_calibration *view, struct reade
     for (const yaml_node_pair_t *pair = node->data.mapping.pairs.start;
          pair < node->data.mapping.pairs.top; pair++) {
         const yaml_node_t *key = yaml_document_get_node(&reader->document, pair->key);
-        int q = 0;
+        yaml_node_t *value = yaml_document_get_node(&reader->document, pair->value);
+        const int is_number = strcmp(text_of(key), "view") == 0;
+        int q = is_number ? QUANTITIES : 0;
         while (q < QUANTITIES && strcmp(table[q].name, text_of(key)) != 0) {
             q++;
         }
-        if (q == QUANTITIES || (seen >> q & 1) != 0) {
-            V2V_TRY(
-                wrong_key(reader, key, "gain, shift, slope, distortion_y, distortion_x, shading"));
+        if ((q == QUANTITIES && !is_number) || (seen >> q & 1) != 0) {
+            V2V_TRY(wrong_key(reader, key,
+                              "view, gain, shift, slope, distortion_y, distortion_x, shading"));
         }
         seen |= 1u << q;
-        V2V_TRY(read_numbers((double *)(void *)((char *)view + table[q].at), reader,
-                             yaml_document_get_node(&reader->document, pair->value), &table[q]));
+        V2V_TRY(is_number ? read_number(number, reader, value, least)
+                          : read_numbers((double *)(void *)((char *)view + table[q].at), reader,
+                                         value, &table[q]));
     }
 done:
     return rc;
@@ -138,8 +156,9 @@ static enum v2v_status read_views(struct v2v_calibration *calibration, struct re
     }
     V2V_TRY(v2v_calibration_init(calibration, count, 0, 0));
     for (int64_t v = 0; v < count; v++) {
+        calibration->number[v] = v > 0 ? calibration->number[v - 1] + 1 : 0;
         V2V_TRY(read_view(
-            &calibration->view[v], reader,
+            &calibration->view[v], &calibration->number[v], reader,
             yaml_document_get_node(&reader->document, node->data.sequence.items.start[v])));
     }
 done:
@@ -197,10 +216,12 @@ enum v2v_status v2v_calibration_init(struct v2v_calibration *calibration, int64_
                                      int64_t height, int64_t width)
 {
     enum v2v_status rc = V2V_OK;
-    *calibration = (struct v2v_calibration){views, height, width, NULL};
+    *calibration = (struct v2v_calibration){.views = views, .height = height, .width = width};
     V2V_TRY(V2V_ALLOC(calibration->view, "conf.calibration", views));
+    V2V_TRY(V2V_ALLOC(calibration->number, "conf.calibration", views));
     for (int64_t v = 0; v < views; v++) {
         calibration->view[v] = (struct v2v_view_calibration){.gain = 1.0};
+        calibration->number[v] = v;
     }
 done:
     return rc;
@@ -209,6 +230,7 @@ done:
 void v2v_calibration_fini(struct v2v_calibration *calibration)
 {
     v2v_mem_free(calibration->view);
+    v2v_mem_free(calibration->number);
     *calibration = (struct v2v_calibration){0};
 }
 
@@ -289,6 +311,27 @@ int v2v_calibration_has_fields(const struct v2v_calibration *calibration)
     return has_fields;
 }
 
+enum v2v_status v2v_calibration_leave(struct v2v_calibration *calibration, const char *without,
+                                      const char *path)
+{
+    int64_t left = 0;
+    for (int64_t v = 0; v < calibration->views; v++) {
+        if (v2v_kept_views_has(without, calibration->number[v])) {
+            calibration->number[left] = calibration->number[v];
+            calibration->view[left++] = calibration->view[v];
+        }
+    }
+    calibration->views = left;
+    for (int64_t v = 0; v < left; v++) {
+        const int64_t number = v2v_kept_views_number(without, v);
+        if (calibration->number[v] != number) {
+            return V2V_FAIL(V2V_E_CONFIG, "%s: has no view %lld, which is used (--without-views)",
+                            path, (long long)number);
+        }
+    }
+    return V2V_OK;
+}
+
 enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration, int64_t views,
                                       int64_t height, int64_t width, const char *what)
 {
@@ -328,19 +371,20 @@ int v2v_calibration_is_within_bounds(const struct v2v_calibration *calibration)
 
 void v2v_calibration_print(const struct v2v_calibration *calibration, FILE *stream)
 {
-    fprintf(stream, "# How the views differ from what their PSFs say: v2v3d calibrate\n");
+    fprintf(stream, "# How the views differ from what their PSFs say: v2v3d calibrate\n"
+                    "# view: from 0, among all of the set\n");
     for (int q = 0; q < QUANTITIES; q++) {
         fprintf(stream, "# %s: %s\n", table[q].name, table[q].meaning);
     }
     fprintf(stream, "views:\n");
     for (int64_t v = 0; v < calibration->views; v++) {
+        fprintf(stream, "  - view: %lld\n", (long long)calibration->number[v]);
         for (int q = 0; q < QUANTITIES; q++) {
             const double *number = numbers_of(&calibration->view[v], &table[q]);
             if (is_field(&table[q]) && v2v_field_is_zero(number)) {
                 continue;
             }
-            fprintf(stream, "%s%s: %s", q == 0 ? "  - " : "    ", table[q].name,
-                    table[q].count > 1 ? "[" : "");
+            fprintf(stream, "    %s: %s", table[q].name, table[q].count > 1 ? "[" : "");
             for (int i = 0; i < table[q].count; i++) {
                 fprintf(stream, "%s%.6g", i > 0 ? ", " : "", number[i]);
             }

@@ -4,15 +4,18 @@
 #include "v2v3d/base/text.h"
 
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 static const char key[] = "input.without_views";
 
 /* Of those that are listed: not to be kept. */
 enum { LISTED = -1 };
 
-static enum v2v_status mark_listed(int64_t *view, const char *list, int64_t views)
+static enum v2v_status mark_listed(int64_t *view, const char *without, int64_t views)
 {
     enum v2v_status rc = V2V_OK;
+    const char *list = without;
     const int64_t count = v2v_text_count_listed(list);
     for (int64_t i = 0; i < count; i++) {
         char number[32] = "";
@@ -20,7 +23,8 @@ static enum v2v_status mark_listed(int64_t *view, const char *list, int64_t view
         int read = 0;
         (void)sscanf(list, " %31[^, ] %n", number, &read);
         if (read == 0 || (list[read] != ',' && list[read] != '\0')) {
-            V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: is to be numbers, as 3, 7, not '%s'", key, list));
+            V2V_TRY(
+                V2V_FAIL(V2V_E_CONFIG, "%s: is to be numbers, as 3, 7, not '%s'", key, without));
         }
         V2V_TRY(v2v_text_to_i64(&v, number, 0, views - 1, key, V2V_E_CONFIG));
         if (view[v] == LISTED) {
@@ -55,6 +59,29 @@ done:
         v2v_kept_views_fini(kept);
     }
     return rc;
+}
+
+int v2v_kept_views_has(const char *without, int64_t number)
+{
+    while (*without != '\0') {
+        if (strtoll(without, NULL, 10) == number) {
+            return 0;
+        }
+        without += strcspn(without, ",");
+        without += *without == ',';
+    }
+    return 1;
+}
+
+int64_t v2v_kept_views_number(const char *without, int64_t view)
+{
+    int64_t number = 0;
+    for (int64_t kept = -1;; number++) {
+        kept += v2v_kept_views_has(without, number);
+        if (kept == view) {
+            return number;
+        }
+    }
 }
 
 void v2v_kept_views_fini(struct v2v_kept_views *kept)

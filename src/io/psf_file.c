@@ -8,6 +8,7 @@
 #include "v2v3d/base/log.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/file.h"
 #include <dirent.h>
 #include <limits.h>
@@ -113,7 +114,9 @@ static enum v2v_status adopt_shape(struct v2v_psf_file *file, const struct v2v_t
     return V2V_ALLOC(file->data, "io.psf", elements(file));
 }
 
-static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, int64_t v)
+/* @param first the name of that which gave the shape; NULL: this one does */
+static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, int64_t v,
+                                 const char *first)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_tiff *tiff = NULL;
@@ -124,18 +127,18 @@ static enum v2v_status read_view(struct v2v_psf_file *file, const char *path, in
             V2V_E_INPUT, "%s: has %lld channels, %lld slices and %lld frames; a PSF has slices",
             path, (long long)info->channels, (long long)info->slices, (long long)info->frames));
     }
-    if (v == 0) {
+    if (first == NULL) {
         V2V_TRY(adopt_shape(file, info));
     }
     if (info->pages != file->slices || info->height != file->height || info->width != file->width) {
-        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is %lld x %lld x %lld, but psf_1.tif %lld x %lld x %lld",
-                         path, (long long)info->pages, (long long)info->height,
-                         (long long)info->width, (long long)file->slices, (long long)file->height,
+        V2V_TRY(V2V_FAIL(V2V_E_INPUT, "%s: is %lld x %lld x %lld, but %s %lld x %lld x %lld", path,
+                         (long long)info->pages, (long long)info->height, (long long)info->width,
+                         first, (long long)file->slices, (long long)file->height,
                          (long long)file->width));
     }
     if (v2v_file_is_other_size(info->pixel_size_um, file->pixel_size_um)) {
-        v2v_log(V2V_LOG_WARNING, "%s: says pixels of %.6g um, but psf_1.tif of %.6g, which counts",
-                path, info->pixel_size_um, file->pixel_size_um);
+        v2v_log(V2V_LOG_WARNING, "%s: says pixels of %.6g um, but %s of %.6g, which counts", path,
+                info->pixel_size_um, first, file->pixel_size_um);
     }
     V2V_TRY(v2v_tiff_read(tiff, file->data + v * file->slices * file->height * file->width, 0,
                           file->slices));
@@ -145,24 +148,29 @@ done:
 }
 
 /* All are remembered before the first is read: a set is not to be made of two. */
-static enum v2v_status read_folder(struct v2v_psf_file *file, const char *folder)
+static enum v2v_status read_folder(struct v2v_psf_file *file, struct v2v_kept_views *kept,
+                                   const char *folder, const char *without)
 {
     enum v2v_status rc = V2V_OK;
     char path[V2V_PATH_BYTES];
     struct v2v_folder list = {0};
     struct v2v_file_state *states = NULL;
-    V2V_TRY(list_views(&list, &file->views, folder));
+    int64_t views = 0;
+    V2V_TRY(list_views(&list, &views, folder));
+    V2V_TRY(v2v_kept_views_init(kept, without, views));
+    file->views = kept->count;
     V2V_TRY(V2V_ALLOC(states, "io.psf", file->views));
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_folder_path(path, &list, v));
+        V2V_TRY(v2v_folder_path(path, &list, kept->view[v]));
         V2V_TRY(v2v_file_remember(&states[v], path));
     }
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_folder_path(path, &list, v));
-        V2V_TRY(v2v_file_unchanged(read_view(file, path, v), &states[v], path));
+        V2V_TRY(v2v_folder_path(path, &list, kept->view[v]));
+        V2V_TRY(v2v_file_unchanged(
+            read_view(file, path, v, v > 0 ? list.name[kept->view[0]] : NULL), &states[v], path));
     }
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_folder_path(path, &list, v));
+        V2V_TRY(v2v_folder_path(path, &list, kept->view[v]));
         V2V_TRY(v2v_file_unchanged(V2V_OK, &states[v], path));
     }
 done:
@@ -185,14 +193,16 @@ int v2v_psf_file_is_folder(const char *path)
     return is_there;
 }
 
-static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
+static enum v2v_status read_hdf5(struct v2v_psf_file *file, struct v2v_kept_views *kept,
+                                 const char *path, const char *without)
 {
     enum v2v_status rc = V2V_OK;
     struct v2v_h5_array array = {0};
     struct v2v_file_state state;
     V2V_TRY(v2v_h5_guard_input(&state, path));
     V2V_TRY(v2v_h5_array_open(&array, path, &v2v_h5_psf));
-    file->views = array.shape[0];
+    V2V_TRY(v2v_kept_views_init(kept, without, array.shape[0]));
+    file->views = kept->count;
     file->slices = array.shape[1];
     file->height = array.shape[2];
     file->width = array.shape[3];
@@ -201,7 +211,7 @@ static enum v2v_status read_hdf5(struct v2v_psf_file *file, const char *path)
     V2V_TRY(V2V_ALLOC(file->data, "io.psf", elements(file)));
     const int64_t view = file->slices * file->height * file->width;
     for (int64_t v = 0; v < file->views; v++) {
-        V2V_TRY(v2v_h5_array_read(&array, file->data + v * view, v, 0, file->slices));
+        V2V_TRY(v2v_h5_array_read(&array, file->data + v * view, kept->view[v], 0, file->slices));
         V2V_TRY(v2v_h5_array_unpack(&array, file->data + v * view, view));
     }
     rc = v2v_file_unchanged(V2V_OK, &state, path);
@@ -211,7 +221,8 @@ done:
 }
 
 /* Light is not negative, and a view that collects none can't be a view. */
-static enum v2v_status check_light(const struct v2v_psf_file *file, const char *path)
+static enum v2v_status check_light(const struct v2v_psf_file *file,
+                                   const struct v2v_kept_views *kept, const char *path)
 {
     const int64_t view = file->slices * file->height * file->width;
     for (int64_t v = 0; v < file->views; v++) {
@@ -219,26 +230,29 @@ static enum v2v_status check_light(const struct v2v_psf_file *file, const char *
         double sum = 0.0;
         for (int64_t i = 0; i < view; i++) {
             if (data[i] < 0.0f) {
-                return V2V_FAIL(V2V_E_INPUT,
-                                "%s: view %lld, slice %lld, y %lld, x %lld: %g is negative", path,
-                                (long long)v, (long long)(i / file->width / file->height),
-                                (long long)(i / file->width % file->height),
-                                (long long)(i % file->width), (double)data[i]);
+                return V2V_FAIL(
+                    V2V_E_INPUT, "%s: view %lld, slice %lld, y %lld, x %lld: %g is negative", path,
+                    (long long)kept->view[v], (long long)(i / file->width / file->height),
+                    (long long)(i / file->width % file->height), (long long)(i % file->width),
+                    (double)data[i]);
             }
             sum += data[i];
         }
         if (!(sum > 0.0)) {
-            return V2V_FAIL(V2V_E_INPUT, "%s: view %lld is zero everywhere", path, (long long)v);
+            return V2V_FAIL(V2V_E_INPUT, "%s: view %lld is zero everywhere", path,
+                            (long long)kept->view[v]);
         }
     }
     return V2V_OK;
 }
 
-static enum v2v_status read_on_root(struct v2v_psf_file *file, const char *path)
+static enum v2v_status read_on_root(struct v2v_psf_file *file, const char *path,
+                                    const char *without)
 {
     enum v2v_status rc = V2V_OK;
+    struct v2v_kept_views kept = {0};
     if (v2v_file_is_folder(path)) {
-        V2V_TRY(read_folder(file, path));
+        V2V_TRY(read_folder(file, &kept, path, without));
     } else {
         V2V_TRY(v2v_file_check_input(path));
         if (!v2v_file_is_hdf5(path)) {
@@ -246,21 +260,22 @@ static enum v2v_status read_on_root(struct v2v_psf_file *file, const char *path)
                              "%s: is neither a folder of psf_1.tif .. psf_V.tif nor an HDF5 file",
                              path));
         }
-        V2V_TRY(read_hdf5(file, path));
+        V2V_TRY(read_hdf5(file, &kept, path, without));
     }
-    V2V_TRY(check_light(file, path));
+    V2V_TRY(check_light(file, &kept, path));
 done:
+    v2v_kept_views_fini(&kept);
     return rc;
 }
 
-enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
+enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path, const char *without,
                                   const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
     const int rank = v2v_comm_rank(comm);
     struct v2v_psf_file header = {0};
     *file = header;
-    V2V_TRY(v2v_par_agree(comm, rank == 0 ? read_on_root(file, path) : V2V_OK));
+    V2V_TRY(v2v_par_agree(comm, rank == 0 ? read_on_root(file, path, without) : V2V_OK));
     header = *file;
     v2v_par_broadcast(comm, &header, sizeof header, 0);
     if (rank != 0) {

@@ -34,8 +34,9 @@ struct v2v_recording {
  * channels has the views as channels or, of the channel that is chosen, as slices; one axis alone
  * is a row of pages, but frames alone are frames where this program wrote them. */
 static enum v2v_status count_views(struct v2v_recording_info *info, const struct v2v_stack *stack,
-                                   int64_t asked)
+                                   const struct v2v_input_settings *settings)
 {
+    const int64_t asked = settings->views;
     const struct v2v_stack_axes *axes = &stack->axes;
     const int in_channels = axes->channels > 1;
     const int in_slices = axes->slices > 1 && axes->frames > 1;
@@ -57,9 +58,10 @@ static enum v2v_status count_views(struct v2v_recording_info *info, const struct
     const int64_t stated = in_channels ? axes->channels : axes->slices;
     if (asked > 0 && asked != stated) {
         const char *what = in_channels ? "channels" : stack->is_tiff ? "slices" : "views";
-        return V2V_FAIL(V2V_E_INPUT, "%s: %s has %lld %s, but %lld are asked for%s", stack->path,
+        const int are_left = settings->without_views[0] != '\0';
+        return V2V_FAIL(V2V_E_INPUT, "%s: %s has %lld %s, but %lld are asked for%s%s", stack->path,
                         stack->is_tiff ? "a frame" : stack->kind->dataset, (long long)stated, what,
-                        (long long)asked,
+                        (long long)asked, are_left ? ", those of --without-views among them" : "",
                         in_channels ? " as views; --channel K (from 1) takes one channel" : "");
     }
     info->views = stated;
@@ -73,7 +75,7 @@ static enum v2v_status lay_out(struct v2v_recording *recording,
     enum v2v_status rc = V2V_OK;
     const struct v2v_stack *stack = &recording->stack;
     V2V_ASSERT(settings->first_view >= 0);
-    V2V_TRY(count_views(&recording->info, stack, settings->views));
+    V2V_TRY(count_views(&recording->info, stack, settings));
     const int64_t views = recording->info.views;
     const int64_t stride = settings->stride > 0 ? settings->stride : views;
     const int64_t pages = stack->pages - settings->first_view;

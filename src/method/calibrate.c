@@ -5,6 +5,7 @@
 #include "method/refinement.h"
 #include "v2v3d/base/memory.h"
 #include "v2v3d/base/stop.h"
+#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/optics/calibration.h"
 #include "v2v3d/tensor/statistics.h"
 
@@ -443,6 +444,9 @@ static enum v2v_status begin(struct calibration_run *self)
     at->config.deconv.read_noise.mode = V2V_NUMBER_AUTO;
     V2V_TRY(
         v2v_calibration_init(at->calibration, psf->views, at->problem->height, at->problem->width));
+    for (int64_t v = 0; v < psf->views; v++) {
+        at->calibration->number[v] = v2v_kept_views_number(at->config.input.without_views, v);
+    }
     V2V_TRY(V2V_ALLOC(self->parallax, "calibrate.parallax", psf->views));
     V2V_TRY(v2v_anderson_create(&self->anderson, numbers));
     V2V_TRY(V2V_ALLOC(self->from, "calibrate.numbers", numbers));
@@ -477,10 +481,11 @@ static enum v2v_status check_views(const struct v2v_problem *problem, const floa
         }
     }
     if (flat > 0 && flat < count) {
-        return V2V_FAIL(V2V_E_INPUT,
-                        "view %lld has one value everywhere: it cannot be calibrated; without it "
-                        "(--without-views, which counts all of the set's views) others can",
-                        (long long)first);
+        return V2V_FAIL(
+            V2V_E_INPUT,
+            "view %lld has one value everywhere: it cannot be calibrated; without it "
+            "(--without-views) others can",
+            (long long)v2v_kept_views_number(problem->config->input.without_views, first));
     }
     return V2V_OK;
 }

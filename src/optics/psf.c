@@ -39,11 +39,11 @@ static void warn_of_sums(const struct v2v_psf_file *psf, const char *path)
     }
 }
 
-enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
-                             const struct v2v_comm *comm)
+enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, const char *without,
+                             int normalize, const struct v2v_comm *comm)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_psf_file_read(psf, path, comm));
+    V2V_TRY(v2v_psf_file_read(psf, path, without, comm));
     if (normalize == V2V_NORMALIZE_VIEW) {
         if (v2v_comm_rank(comm) == 0) {
             warn_of_sums(psf, path);
@@ -52,19 +52,6 @@ enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int nor
     }
 done:
     return rc;
-}
-
-void v2v_psf_keep_views(struct v2v_psf_file *psf, const struct v2v_kept_views *kept)
-{
-    const int64_t samples = psf->slices * psf->height * psf->width;
-    for (int64_t i = 0; i < kept->count; i++) {
-        if (kept->view[i] == i) { /* where it belongs, as all are where none is left out */
-            continue;
-        }
-        memmove(psf->data + i * samples, psf->data + kept->view[i] * samples,
-                (size_t)samples * sizeof *psf->data);
-    }
-    psf->views = kept->count;
 }
 
 /* Parts of the set, of `samples` each. */

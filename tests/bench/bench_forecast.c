@@ -103,7 +103,7 @@ static enum v2v_status measure(struct report *report, const char *path)
     struct v2v_psf_file psf = {0};
     struct v2v_shifts shifts = {0};
     struct v2v_comm *host = NULL;
-    V2V_TRY(v2v_psf_read(&psf, path, V2V_NORMALIZE_NONE, report->world));
+    V2V_TRY(v2v_psf_read(&psf, path, "", V2V_NORMALIZE_NONE, report->world));
     V2V_TRY(v2v_par_agree(report->world, v2v_shifts_from_psf(&shifts, &psf)));
     const struct v2v_model_spec spec = {.views = psf.views,
                                         .slices = psf.slices,

@@ -74,7 +74,7 @@ static enum v2v_status bench(const char *path, int64_t side, int turns, struct v
     static struct way way[WAYS];
     struct v2v_psf_file psf = {0};
     float *views = NULL;
-    V2V_TRY(v2v_psf_read(&psf, path, V2V_NORMALIZE_VIEW, world));
+    V2V_TRY(v2v_psf_read(&psf, path, "", V2V_NORMALIZE_VIEW, world));
     V2V_TRY(V2V_ALLOC(views, "bench", psf.views * side * side));
     for (int64_t i = 0; i < psf.views * side * side; i++) {
         views[i] = (float)v2v_random_uniform(3, 9, (uint64_t)i);

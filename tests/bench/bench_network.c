@@ -77,7 +77,7 @@ static int can_run(const struct way *way)
 static enum v2v_status prepare(struct bench *b, const char *path)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_psf_read(&b->psf, path, V2V_NORMALIZE_VIEW, NULL));
+    V2V_TRY(v2v_psf_read(&b->psf, path, "", V2V_NORMALIZE_VIEW, NULL));
     V2V_TRY(v2v_shifts_from_psf(&b->shifts, &b->psf));
     const struct v2v_model_spec spec = spec_of(b, &ways[0]);
     const int64_t pixels = b->psf.views * b->side * b->side;

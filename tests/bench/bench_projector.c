@@ -171,7 +171,7 @@ static enum v2v_status bench_run(struct bench *bench, const char *path, int turn
     enum v2v_status rc = V2V_OK;
     static struct side sides[SPLITS];
     struct v2v_projector_cost cost;
-    V2V_TRY(v2v_psf_read(&bench->psf, path, V2V_NORMALIZE_VIEW, bench->comm));
+    V2V_TRY(v2v_psf_read(&bench->psf, path, "", V2V_NORMALIZE_VIEW, bench->comm));
     int64_t frame = bench->side * bench->side;
     V2V_TRY(V2V_ALLOC(bench->volume, "bench", bench->psf.slices * frame));
     V2V_TRY(V2V_ALLOC(bench->views, "bench", bench->psf.views * frame));

@@ -195,7 +195,7 @@ done:
 static enum v2v_status bench_run(struct bench *bench, const char *path, int64_t side, int turns)
 {
     enum v2v_status rc = V2V_OK;
-    V2V_TRY(v2v_psf_read(&bench->psf, path, V2V_NORMALIZE_VIEW, NULL));
+    V2V_TRY(v2v_psf_read(&bench->psf, path, "", V2V_NORMALIZE_VIEW, NULL));
     V2V_TRY(prepare(bench, side));
     for (int turn = -1; turn < turns; turn++) { /* the first one warms up */
         for (int part = 0; part < PARTS; part++) {

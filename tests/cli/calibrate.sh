@@ -73,7 +73,7 @@ works calibrate --psf exchanged.h5 --input nine_rec.h5 -o nine.yaml --force
 grep -q "views 2 and 3 change with depth as each other's PSFs do" stderr || fail "$(cat stderr)"
 works deconvolve --psf psf.h5 --input moved.h5 -o one.h5 --iterations 1
 grep -q 'by noise where it is dark' stderr && fail "light of one iteration is not noise: $(cat stderr)"
-[ "$(grep -c -e "- gain:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
+[ "$(grep -c -e "- view:" cal.yaml)" -eq 5 ] || fail "not five views: $(cat cal.yaml)"
 works info cal.yaml
 says 'calibration of 5 views, of frames of 64 x 64 pixels'
 says '^gain: [0-9.]* to [0-9.]*$'

@@ -84,17 +84,56 @@ cp good.h5 spoilt.h5
 "$V2V_POKE" spoilt.h5 /views $((3 * 128 * 128 + 64 * 128 + 64)) 1e6
 without=(--without-views '3,0' --set input.hot_pixels=keep)
 works deconvolve --psf psf.h5 --input good.h5 "${without[@]}" -o without.h5
-tells 'psf.h5: 3 of 5 views, without 3,0; they are counted from 0 without those'
+tells 'psf.h5: 3 views, without 3,0'
 works deconvolve --psf uneven.h5 --input spoilt.h5 "${without[@]}" -o without_spoilt.h5
 same without.h5 without_spoilt.h5 /volume
 h5diff -q without.h5 good_volume.h5 /volume >/dev/null && fail "view 3 changed nothing"
 works evaluate --volume without.h5 --psf psf.h5 --input spoilt.h5 "${without[@]}"
 works convert --input good.h5 --without-views 3 -o four.h5
-refuses 65 'four.h5: .views has 4 views, but 5 are asked for' deconvolve --psf psf.h5 \
-    --input four.h5 -o out.h5
+refuses 65 'four.h5: .views has 4 views, but 5 are asked for, those of --without-views among them' \
+    deconvolve --psf psf.h5 --input four.h5 --without-views 3 -o out.h5
+works convert --input psf.h5 --without-views 3 -o four_psf.h5
+works deconvolve --psf four_psf.h5 --input four.h5 -o four_volume.h5 --quiet
+works deconvolve --psf psf.h5 --input good.h5 --without-views 3 -o without_3.h5 --quiet
+same four_volume.h5 without_3.h5 /volume
 refuses 78 'input.without_views: 5 is outside \[0, 4\]' deconvolve --psf psf.h5 --input good.h5 \
     --without-views 5 -o out.h5
-refuses 2 'without-views is of recordings, and psf.h5' convert --input psf.h5 --without-views 1 -o out.h5
+
+# They are called by the same numbers whether others are left out or not.
+works deconvolve --psf psf.h5 --input blocked.h5 --without-views 1 -o blocked_volume.h5
+tells 'frame 0: view 3 is 0.0[0-9] times as bright as the volume has it'
+works evaluate --volume blocked_volume.h5 --psf psf.h5 --input blocked.h5 --without-views 1
+tells 'view 3 is 0.0[0-9] times as bright as the volume has it'
+awk '/^ view/ { print_it = 1; next } print_it { printf "%s ", $1 } /^ *4 / { exit }' stdout |
+    grep -qx '0 2 3 4 ' || fail "not views 0, 2, 3, 4: $(cat stdout)"
+works deconvolve --psf psf.h5 --input all --without-views 1 -o all_without.h5
+tells 'frame 3: view 3 is 0.0[0-9] times as bright as in frame 0'
+
+# Nor does a calibration know them by their places; it may have more than are used.
+works deconvolve --psf psf.h5 --input blocked.h5 --without-views 1 -o fitted.h5 --quiet \
+    --calibration blocked.yaml
+cat >four.yaml <<'EOF2'
+views:
+  - view: 0
+  - view: 2
+  - view: 3
+    gain: 0.02
+  - view: 4
+height: 128
+width: 128
+EOF2
+works deconvolve --psf psf.h5 --input blocked.h5 --without-views 1 -o fitted_4.h5 --quiet \
+    --calibration four.yaml
+same fitted.h5 fitted_4.h5 /volume
+refuses 78 'four.yaml: has no view 1, which is used' deconvolve --psf psf.h5 --input good.h5 \
+    --calibration four.yaml --without-views 3 -o out.h5
+
+# A PSF that none could be deconvolved by is not looked at, where it is not used.
+cp psf.h5 nan_psf.h5
+"$V2V_POKE" nan_psf.h5 /psf 0 nan
+refuses 65 'nan_psf.h5: /psf: NaN or Inf at view 0' deconvolve --psf nan_psf.h5 --input good.h5 -o out.h5
+works deconvolve --psf nan_psf.h5 --input spoilt.h5 "${without[@]}" -o without_nan.h5 --quiet
+same without.h5 without_nan.h5 /volume
 
 works deconvolve --psf psf.h5 --input all -o all.h5
 tells '^frame 0: residual of the views'

@@ -32,7 +32,8 @@ struct v2v_view_calibration {
 struct v2v_calibration {
     int64_t views;
     int64_t height, width;             /**< of the frames that it was made from */
-    struct v2v_view_calibration *view; /**< owned; NULL: none, nothing differs */
+    struct v2v_view_calibration *view; /**< [views], owned; NULL: none, nothing differs */
+    int64_t *number;                   /**< [views], owned: of the set's (conf/kept_views.h) */
 };
 
 /** Views as the PSFs say. @kind Local. @return V2V_OK | V2V_E_MEMORY */
@@ -44,6 +45,12 @@ void v2v_calibration_fini(struct v2v_calibration *calibration);
  *  @return V2V_OK | V2V_E_CONFIG (names file, line and key) | V2V_E_MEMORY */
 enum v2v_status v2v_calibration_read(struct v2v_calibration *calibration,
                                      const char *path) V2V_MUST_CHECK;
+
+/** Without the views that are not used: what is left are those that are.
+ *  @kind Local. @param without see conf/kept_views.h @param path names the file in the message
+ *  @return V2V_OK | V2V_E_CONFIG (one that is used has no calibration) */
+enum v2v_status v2v_calibration_leave(struct v2v_calibration *calibration, const char *without,
+                                      const char *path) V2V_MUST_CHECK;
 
 /** Is it made for frames of these views and, where it has shading or distortion, of this size?
  *  @kind Local. @param what names the frames in the message @return V2V_OK | V2V_E_INPUT */

@@ -16,12 +16,13 @@ struct v2v_psf_file {
     float *data;                            /**< owned */
 };
 
-/** Read a PSF set: folder of psf_1.tif .. psf_V.tif (all of one shape, none missing in the row;
- *  also psf_01.TIFF and the like, but one of a view), or HDF5 `/psf` [v,z,y,x]. What else begins
- *  with psf_ is warned of. Rank 0 reads, all get it.
+/** Read a PSF set, but for the views that `without` lists (conf/kept_views.h; "": all of it): folder
+ *  of psf_1.tif .. psf_V.tif (all of one shape, none missing in the row; also psf_01.TIFF and the
+ *  like, but one of a view), or HDF5 `/psf` [v,z,y,x]. What else begins with psf_ is warned of.
+ *  Rank 0 reads, all get it.
  *  @kind Collective(comm). @return V2V_OK | V2V_E_INPUT (unreadable, shapes differ, NaN, negative,
- *  an all-zero view) | V2V_E_MEMORY; agreed */
-enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path,
+ *  an all-zero view) | V2V_E_CONFIG (of `without`) | V2V_E_MEMORY; agreed */
+enum v2v_status v2v_psf_file_read(struct v2v_psf_file *file, const char *path, const char *without,
                                   const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** Is it a folder that holds a psf_1.tif, however its number and ending are spelt? @kind Local. */

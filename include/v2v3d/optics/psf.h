@@ -7,7 +7,7 @@
  *
  *  Example (compiled by tests/unit/optics):
  *
- *      V2V_TRY(v2v_psf_read(&psf, "psf/2psam", V2V_NORMALIZE_VIEW, comm));
+ *      V2V_TRY(v2v_psf_read(&psf, "psf/2psam", "", V2V_NORMALIZE_VIEW, comm));
  *      V2V_TRY(v2v_projector_create(&projector, &psf, 256, 256, V2V_SPLIT_SLICES, comm));
  *      v2v_projector_forward(projector, views, volume, NULL, psf.views, 1.0f);
  *  done:
@@ -19,7 +19,6 @@
 
 #include "v2v3d/base/status.h"
 #include "v2v3d/conf/config.h"
-#include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/psf_file.h"
 #include "v2v3d/par/comm.h"
 #include <stdint.h>
@@ -36,11 +35,8 @@ static inline int64_t v2v_psf_centre(int64_t side)
 
 /** Read a set (see v2v_psf_file_read) and apply `normalize` (enum v2v_normalize).
  *  @kind Collective(comm). @return as v2v_psf_file_read */
-enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, int normalize,
-                             const struct v2v_comm *comm) V2V_MUST_CHECK;
-
-/** From now on the set has these views alone. @kind Local. */
-void v2v_psf_keep_views(struct v2v_psf_file *psf, const struct v2v_kept_views *kept);
+enum v2v_status v2v_psf_read(struct v2v_psf_file *psf, const char *path, const char *without,
+                             int normalize, const struct v2v_comm *comm) V2V_MUST_CHECK;
 
 /** Scale every view so that it sums to 1 over z, y, x: volumes then carry the units of the views
  *  (a constant volume 1 projects to views of 1 away from the border). Double-precision sums.

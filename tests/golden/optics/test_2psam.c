@@ -14,7 +14,7 @@ static void settings_of_2psam_give_the_public_set(void **state)
     }
     v2v_config_defaults(&config);
     assert_ok(v2v_config_load(&config, V2V_CONFIGS "/2psam.yaml"));
-    assert_ok(v2v_psf_read(&given, test_shared("psf/2psam"), V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&given, test_shared("psf/2psam"), "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_psf_simulate(&model, &config.optics));
     assert_int_equal(model.views, 13);
     assert_int_equal(model.slices, 39);

@@ -22,7 +22,7 @@ static void shifts_of_the_real_set_match_the_reference(void **state)
     if (test_shared("psf/2psam") == NULL || test_shared("golden/alignment.h5") == NULL) {
         skip();
     }
-    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_shifts_from_psf(&shifts, &psf));
     assert_equal_shifts(shifts.dy, "dy", psf.views * psf.slices);
     assert_equal_shifts(shifts.dx, "dx", psf.views * psf.slices);
@@ -39,7 +39,7 @@ static void normalising_views_leaves_the_shifts(void **state)
     if (test_shared("psf/2psam") == NULL || test_shared("golden/alignment.h5") == NULL) {
         skip();
     }
-    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), V2V_NORMALIZE_VIEW, NULL));
+    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), "", V2V_NORMALIZE_VIEW, NULL));
     assert_ok(v2v_shifts_from_psf(&shifts, &psf));
     assert_equal_shifts(shifts.dy, "dy", psf.views * psf.slices);
     assert_equal_shifts(shifts.dx, "dx", psf.views * psf.slices);
@@ -59,7 +59,7 @@ static void both_flips_of_the_real_set_are_physical(void **state)
     if (test_shared("psf/2psam") == NULL) {
         skip();
     }
-    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), V2V_NORMALIZE_VIEW, NULL));
+    assert_ok(v2v_psf_read(&psf, test_shared("psf/2psam"), "", V2V_NORMALIZE_VIEW, NULL));
     assert_int_equal(psf.views, 13);
     for (int axis = 0; axis < 2; axis++) {
         assert_int_equal(v2v_shifts_flip_partner(partner, &psf, axis, 1e-4), 1);

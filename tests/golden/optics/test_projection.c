@@ -29,7 +29,7 @@ static void setup(struct golden *g)
     if (test_shared("psf/2psam") == NULL || test_shared("golden/projection.h5") == NULL) {
         skip();
     }
-    assert_ok(v2v_psf_read(&g->psf, test_shared("psf/2psam"), V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&g->psf, test_shared("psf/2psam"), "", V2V_NORMALIZE_NONE, NULL));
     const int64_t voxels = g->psf.slices * SIDE * SIDE;
     g->pixels = g->psf.views * SIDE * SIDE;
     double *volume = read_golden("volume", voxels);

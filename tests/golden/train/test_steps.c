@@ -51,7 +51,7 @@ static void setup(struct golden_run *run, const char *psf_path, const struct way
         assert_ok(V2V_ALLOC(run->volume[b], "test", voxels));
         assert_ok(V2V_ALLOC(run->dvolume[b], "test", voxels));
     }
-    assert_ok(v2v_psf_read(&run->psf, psf_path, V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&run->psf, psf_path, "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_shifts_from_psf(&run->shifts, &run->psf));
     struct v2v_model_spec spec = {.views = VIEWS,
                                   .slices = SLICES,

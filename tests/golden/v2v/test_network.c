@@ -68,7 +68,7 @@ static void run_network(const struct way *way)
     for (int64_t i = 0; i < count; i++) {
         views[i] = (float)lfi[i];
     }
-    assert_ok(v2v_psf_read(&psf, psf_path, V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&psf, psf_path, "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_shifts_from_psf(&shifts, &psf));
     struct v2v_model_spec spec = {.views = VIEWS,
                                   .slices = SLICES,

@@ -40,7 +40,7 @@ static int find_shifts(struct v2v_shifts *shifts)
         return 0;
     }
     snprintf(path, sizeof path, "%.*s", (int)(strrchr(first, '/') - first), first);
-    assert_ok(v2v_psf_read(&psf, path, V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&psf, path, "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_shifts_from_psf(shifts, &psf));
     v2v_psf_file_fini(&psf);
     return 1;

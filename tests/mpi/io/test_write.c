@@ -238,7 +238,7 @@ static void a_bad_input_is_the_same_failure_on_every_rank(void **state)
         V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), "is not an HDF5 file"));
     assert_int_equal(v2v_volume_open(&volume, path, NULL, test_world()), V2V_E_INPUT);
-    assert_int_equal(v2v_psf_file_read(&psf, path, test_world()), V2V_E_INPUT);
+    assert_int_equal(v2v_psf_file_read(&psf, path, "", test_world()), V2V_E_INPUT);
     assert_non_null(strstr(v2v_status_message(), path));
 }
 
@@ -522,7 +522,7 @@ static void every_rank_gets_the_psfs(void **state)
         assert_ok(v2v_psf_file_write(&written, path));
     }
     v2v_par_barrier(test_world());
-    assert_ok(v2v_psf_file_read(&read, path, test_world()));
+    assert_ok(v2v_psf_file_read(&read, path, "", test_world()));
     assert_true(read.views == 2 && read.slices == 3 && read.height == 4 && read.width == 5);
     assert_true(read.pixel_size_um == 0.5 && read.slice_spacing_um == 0.0);
     assert_memory_equal(read.data, data, sizeof data);

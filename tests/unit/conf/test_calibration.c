@@ -38,6 +38,7 @@ static void what_is_printed_is_read_again(void **state)
     assert_ok(v2v_calibration_init(&out, 3, 303, 305));
     for (int v = 0; v < 3; v++) {
         struct v2v_view_calibration *view = &out.view[v];
+        out.number[v] = 2 * v;
         view->gain = 0.75 + v;
         for (int axis = 0; axis < 2; axis++) {
             view->shift[axis] = -1.25 + v + 0.5 * axis;
@@ -55,6 +56,7 @@ static void what_is_printed_is_read_again(void **state)
     assert_int_equal(in.height, 303);
     assert_int_equal(in.width, 305);
     assert_memory_equal(in.view, out.view, 3 * sizeof *in.view);
+    assert_memory_equal(in.number, out.number, 3 * sizeof *in.number);
     assert_true(v2v_calibration_is_within_bounds(&in));
     in.view[2].shading[V2V_FIELD_TERMS - 1] = 8.5;
     assert_false(v2v_calibration_is_within_bounds(&in));
@@ -76,7 +78,42 @@ static void what_is_left_out_is_as_the_psfs_say(void **state)
     assert_true(in.view[0].gain == 1.0 && in.view[0].shift[0] == 1.0 &&
                 in.view[0].shift[1] == -2.0);
     assert_memory_equal(&in.view[1], &nothing, sizeof nothing);
+    assert_true(in.number[0] == 0 && in.number[1] == 1);
     v2v_calibration_fini(&in);
+}
+
+/* Of views 0, 1, 4 and 5, as gains of 1, 2, 5 and 6 say. */
+static void read_four(struct v2v_calibration *c)
+{
+    assert_ok(
+        v2v_calibration_read(c, write_text("height: 8\nwidth: 9\nviews:\n  - gain: 1\n  - gain: 2\n"
+                                           "  - gain: 5\n    view: 4\n  - gain: 6\n")));
+}
+
+static void views_are_those_that_are_used(void **state)
+{
+    (void)state;
+    struct v2v_calibration c;
+    read_four(&c);
+    assert_ok(v2v_calibration_leave(&c, "2, 3", "cal.yaml"));
+    assert_int_equal(c.views, 4);
+    assert_int_equal(c.number[3], 5);
+    v2v_calibration_fini(&c);
+    read_four(&c);
+    assert_ok(v2v_calibration_leave(&c, "4,3,2,0", "cal.yaml"));
+    assert_int_equal(c.views, 2);
+    assert_true(c.number[0] == 1 && c.view[0].gain == 2.0);
+    assert_true(c.number[1] == 5 && c.view[1].gain == 6.0);
+    v2v_calibration_fini(&c);
+    static const struct {
+        const char *without, *says;
+    } wrong[] = {{"", "cal.yaml: has no view 2, which"}, {"2", "no view 3"}, {"3, 0", "no view 2"}};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        read_four(&c);
+        assert_int_equal(v2v_calibration_leave(&c, wrong[i].without, "cal.yaml"), V2V_E_CONFIG);
+        assert_non_null(strstr(v2v_status_message(), wrong[i].says));
+        v2v_calibration_fini(&c);
+    }
 }
 
 static void fields_that_are_nothing_are_not_printed(void **state)
@@ -135,6 +172,9 @@ static void a_wrong_file_is_refused_by_line_and_key(void **state)
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1]\n", ":4: shift wants 2 numbers"},
         {"height: 8\nwidth: 9\nviews:\n  - shading: [1, 2]\n",
          ":4: shading wants 65 numbers; files of earlier versions"},
+        {"height: 8\nwidth: 9\nviews:\n  - view: 2\n  - view: 2\n", ":5: view: 2 is outside [3, "},
+        {"height: 8\nwidth: 9\nviews:\n  - view: -1\n", ":4: view: -1 is outside [0, "},
+        {"height: 8\nwidth: 9\nviews:\n  - view: [1]\n", ":4: view: '' is no"},
         {"height: 8\nwidth: 9\nviews:\n  - gain: [1]\n", ":4: gain wants 1 number"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, 65]\n", ":4: shift"},
         {"height: 8\nwidth: 9\nviews:\n  - shift: [1, .nan]\n", ":4: shift"},
@@ -188,6 +228,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_printed_is_read_again),
         cmocka_unit_test(what_is_left_out_is_as_the_psfs_say),
+        cmocka_unit_test(views_are_those_that_are_used),
         cmocka_unit_test(fields_that_are_nothing_are_not_printed),
         cmocka_unit_test(what_is_cut_off_at_a_line_is_refused),
         cmocka_unit_test(a_wrong_file_is_refused_by_line_and_key),

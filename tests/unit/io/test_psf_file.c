@@ -23,7 +23,7 @@ static void use(const char *name)
 static void assert_refused(const char *reason)
 {
     struct v2v_psf_file file;
-    assert_int_equal(v2v_psf_file_read(&file, path, NULL), V2V_E_INPUT);
+    assert_int_equal(v2v_psf_file_read(&file, path, "", NULL), V2V_E_INPUT);
     assert_null(file.data);
     if (strstr(v2v_status_message(), path) == NULL ||
         strstr(v2v_status_message(), reason) == NULL ||
@@ -80,7 +80,7 @@ static void a_folder_is_read_in_the_order_of_its_numbers(void **state)
     struct v2v_psf_file file;
     use_folder(11); /* by name psf_10 would come before psf_2 */
     put_view("psf_0.tif.bak", 1, 1);
-    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_ok(v2v_psf_file_read(&file, path, "", NULL));
     assert_true(file.views == 11 && file.slices == 4 && file.height == 2 && file.width == 3);
     for (int v = 0; v < 11; v++) {
         for (int i = 0; i < 24; i++) {
@@ -129,7 +129,7 @@ static void views_are_found_however_number_and_ending_are_spelt(void **state)
         char text[128];
         use_folder(4);
         put_view(spelt[i], 5, 4);
-        assert_ok(v2v_psf_file_read(&file, path, NULL));
+        assert_ok(v2v_psf_file_read(&file, path, "", NULL));
         assert_int_equal(file.views, 5);
         assert_true(file.data[4 * 24] == 5.0f);
         v2v_psf_file_fini(&file);
@@ -161,7 +161,7 @@ static void what_is_nearly_called_a_view_is_warned_of(void **state)
         use_folder(4);
         put_view(names[i], 5, 4);
         test_capture_begin();
-        const enum v2v_status rc = v2v_psf_file_read(&file, path, NULL);
+        const enum v2v_status rc = v2v_psf_file_read(&file, path, "", NULL);
         test_capture_end(text, sizeof text);
         assert_ok(rc);
         assert_int_equal(file.views, 4);
@@ -179,7 +179,7 @@ static void a_view_of_other_pixels_is_warned_of_by_its_name(void **state)
     use_folder(4);
     put_stack_of("psf_3.tif", 3, 1, 4, 1, 0.65);
     test_capture_begin();
-    const enum v2v_status rc = v2v_psf_file_read(&file, path, NULL);
+    const enum v2v_status rc = v2v_psf_file_read(&file, path, "", NULL);
     test_capture_end(text, sizeof text);
     assert_ok(rc);
     assert_non_null(strstr(text, "psf_3.tif: says pixels of 0.65 um, but psf_1.tif of 0.5"));
@@ -197,7 +197,7 @@ static void a_psf_with_channels_or_frames_is_refused(void **state)
     assert_refused("psf_1.tif: has 1 channels, 2 slices and 2 frames; a PSF has slices");
     put_stack("psf_1.tif", 1, 1, 1, 4);
     struct v2v_psf_file file;
-    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_ok(v2v_psf_file_read(&file, path, "", NULL));
     assert_int_equal(file.slices, 4);
     v2v_psf_file_fini(&file);
 }
@@ -234,6 +234,36 @@ static void unsuitable_psfs_are_refused_with_their_place(void **state)
     assert_refused("");
 }
 
+/* Nothing of them matters: neither a shape, nor a NaN, nor that there is no light. */
+static void views_that_are_not_used_are_not_read(void **state)
+{
+    (void)state;
+    struct v2v_psf_file file;
+    use_folder(4);
+    put_view("psf_1.tif", 1, 5);
+    put_view("psf_3.tif", -3, 3);
+    assert_ok(v2v_psf_file_read(&file, path, "2, 0", NULL));
+    assert_true(file.views == 2 && file.slices == 4);
+    assert_true(file.data[0] == 2.0f && file.data[24] == 4.0f);
+    v2v_psf_file_fini(&file);
+    assert_int_equal(v2v_psf_file_read(&file, path, "4", NULL), V2V_E_CONFIG);
+    assert_int_equal(v2v_psf_file_read(&file, path, "0", NULL), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "psf_3.tif: is 3 x 2 x 3, but psf_2.tif 4 x 2"));
+    static const double values[4 * 6] = {NAN, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2,
+                                         0,   0, 0, 0, 0, 0, 1, 1, 1, 1, 1, -3};
+    use("psf.h5");
+    test_h5_make(path, &(struct test_h5_spec){
+                           .dataset = "/psf", .rank = 4, .shape = {4, 1, 2, 3}, .values = values});
+    assert_ok(v2v_psf_file_read(&file, path, "3,2,0", NULL));
+    assert_true(file.views == 1 && file.data[5] == 2.0f);
+    v2v_psf_file_fini(&file);
+    assert_int_equal(v2v_psf_file_read(&file, path, "0,3", NULL), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "view 2 is zero everywhere"));
+    assert_int_equal(v2v_psf_file_read(&file, path, "0,2", NULL), V2V_E_INPUT);
+    assert_non_null(strstr(v2v_status_message(), "view 3, slice 0, y 1, x 2: -3 is negative"));
+    assert_int_equal(v2v_mem_held(), 0);
+}
+
 static void packed_psfs_become_values(void **state)
 {
     (void)state;
@@ -245,7 +275,7 @@ static void packed_psfs_become_values(void **state)
                      .dataset = "/psf", .type = TEST_H5_U16, .rank = 4, .shape = {2, 1, 2, 3}});
     test_h5_numbers(path, "/psf", "scale_factor", &scale, 1);
     test_h5_numbers(path, "/psf", "add_offset", &zero, 1);
-    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_ok(v2v_psf_file_read(&file, path, "", NULL));
     for (int i = 0; i < 12; i++) {
         assert_true(file.data[i] == 3.0f + 0.5f * (float)i);
     }
@@ -267,7 +297,7 @@ static void empty_slices_and_any_kernel_size_are_fine(void **state)
                                                   .rank = 4,
                                                   .shape = {2, 2, sizes[i][0], sizes[i][1]},
                                                   .values = values});
-        assert_ok(v2v_psf_file_read(&file, path, NULL));
+        assert_ok(v2v_psf_file_read(&file, path, "", NULL));
         assert_true(file.data[image] == 0.25f && file.data[0] == 0.0f);
         v2v_psf_file_fini(&file);
     }
@@ -278,11 +308,11 @@ static void a_written_set_is_read_back_to_the_bit(void **state)
     (void)state;
     struct v2v_psf_file file, again;
     use_folder(3);
-    assert_ok(v2v_psf_file_read(&file, path, NULL));
+    assert_ok(v2v_psf_file_read(&file, path, "", NULL));
     file.pixel_size_um = 0.65;
     use("psf.h5");
     assert_ok(v2v_psf_file_write(&file, path));
-    assert_ok(v2v_psf_file_read(&again, path, NULL));
+    assert_ok(v2v_psf_file_read(&again, path, "", NULL));
     assert_memory_equal(again.data, file.data, 3 * 24 * sizeof *file.data);
     assert_true(again.pixel_size_um == 0.65 && again.slice_spacing_um == file.slice_spacing_um);
     v2v_psf_file_fini(&again);
@@ -306,7 +336,7 @@ static void real_psfs_have_their_known_shape_and_peak(void **state)
         if (real == NULL) {
             skip();
         }
-        assert_ok(v2v_psf_file_read(&file, real, NULL));
+        assert_ok(v2v_psf_file_read(&file, real, "", NULL));
         assert_int_equal(file.views, cases[i].shape[0]);
         assert_int_equal(file.slices, cases[i].shape[1]);
         assert_int_equal(file.height, cases[i].shape[2]);
@@ -329,6 +359,7 @@ int main(void)
         cmocka_unit_test(a_view_of_other_pixels_is_warned_of_by_its_name),
         cmocka_unit_test(a_psf_with_channels_or_frames_is_refused),
         cmocka_unit_test(unsuitable_psfs_are_refused_with_their_place),
+        cmocka_unit_test(views_that_are_not_used_are_not_read),
         cmocka_unit_test(packed_psfs_become_values),
         cmocka_unit_test(empty_slices_and_any_kernel_size_are_fine),
         cmocka_unit_test(a_written_set_is_read_back_to_the_bit),

@@ -165,7 +165,7 @@ static void a_masked_corner_is_left_out_of_calibrated_views(void **state)
     enum { CORNER = 14, FAR = 2 * CORNER };
     struct v2v_view_calibration view[VIEWS] = {
         {.gain = 1.0, .distortion_y = {0.8}, .shading = {0.1, -0.2}}, {.gain = 1.0}};
-    const struct v2v_calibration calibration = {VIEWS, HEIGHT, WIDTH, view};
+    const struct v2v_calibration calibration = {VIEWS, HEIGHT, WIDTH, view, NULL};
     struct v2v_scaling calibrated = scaling;
     calibrated.calibration = &calibration;
     make_frames(8.0 * noise);

@@ -52,7 +52,7 @@ static void step(struct v2v_view_calibration *view, const struct v2v_view_calibr
                  float times, unsigned terms, int smoothing, int64_t blind)
 {
     static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
-    struct v2v_calibration c = {1, HEIGHT, WIDTH, view};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, view, NULL};
     struct v2v_registration registration;
     struct v2v_registration_images images;
     assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
@@ -73,7 +73,7 @@ static double fit_seen(struct v2v_view_calibration *view, const struct v2v_view_
                        unsigned terms, int smoothing, int64_t blind)
 {
     static float seen[PIXELS], predicted[PIXELS], deep[PIXELS];
-    struct v2v_calibration c = {1, HEIGHT, WIDTH, view};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, view, NULL};
     struct v2v_registration registration;
     struct v2v_registration_images images;
     const struct v2v_part rows = v2v_registration_judged(HEIGHT);
@@ -221,7 +221,7 @@ static void a_dark_view_stays_where_it_is(void **state)
     (void)state;
     static const float dark[PIXELS];
     struct v2v_view_calibration view = {.gain = 1.0};
-    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view, NULL};
     struct v2v_registration registration;
     struct v2v_registration_images images;
     assert_ok(v2v_registration_images_init(&images, HEIGHT, WIDTH));
@@ -238,7 +238,7 @@ static void what_views_cannot_tell_is_taken_out(void **state)
     enum { COUNT = 3 };
     double parallax[COUNT][2] = {{0.5, 0.1}, {-0.5, 0.3}, {0.0, -0.7}};
     struct v2v_view_calibration view[COUNT];
-    struct v2v_calibration c = {COUNT, HEIGHT, WIDTH, view};
+    struct v2v_calibration c = {COUNT, HEIGHT, WIDTH, view, NULL};
     static const double own[COUNT][2] = {{0.2, -0.1}, {0.2, 0.4}, {-0.4, -0.3}};
     double along = 0.0, squares = 0.0;
     for (int v = 0; v < COUNT; v++) { /* own: mean 0; its part along the parallax by hand */
@@ -279,7 +279,7 @@ static void no_mixture_has_a_gain_that_is_not_positive(void **state)
     (void)state;
     static const double at[2] = {1.0, 0.5}, to[2] = {0.5, 0.1};
     struct v2v_view_calibration view = {.gain = 1.0};
-    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view};
+    struct v2v_calibration c = {1, HEIGHT, WIDTH, &view, NULL};
     struct v2v_anderson *plain = NULL, *mixed = NULL;
     double x[V2V_REGISTER_NUMBERS], g[V2V_REGISTER_NUMBERS], gain = 0.0;
     assert_ok(v2v_anderson_create(&plain, 1));

@@ -119,7 +119,7 @@ static void missing_set_is_an_input_failure(void **state)
 {
     struct v2v_psf_file psf = {0};
     (void)state;
-    assert_int_equal(v2v_psf_read(&psf, "/nowhere/psf", V2V_NORMALIZE_VIEW, NULL), V2V_E_INPUT);
+    assert_int_equal(v2v_psf_read(&psf, "/nowhere/psf", "", V2V_NORMALIZE_VIEW, NULL), V2V_E_INPUT);
 }
 
 /* The example of psf.h, with the set's path and a smaller frame given. */
@@ -129,7 +129,7 @@ static enum v2v_status project(float *views, const float *volume, const char *pa
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file psf = {0};
     struct v2v_projector *projector = NULL;
-    V2V_TRY(v2v_psf_read(&psf, path, V2V_NORMALIZE_VIEW, comm));
+    V2V_TRY(v2v_psf_read(&psf, path, "", V2V_NORMALIZE_VIEW, comm));
     V2V_TRY(v2v_projector_create(&projector, &psf, side, side, V2V_SPLIT_SLICES, comm));
     v2v_projector_forward(projector, views, volume, NULL, psf.views, 1.0f);
 done:

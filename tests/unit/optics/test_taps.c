@@ -84,7 +84,7 @@ static void the_2psam_set_has_423_and_486_taps(void **state)
         skip();
     }
     snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(found, '/') - found), found);
-    assert_ok(v2v_psf_read(&psf, folder, V2V_NORMALIZE_NONE, NULL));
+    assert_ok(v2v_psf_read(&psf, folder, "", V2V_NORMALIZE_NONE, NULL));
     assert_ok(v2v_shifts_from_psf(&shifts, &psf));
     for (int b = 0; b < 2; b++) {
         struct v2v_taps taps;
