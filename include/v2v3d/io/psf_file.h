@@ -16,7 +16,7 @@ struct v2v_psf_file {
     float *data;                            /**< owned */
 };
 
-/** Read a PSF set, but for the views that `without` lists (conf/kept_views.h; "": all of it): folder
+/** Read a PSF set, but for the views that `without` lists (conf/kept_views.h; "": all): folder
  *  of psf_1.tif .. psf_V.tif (all of one shape, none missing in the row; also psf_01.TIFF and the
  *  like, but one of a view), or HDF5 `/psf` [v,z,y,x]. What else begins with psf_ is warned of.
  *  Rank 0 reads, all get it.
