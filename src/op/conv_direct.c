@@ -28,6 +28,7 @@ struct plan {
     int64_t rows;   /**< of a strip */
     float *weights; /**< [out/4][in][k][k][4] */
     float *bias;    /**< filled up to a multiple of 4 */
+    float *tiles;   /**< packed for v2v_direct_tiles; NULL: in float32 */
     float slope;
 };
 
@@ -55,6 +56,13 @@ static const struct direct_kernel *choose_kernel(void)
     return sets[v2v_kernel_set()];
 }
 
+/* Training goes back through what it went forward by: both in float32. */
+static int takes_tiles(const struct v2v_conv_spec *spec)
+{
+    return spec->method.precision != V2V_PRECISION_F32 && !spec->training && v2v_amx_usable() &&
+           v2v_direct_tiles.takes(spec->in, spec->out, spec->kernel);
+}
+
 static enum v2v_status make_plan(struct plan *plan, const struct state *state, int64_t in,
                                  int64_t out, float slope)
 {
@@ -68,6 +76,9 @@ static enum v2v_status make_plan(struct plan *plan, const struct state *state, i
     plan->rows = most < state->spec.height ? most : state->spec.height;
     V2V_TRY(V2V_ALLOC(plan->weights, "conv.weights", fill_up(out) * in * taps));
     V2V_TRY(V2V_ALLOC(plan->bias, "conv.weights", fill_up(out)));
+    if (takes_tiles(&state->spec)) {
+        V2V_TRY(V2V_ALLOC(plan->tiles, "conv.weights", v2v_direct_tiles.floats(in)));
+    }
 done:
     return rc;
 }
@@ -80,7 +91,7 @@ static void destroy(void *opaque)
     }
     float *owned[] = {
         state->forward.weights, state->forward.bias, state->data.weights, state->data.bias,
-        state->strips,          state->douts,        state->sums};
+        state->strips,          state->douts,        state->sums,         state->forward.tiles};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) {
         v2v_mem_free(owned[i]);
     }
@@ -144,8 +155,22 @@ static void set_weights(void *opaque, const float *weight, const float *bias)
     struct state *state = opaque;
     pack(&state->forward, &state->spec, weight, 0);
     memcpy(state->forward.bias, bias, (size_t)state->spec.out * sizeof *bias);
+    if (state->forward.tiles != NULL) {
+        v2v_direct_tiles.pack(state->forward.tiles, weight, state->spec.in, state->spec.out);
+    }
     if (state->spec.training) {
         pack(&state->data, &state->spec, weight, 1);
+    }
+}
+
+static void run_kernel(const struct state *state, const struct plan *plan,
+                       const struct direct_target *target, const struct direct_strip *strip)
+{
+    if (plan->tiles != NULL) {
+        v2v_direct_tiles.convolve(target, strip, plan->tiles, plan->bias, plan->slope);
+    } else {
+        state->kernel->convolve(target, strip, plan->weights, plan->bias, state->spec.kernel,
+                                plan->slope);
     }
 }
 
@@ -190,8 +215,7 @@ static void convolve(const struct state *state, const struct plan *plan, float *
                                        .pitch = state->spec.width,
                                        .held = height,
                                        .first = first};
-        state->kernel->convolve(&target, &strip, plan->weights, plan->bias, state->spec.kernel,
-                                plan->slope);
+        run_kernel(state, plan, &target, &strip);
     }
 }
 
@@ -222,8 +246,7 @@ static void forward_lines(const void *opaque, const struct v2v_lines *out,
                                    .held = out->held,
                                    .first = v2v_lines_place(out, first)};
     V2V_ASSERT(in->channels == plan->in && out->channels == plan->out && in->width == out->width);
-    state->kernel->convolve(&target, &strip, plan->weights, plan->bias, state->spec.kernel,
-                            plan->slope);
+    run_kernel(state, plan, &target, &strip);
 }
 
 static void backward_data(void *opaque, float *din, const float *dout)

@@ -49,6 +49,20 @@ struct direct_kernel {
                       const struct direct_strip *dout, int64_t width, int kernel);
 };
 
+/** The convolution with products in bf16, added up in float32, on the tile unit; for those who ask
+ *  v2v_amx_usable before. */
+struct direct_tiles {
+    /** Does it take these channels, and is it faster by them? */
+    int (*takes)(int64_t in, int64_t out, int kernel);
+    int64_t (*floats)(int64_t in); /**< of packed weights */
+    /** weight [out,in,k,k] */
+    void (*pack)(float *packed, const float *weight, int64_t in, int64_t out);
+    /** target = leaky(strip * weights + bias); bias [out] */
+    void (*convolve)(const struct direct_target *target, const struct direct_strip *strip,
+                     const float *packed, const float *bias, float slope);
+};
+
+extern const struct direct_tiles v2v_direct_tiles;
 extern const struct direct_kernel v2v_direct_avx512;
 extern const struct direct_kernel v2v_direct_avx2;
 extern const struct direct_kernel v2v_direct_any;

@@ -1,6 +1,7 @@
 #include "op/isa.h"
 
 #include "op/conv_backend.h"
+#include "op/direct_kernel.h"
 #include "op/x86/amx.h"
 #include "v2v3d/base/log.h"
 #include "v2v3d/op/tile_conv.h"
@@ -75,6 +76,7 @@ int v2v_amx_usable(void)
 
 /* Never chosen, never called. */
 const struct v2v_conv_backend v2v_conv_amx = {.name = "AMX bf16"};
+const struct direct_tiles v2v_direct_tiles = {0};
 
 void v2v_amx_pack_pixels(bf16 *to, const float *const row[AMX_DEPTH], int64_t pixels, int64_t step)
 {
