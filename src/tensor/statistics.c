@@ -104,6 +104,21 @@ static int64_t middle_of_three(float *x, int64_t first, int64_t last)
     return middle;
 }
 
+/** Values below the pivot, or not above it, go before the others, without a branch that nothing
+ *  foresees. @return the first of the others */
+static inline __attribute__((always_inline)) int64_t part(float *x, int64_t first, int64_t last,
+                                                          float pivot, int equal)
+{
+    int64_t end = first;
+    for (int64_t i = first; i <= last; i++) {
+        const float value = x[i];
+        x[i] = x[end];
+        x[end] = value;
+        end += equal ? value <= pivot : value < pivot;
+    }
+    return end;
+}
+
 /** Hoare's selection. */
 float v2v_select(float *x, int64_t count, int64_t k)
 {
@@ -115,25 +130,15 @@ float v2v_select(float *x, int64_t count, int64_t k)
         } else {
             place = middle_of_three(x, first, last);
         }
-        float pivot = x[place];
-        int64_t i = first, j = last;
-        while (i <= j) {
-            while (x[i] < pivot) {
-                i++;
-            }
-            while (pivot < x[j]) {
-                j--;
-            }
-            if (i <= j) {
-                swap(&x[i++], &x[j--]);
-            }
+        const float pivot = x[place];
+        const int64_t above = part(x, first, last, pivot, 0);
+        if (k < above) {
+            last = above - 1;
+            continue;
         }
-        if (k <= j) {
-            last = j;
-        } else if (k >= i) {
-            first = i;
-        } else {
-            break;
+        first = part(x, above, last, pivot, 1);
+        if (k < first) {
+            break; /* it is the pivot */
         }
     }
     return x[k];

@@ -1,6 +1,6 @@
 /* The direct kernel's convolution with products in bf16 on the tile unit. Of a run of pixels every
  * row becomes rows of pairs of channels, [row][pair][column][2], so that what a column of taps sees
- * is a tile without a copy: its rows are the pairs of three rows of pixels. The weights are the left
+ * is a tile without a copy: its rows are the pairs of three rows of pixels. Weights are the left
  * side, and sums come out as rows of pixels. */
 #include "op/direct_kernel.h"
 #include "op/x86/amx.h"

@@ -235,7 +235,7 @@ static float *convolved_directly(struct v2v_conv_spec spec, int precision, const
     return out;
 }
 
-/* Few channels: no sum is rounded, whatever its order, but those of numbers that bf16 rounds are. */
+/* Few channels: no sum is rounded, whatever its order, but of numbers that bf16 rounds all are. */
 static void few_channels_are_multiplied_by_tiles(void **state)
 {
     (void)state;
