@@ -11,6 +11,7 @@
 #include "v2v3d/op/bf16.h"
 #include "v2v3d/op/blocked.h"
 
+#include <immintrin.h>
 #include <omp.h>
 #include <string.h>
 
@@ -217,16 +218,26 @@ static void look_at_packed(struct group *group)
 
 /* ---- products ---- */
 
-/* Of one tile and a block of channels: from a tap's first row on, 16 pixels follow each other. */
-static void line_up(bf16 *to, const struct group *group, int64_t tile, int64_t block)
+/* Of one tile and a block of channels: from a tap's first row on, 16 pixels follow each other. A
+ * pixel is a vector, read once for the taps' columns that see it. */
+__attribute__((target("arch=x86-64-v4,prefer-vector-width=512"))) static void
+line_up(bf16 *to, const struct group *group, int64_t tile, int64_t block)
 {
     static const bf16 zeros[AMX_DEPTH] = {0};
     const int32_t *from = group->from[tile];
     const bf16 *base = group->base + block * group->pixels * AMX_DEPTH;
-    for (int64_t column = 0; column < TAPS / 3; column++) {
-        for (int64_t i = 0; i < SIDE * TILE; i++, to += AMX_DEPTH) {
-            const int32_t pixel = from[i / TILE * SIDE + column + i % TILE];
-            memcpy(to, pixel < 0 ? zeros : base + (int64_t)pixel * AMX_DEPTH, sizeof zeros);
+    for (int64_t y = 0; y < SIDE; y++, to += TILE * AMX_DEPTH) {
+#pragma GCC unroll 6
+        for (int64_t x = 0; x < SIDE; x++) {
+            const int32_t pixel = from[y * SIDE + x];
+            const __m512i seen =
+                _mm512_loadu_si512(pixel < 0 ? zeros : base + (int64_t)pixel * AMX_DEPTH);
+#pragma GCC unroll 3
+            for (int64_t column = 0; column < TAPS / 3; column++) {
+                if (x >= column && x < column + TILE) {
+                    _mm512_storeu_si512(to + column * COLUMN + (x - column) * AMX_DEPTH, seen);
+                }
+            }
         }
     }
 }
