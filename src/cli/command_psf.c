@@ -110,6 +110,7 @@ static enum v2v_status info(const void *arguments, struct v2v_session *session)
         V2V_TRY(v2v_picture_check_name(given->picture));
         V2V_TRY(v2v_step_output(session, given->picture, &given->psf, 1));
     }
+    session->config.input.without_views[0] = '\0'; /* the whole set is looked at */
     V2V_TRY(v2v_step_psf(session, &psf, given->psf));
     V2V_TRY(v2v_shifts_from_psf(&shifts, &psf));
     if (v2v_step_on_root(session)) {

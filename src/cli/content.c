@@ -47,7 +47,8 @@ static enum v2v_status open_recording(const char *path, const struct v2v_session
 static enum v2v_status open_psf(const char *path, const struct v2v_session *session)
 {
     struct v2v_psf_file psf = {0};
-    enum v2v_status rc = v2v_psf_file_read(&psf, path, "", session->world);
+    enum v2v_status rc =
+        v2v_psf_file_read(&psf, path, session->config.input.without_views, session->world);
     v2v_psf_file_fini(&psf);
     return rc;
 }

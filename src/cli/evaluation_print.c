@@ -1,5 +1,6 @@
 #include "cli/evaluation.h"
 
+#include "v2v3d/base/memory.h"
 #include "v2v3d/base/text.h"
 #include "v2v3d/conf/kept_views.h"
 #include "v2v3d/io/json.h"
@@ -140,6 +141,7 @@ enum v2v_status v2v_evaluation_json(const struct v2v_evaluation *evaluation, int
 {
     enum v2v_status rc = V2V_OK;
     struct items items = {0};
+    double *numbers = NULL;
     for (int f = 0; f < V2V_FIGURE_COUNT; f++) {
         if (evaluation->value[f] != NULL) {
             add(&items, v2v_json_number(v2v_figure_names[f], evaluation->mean[f]));
@@ -163,6 +165,14 @@ enum v2v_status v2v_evaluation_json(const struct v2v_evaluation *evaluation, int
                                evaluation->frames));
         }
     }
+    if (evaluation->views > 0) {
+        V2V_TRY(V2V_ALLOC(numbers, "evaluate.numbers", evaluation->views));
+        for (int64_t v = 0; v < evaluation->views; v++) {
+            numbers[v] = (double)v2v_kept_views_number(evaluation->without_views, v);
+        }
+        add(&items, (struct v2v_json_item){
+                        .name = "view_numbers", .values = numbers, .count = evaluation->views});
+    }
     for (int f = 0; f < view_figures(evaluation); f++) {
         V2V_TRY(add_values(&items, v2v_view_figure_names[f], "views", evaluation->of_view[f],
                            evaluation->views));
@@ -174,5 +184,6 @@ enum v2v_status v2v_evaluation_json(const struct v2v_evaluation *evaluation, int
     }
     V2V_TRY(v2v_json_print(stdout, items.item, items.count));
 done:
+    v2v_mem_free(numbers);
     return rc;
 }

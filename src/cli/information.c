@@ -191,7 +191,7 @@ enum v2v_status v2v_inform_psf(struct v2v_report *report, const char *path, int6
     enum v2v_status rc = V2V_OK;
     struct v2v_psf_file file = {0};
     (void)frame;
-    V2V_TRY(v2v_psf_file_read(&file, path, "", session->world));
+    V2V_TRY(v2v_psf_file_read(&file, path, session->config.input.without_views, session->world));
     if (v2v_step_on_root(session)) {
         v2v_report_headline(report,
                             "PSFs, %" PRId64 " views, %" PRId64 " slices of %" PRId64 " x %" PRId64

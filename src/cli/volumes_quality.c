@@ -57,8 +57,11 @@ static void tell_of_blind(const struct found *found, const struct v2v_volumes_ma
     if (found->blind > 0) {
         v2v_log(dead > 0 || !is_left ? V2V_LOG_WARNING : V2V_LOG_INFO,
                 "frame %lld: %s%s: %lld samples of one value see nothing and are %s",
-                (long long)found->frame, lacking > 1 ? "views" : "view",
-                lacking == found->views ? ": all of them" : list, (long long)found->blind,
+                (long long)found->frame,
+                lacking == found->views ? "all views"
+                : lacking > 1           ? "views"
+                                        : "view",
+                lacking == found->views ? "" : list, (long long)found->blind,
                 is_left ? "left out" : "taken for dark by this method");
     }
 }

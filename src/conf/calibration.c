@@ -314,22 +314,36 @@ int v2v_calibration_has_fields(const struct v2v_calibration *calibration)
 enum v2v_status v2v_calibration_leave(struct v2v_calibration *calibration, const char *without,
                                       const char *path)
 {
+    enum v2v_status rc = V2V_OK;
+    struct v2v_kept_views kept;
     int64_t left = 0;
+    V2V_TRY(v2v_kept_views_init(&kept, without, MOST_VIEWS + 1));
     for (int64_t v = 0; v < calibration->views; v++) {
-        if (v2v_kept_views_has(without, calibration->number[v])) {
-            calibration->number[left] = calibration->number[v];
-            calibration->view[left++] = calibration->view[v];
+        const int64_t number = calibration->number[v];
+        int64_t place = left;
+        while (kept.view[place] < number) {
+            place++;
         }
+        if (kept.view[place] > number) {
+            continue; /* it is listed */
+        }
+        if (place > left) {
+            V2V_TRY(V2V_FAIL(V2V_E_CONFIG,
+                             "%s: has a view %lld, but no view %lld (--without-views leaves views "
+                             "out)",
+                             path, (long long)number, (long long)kept.view[left]));
+        }
+        calibration->number[left] = number;
+        calibration->view[left++] = calibration->view[v];
+    }
+    if (left == 0) {
+        V2V_TRY(V2V_FAIL(V2V_E_CONFIG, "%s: has no view but those of --without-views %s", path,
+                         without));
     }
     calibration->views = left;
-    for (int64_t v = 0; v < left; v++) {
-        const int64_t number = v2v_kept_views_number(without, v);
-        if (calibration->number[v] != number) {
-            return V2V_FAIL(V2V_E_CONFIG, "%s: has no view %lld, which is used (--without-views)",
-                            path, (long long)number);
-        }
-    }
-    return V2V_OK;
+done:
+    v2v_kept_views_fini(&kept);
+    return rc;
 }
 
 enum v2v_status v2v_calibration_check(const struct v2v_calibration *calibration, int64_t views,

@@ -61,7 +61,7 @@ done:
     return rc;
 }
 
-int v2v_kept_views_has(const char *without, int64_t number)
+static int has(const char *without, int64_t number)
 {
     while (*without != '\0') {
         if (strtoll(without, NULL, 10) == number) {
@@ -77,7 +77,7 @@ int64_t v2v_kept_views_number(const char *without, int64_t view)
 {
     int64_t number = 0;
     for (int64_t kept = -1;; number++) {
-        kept += v2v_kept_views_has(without, number);
+        kept += has(without, number);
         if (kept == view) {
             return number;
         }

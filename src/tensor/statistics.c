@@ -137,7 +137,7 @@ float v2v_select(float *x, int64_t count, int64_t k)
             continue;
         }
         first = part(x, above, last, pivot, 1);
-        if (k < first) {
+        if (k < first || isnan(pivot)) {
             break; /* it is the pivot */
         }
     }

@@ -106,6 +106,8 @@ works evaluate --volume blocked_volume.h5 --psf psf.h5 --input blocked.h5 --with
 tells 'view 3 is 0.0[0-9] times as bright as the volume has it'
 awk '/^ view/ { print_it = 1; next } print_it { printf "%s ", $1 } /^ *4 / { exit }' stdout |
     grep -qx '0 2 3 4 ' || fail "not views 0, 2, 3, 4: $(cat stdout)"
+works evaluate --volume blocked_volume.h5 --psf psf.h5 --input blocked.h5 --without-views 1 --json
+grep -q '"view_numbers": *\[0, *2, *3, *4\]' stdout || fail "not views 0, 2, 3, 4: $(cat stdout)"
 works deconvolve --psf psf.h5 --input all --without-views 1 -o all_without.h5
 tells 'frame 3: view 3 is 0.0[0-9] times as bright as in frame 0'
 
@@ -125,15 +127,22 @@ EOF2
 works deconvolve --psf psf.h5 --input blocked.h5 --without-views 1 -o fitted_4.h5 --quiet \
     --calibration four.yaml
 same fitted.h5 fitted_4.h5 /volume
-refuses 78 'four.yaml: has no view 1, which is used' deconvolve --psf psf.h5 --input good.h5 \
+refuses 78 'four.yaml: has a view 2, but no view 1' deconvolve --psf psf.h5 --input good.h5 \
     --calibration four.yaml --without-views 3 -o out.h5
 
 # A PSF that none could be deconvolved by is not looked at, where it is not used.
+refuses 78 'four.yaml: has no view but those of --without-views 4,3,2,0' deconvolve --psf psf.h5 \
+    --input good.h5 --calibration four.yaml --without-views 4,3,2,0 -o out.h5
 cp psf.h5 nan_psf.h5
 "$V2V_POKE" nan_psf.h5 /psf 0 nan
 refuses 65 'nan_psf.h5: /psf: NaN or Inf at view 0' deconvolve --psf nan_psf.h5 --input good.h5 -o out.h5
 works deconvolve --psf nan_psf.h5 --input spoilt.h5 "${without[@]}" -o without_nan.h5 --quiet
 same without.h5 without_nan.h5 /volume
+works convert --input nan_psf.h5 --without-views 0 -o seen_psf.h5
+works info seen_psf.h5
+grep -q 'PSFs, 4 views' stdout || fail "not 4 views: $(cat stdout)"
+works info psf.h5 --without-views 0,1
+grep -q 'PSFs, 3 views' stdout || fail "not 3 views: $(cat stdout)"
 
 works deconvolve --psf psf.h5 --input all -o all.h5
 tells '^frame 0: residual of the views'

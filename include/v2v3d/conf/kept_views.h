@@ -21,11 +21,8 @@ struct v2v_kept_views {
 enum v2v_status v2v_kept_views_init(struct v2v_kept_views *kept, const char *without,
                                     int64_t views) V2V_MUST_CHECK;
 /** The number, among all of them, of the `view`-th that is kept: what messages and files call it.
- *  @kind Local. @param without as above; of a list that is refused there what it makes no sense of
- *  is nothing, or 0 */
+ *  @kind Local. @param without that v2v_kept_views_init took */
 int64_t v2v_kept_views_number(const char *without, int64_t view);
-/** Is a view of this number kept? @kind Local. @param without as above */
-int v2v_kept_views_has(const char *without, int64_t number);
 /** @kind Local. Accepts a zeroed one. */
 void v2v_kept_views_fini(struct v2v_kept_views *kept);
 

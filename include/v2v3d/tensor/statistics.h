@@ -18,7 +18,7 @@ enum v2v_status v2v_percentile(double *value, const float *x, int64_t count,
                                double p) V2V_MUST_CHECK;
 
 /** Rearrange x so that x[k] is its k-th smallest value, nothing before it larger, nothing behind it
- *  smaller; no NaN. @kind Local, nothing is allocated. @return x[k] */
+ *  smaller; with a NaN it ends somewhere. @kind Local, nothing is allocated. @return x[k] */
 float v2v_select(float *x, int64_t count, int64_t k);
 
 /** Mean of side x side pixels of an image of that width, `at` the first of them. @kind Local. */

@@ -18,6 +18,14 @@ enum {
     AMX_SUMS = AMX_BLOCK * AMX_BLOCK
 };
 
+/* What a tile's register holds, as the processor reads it. */
+struct amx_shapes {
+    uint8_t palette, start, reserved[14];
+    uint16_t row_bytes[16];
+    uint8_t rows[16];
+};
+
+/* All of them whole tiles. */
 void v2v_amx_begin(void);
 void v2v_amx_end(void);
 

@@ -4,13 +4,7 @@
 
 #define TARGET __attribute__((target("amx-tile,amx-bf16")))
 
-struct shapes {
-    uint8_t palette, start, reserved[14];
-    uint16_t row_bytes[16];
-    uint8_t rows[16];
-};
-
-static const struct shapes whole_tiles = {
+static const struct amx_shapes whole_tiles = {
     .palette = 1,
     .row_bytes = {64, 64, 64, 64, 64, 64, 64, 64},
     .rows = {AMX_SIDE, AMX_SIDE, AMX_SIDE, AMX_SIDE, AMX_SIDE, AMX_SIDE, AMX_SIDE, AMX_SIDE},

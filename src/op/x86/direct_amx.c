@@ -117,20 +117,21 @@ INLINE void pair_up(bf16 *lines, const struct direct_strip *strip, const struct 
 
 /* ---- products ---- */
 
-struct shapes {
-    uint8_t palette, start, reserved[14];
-    uint16_t row_bytes[16];
-    uint8_t rows[16];
-};
+/* The compiler does not know what tiles, and their shapes, are read from. */
+INLINE void settle(void)
+{
+    __asm__ volatile("" ::: "memory");
+}
 
 /* Tiles 0 to 3 are sums, 4 weights, 5 and 6 pairs of channels. */
 INLINE void begin(const struct parts *parts, int64_t out)
 {
-    struct shapes shapes = {.palette = 1};
+    struct amx_shapes shapes = {.palette = 1};
     for (int i = 0; i < 7; i++) {
         shapes.row_bytes[i] = i == 4 ? (uint16_t)(4 * parts->each) : 64;
         shapes.rows[i] = (uint8_t)(i > 4 ? parts->each : out);
     }
+    settle();
     _tile_loadconfig(&shapes);
 }
 
@@ -138,7 +139,7 @@ INLINE void begin(const struct parts *parts, int64_t out)
 INLINE void multiply(float *sums, const bf16 *lines, const bf16 *weights, const struct parts *parts)
 {
     enum { STRIDE = PAIR_ROW * sizeof(bf16), STEP = 2 * LANES };
-    __asm__ volatile("" ::: "memory"); /* the compiler does not know what tiles read */
+    settle();
     _tile_zero(0);
     _tile_zero(1);
     _tile_zero(2);
@@ -161,7 +162,7 @@ INLINE void multiply(float *sums, const bf16 *lines, const bf16 *weights, const 
     _tile_stored(1, sums + LANES * LANES, LANES * sizeof(float));
     _tile_stored(2, sums + 2 * LANES * LANES, LANES * sizeof(float));
     _tile_stored(3, sums + 3 * LANES * LANES, LANES * sizeof(float));
-    __asm__ volatile("" ::: "memory");
+    settle();
 }
 
 /* leaky(sums + bias) of pixels x .. of row y */

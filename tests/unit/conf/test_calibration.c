@@ -107,7 +107,11 @@ static void views_are_those_that_are_used(void **state)
     v2v_calibration_fini(&c);
     static const struct {
         const char *without, *says;
-    } wrong[] = {{"", "cal.yaml: has no view 2, which"}, {"2", "no view 3"}, {"3, 0", "no view 2"}};
+    } wrong[] = {{"", "cal.yaml: has a view 4, but no view 2"},
+                 {"2", "no view 3"},
+                 {"3, 0", "no view 2"},
+                 {"5,4,1,0", "has no view but those of --without-views 5,4,1,0"},
+                 {"2,", "is to be numbers, as 3, 7, not '2,'"}};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         read_four(&c);
         assert_int_equal(v2v_calibration_leave(&c, wrong[i].without, "cal.yaml"), V2V_E_CONFIG);

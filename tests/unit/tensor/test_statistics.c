@@ -233,6 +233,27 @@ static void selection_parts_an_array_at_its_kth_value(void **state)
     v2v_mem_free(x);
 }
 
+/* As differences of values near the end of float32 are. */
+static void selection_ends_among_nans(void **state)
+{
+    (void)state;
+    enum { MOST = 2000 };
+    float x[MOST];
+    for (int64_t count = 1; count <= MOST; count = 2 * count + 1) {
+        for (int64_t every = 1; every <= 4; every++) {
+            int64_t left = 0;
+            for (int64_t i = 0; i < count; i++) {
+                x[i] = i % every == 0 ? NAN : (float)(i * 173 % count);
+            }
+            (void)v2v_select(x, count, count / 2);
+            for (int64_t i = 0; i < count; i++) {
+                left += isnan(x[i]);
+            }
+            assert_int_equal(left, (count + every - 1) / every);
+        }
+    }
+}
+
 /* Of noise that is the same everywhere, the slopes that are found lie about 0 by their standard
  * error: the mean of n squares is known to sqrt(2 / n), of which this allows five. */
 static void slopes_of_even_noise_scatter_by_their_standard_error(void **state)
@@ -368,6 +389,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(figures_of_parts_are_those_of_the_whole),
         cmocka_unit_test(selection_parts_an_array_at_its_kth_value),
+        cmocka_unit_test(selection_ends_among_nans),
         cmocka_unit_test(slopes_of_even_noise_scatter_by_their_standard_error),
         cmocka_unit_test(noise_in_the_dark_hides_no_photons),
         cmocka_unit_test(background_of_small_cases_is_the_edge_of_the_fullest_bin),
