@@ -158,9 +158,9 @@ enum v2v_status v2v_estimator_check_views(const struct v2v_estimator *estimator,
     if (bad < 0) {
         return V2V_OK;
     }
-    return V2V_FAIL(V2V_E_NUMERIC, "view %lld of those used, row %lld, column %lld: NaN or Inf",
-                    (long long)(bad / pixels), (long long)(bad / width % height),
-                    (long long)(bad % width));
+    return V2V_FAIL(
+        V2V_E_NUMERIC, "view %lld, row %lld, column %lld of the views that are used: NaN or Inf",
+        (long long)(bad / pixels), (long long)(bad / width % height), (long long)(bad % width));
 }
 
 enum v2v_status v2v_estimator_mean(double *mean, const struct v2v_estimator *estimator,

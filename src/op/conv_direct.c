@@ -56,13 +56,6 @@ static const struct direct_kernel *choose_kernel(void)
     return sets[v2v_kernel_set()];
 }
 
-/* Training goes back through what it went forward by: both in float32. */
-static int takes_tiles(const struct v2v_conv_spec *spec)
-{
-    return spec->method.precision != V2V_PRECISION_F32 && !spec->training && v2v_amx_usable() &&
-           v2v_direct_tiles.takes(spec->in, spec->out, spec->kernel);
-}
-
 static enum v2v_status make_plan(struct plan *plan, const struct state *state, int64_t in,
                                  int64_t out, float slope)
 {
@@ -76,9 +69,6 @@ static enum v2v_status make_plan(struct plan *plan, const struct state *state, i
     plan->rows = most < state->spec.height ? most : state->spec.height;
     V2V_TRY(V2V_ALLOC(plan->weights, "conv.weights", fill_up(out) * in * taps));
     V2V_TRY(V2V_ALLOC(plan->bias, "conv.weights", fill_up(out)));
-    if (takes_tiles(&state->spec)) {
-        V2V_TRY(V2V_ALLOC(plan->tiles, "conv.weights", v2v_direct_tiles.floats(in)));
-    }
 done:
     return rc;
 }
@@ -110,6 +100,10 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     state->pitch = (spec->width + TAIL - 1) / TAIL * TAIL + TAIL;
     int64_t halo = spec->kernel - 1;
     V2V_TRY(make_plan(&state->forward, state, spec->in, spec->out, spec->slope));
+    if (spec->method.precision != V2V_PRECISION_F32 && v2v_amx_usable() &&
+        v2v_direct_tiles.takes(spec->in, spec->out, spec->kernel)) {
+        V2V_TRY(V2V_ALLOC(state->forward.tiles, "conv.weights", v2v_direct_tiles.floats(spec->in)));
+    }
     int64_t rows = spec->in * (state->forward.rows + halo);
     if (spec->training) {
         V2V_TRY(make_plan(&state->data, state, spec->out, spec->in, 1.0f));
