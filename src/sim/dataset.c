@@ -275,6 +275,8 @@ static void leave(struct workplace *workplace, const struct v2v_dataset *dataset
     }
 }
 
+static const char go_on[] = "stopped on request; go on with --resume";
+
 /* Local. */
 static enum v2v_status make_scene(struct v2v_simulator *simulator,
                                   const struct v2v_dataset *dataset, int64_t n)
@@ -299,6 +301,9 @@ static enum v2v_status make_scene(struct v2v_simulator *simulator,
         rc = V2V_FAIL(rc, "scene %lld, %s: %s; another --seed, --size or choice of --scenes helps",
                       (long long)n, v2v_scene_name(scene.kind), v2v_status_message());
     }
+    if (rc == V2V_STOPPED) { /* in the midst of it */
+        rc = V2V_FAIL(rc, "%s", go_on);
+    }
 done:
     return rc;
 }
@@ -319,7 +324,7 @@ static enum v2v_status make_one(struct v2v_simulator *simulator, const struct v2
     mine->made += is_missing;
     mine->kept += !is_missing;
     if (v2v_stop_requested() && !is_last) {
-        V2V_TRY(V2V_FAIL(V2V_STOPPED, "stopped on request; go on with --resume"));
+        V2V_TRY(V2V_FAIL(V2V_STOPPED, "%s", go_on));
     }
 done:
     return rc;
