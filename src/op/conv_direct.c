@@ -26,9 +26,9 @@ enum { PARTS = 8 };
 struct plan {
     int64_t in, out;
     int64_t rows;   /**< of a strip */
-    float *weights; /**< [out/4][in][k][k][4] */
+    int by_tiles;   /**< bool: in bf16, by v2v_direct_tiles */
+    float *weights; /**< [out/4][in][k][k][4], or as v2v_direct_tiles packs them */
     float *bias;    /**< filled up to a multiple of 4 */
-    float *tiles;   /**< packed for v2v_direct_tiles; NULL: in float32 */
     float slope;
 };
 
@@ -67,7 +67,8 @@ static enum v2v_status make_plan(struct plan *plan, const struct state *state, i
     plan->out = out;
     plan->slope = slope;
     plan->rows = most < state->spec.height ? most : state->spec.height;
-    V2V_TRY(V2V_ALLOC(plan->weights, "conv.weights", fill_up(out) * in * taps));
+    V2V_TRY(V2V_ALLOC(plan->weights, "conv.weights",
+                      plan->by_tiles ? v2v_direct_tiles.floats(in) : fill_up(out) * in * taps));
     V2V_TRY(V2V_ALLOC(plan->bias, "conv.weights", fill_up(out)));
 done:
     return rc;
@@ -81,7 +82,7 @@ static void destroy(void *opaque)
     }
     float *owned[] = {
         state->forward.weights, state->forward.bias, state->data.weights, state->data.bias,
-        state->strips,          state->douts,        state->sums,         state->forward.tiles};
+        state->strips,          state->douts,        state->sums};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) {
         v2v_mem_free(owned[i]);
     }
@@ -99,11 +100,9 @@ static enum v2v_status create(void **opaque, const struct v2v_conv_spec *spec)
     state->threads = omp_get_max_threads();
     state->pitch = (spec->width + TAIL - 1) / TAIL * TAIL + TAIL;
     int64_t halo = spec->kernel - 1;
+    state->forward.by_tiles = spec->method.precision != V2V_PRECISION_F32 && v2v_amx_usable() &&
+                              v2v_direct_tiles.takes(spec->in, spec->out, spec->kernel);
     V2V_TRY(make_plan(&state->forward, state, spec->in, spec->out, spec->slope));
-    if (spec->method.precision != V2V_PRECISION_F32 && v2v_amx_usable() &&
-        v2v_direct_tiles.takes(spec->in, spec->out, spec->kernel)) {
-        V2V_TRY(V2V_ALLOC(state->forward.tiles, "conv.weights", v2v_direct_tiles.floats(spec->in)));
-    }
     int64_t rows = spec->in * (state->forward.rows + halo);
     if (spec->training) {
         V2V_TRY(make_plan(&state->data, state, spec->out, spec->in, 1.0f));
@@ -147,11 +146,13 @@ static void pack(struct plan *plan, const struct v2v_conv_spec *spec, const floa
 static void set_weights(void *opaque, const float *weight, const float *bias)
 {
     struct state *state = opaque;
-    pack(&state->forward, &state->spec, weight, 0);
-    memcpy(state->forward.bias, bias, (size_t)state->spec.out * sizeof *bias);
-    if (state->forward.tiles != NULL) {
-        v2v_direct_tiles.pack(state->forward.tiles, weight, state->spec.in, state->spec.out);
+    struct plan *forward = &state->forward;
+    if (forward->by_tiles) {
+        v2v_direct_tiles.pack(forward->weights, weight, forward->in, forward->out);
+    } else {
+        pack(forward, &state->spec, weight, 0);
     }
+    memcpy(forward->bias, bias, (size_t)forward->out * sizeof *bias);
     if (state->spec.training) {
         pack(&state->data, &state->spec, weight, 1);
     }
@@ -160,8 +161,8 @@ static void set_weights(void *opaque, const float *weight, const float *bias)
 static void run_kernel(const struct state *state, const struct plan *plan,
                        const struct direct_target *target, const struct direct_strip *strip)
 {
-    if (plan->tiles != NULL) {
-        v2v_direct_tiles.convolve(target, strip, plan->tiles, plan->bias, plan->slope);
+    if (plan->by_tiles) {
+        v2v_direct_tiles.convolve(target, strip, plan->weights, plan->bias, plan->slope);
     } else {
         state->kernel->convolve(target, strip, plan->weights, plan->bias, state->spec.kernel,
                                 plan->slope);

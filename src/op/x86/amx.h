@@ -25,6 +25,12 @@ struct amx_shapes {
     uint8_t rows[16];
 };
 
+/* The compiler does not know what memory tiles and their shapes are read from, and written to. */
+static inline void v2v_amx_settle(void)
+{
+    __asm__ volatile("" ::: "memory");
+}
+
 /* All of them whole tiles. */
 void v2v_amx_begin(void);
 void v2v_amx_end(void);

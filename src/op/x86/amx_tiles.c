@@ -20,12 +20,6 @@ TARGET void v2v_amx_end(void)
     _tile_release();
 }
 
-/* The compiler does not know what memory the loads of tiles read. */
-static inline void settle(void)
-{
-    __asm__ volatile("" ::: "memory");
-}
-
 #define SUM_BYTES (AMX_SIDE * (int64_t)sizeof(float))
 #define HALF ((int64_t)AMX_SIDE * AMX_SIDE)
 
@@ -43,7 +37,7 @@ TARGET static inline __attribute__((always_inline)) void store_sums(float *sums)
     _tile_stored(1, sums + HALF, SUM_BYTES);
     _tile_stored(2, sums + 2 * HALF, SUM_BYTES);
     _tile_stored(3, sums + 3 * HALF, SUM_BYTES);
-    settle();
+    v2v_amx_settle();
 }
 
 TARGET static inline __attribute__((always_inline)) void step(const bf16 *left0, const bf16 *left1,
@@ -65,7 +59,7 @@ TARGET void v2v_amx_multiply(float *sums, const bf16 *const values[2], const bf1
                              const struct amx_walk *walk, int64_t blocks, int fresh)
 {
     int64_t pixel_bytes = walk->pixel * (int64_t)sizeof(bf16);
-    settle();
+    v2v_amx_settle();
     if (fresh) {
         _tile_zero(0);
         _tile_zero(1);
@@ -88,7 +82,7 @@ TARGET void v2v_amx_multiply(float *sums, const bf16 *const values[2], const bf1
 TARGET void v2v_amx_correlate(float *sums, const struct amx_rows *rows)
 {
     int64_t channel_bytes = rows->channel * (int64_t)sizeof(bf16);
-    settle();
+    v2v_amx_settle();
     load_sums(sums);
     for (int64_t y = 0; y < rows->rows; y++) {
         const bf16 *left = rows->left + y * rows->left_row;

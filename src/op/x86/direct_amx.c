@@ -4,16 +4,15 @@
  * side, and sums come out as rows of pixels. */
 #include "op/direct_kernel.h"
 #include "op/x86/amx.h"
-#include "v2v3d/base/bounds.h"
+#include "op/x86/amx_lanes.h"
 
-#include <immintrin.h>
 #include <string.h>
 
 #define TARGET                                                                                     \
     __attribute__((target("arch=x86-64-v4,avx512bf16,amx-tile,amx-bf16,prefer-vector-width=512")))
 #define INLINE TARGET static inline __attribute__((always_inline))
 
-enum { KERNEL = 3, LANES = 16 };
+enum { KERNEL = 3 };
 
 /* Input channels, and products a pixel and tap that pay for the way to the unit and back. */
 enum { MOST_IN = 32, LEAST_PRODUCTS = 32 };
@@ -86,18 +85,10 @@ static void pack(float *packed, const float *weight, int64_t in, int64_t out)
 
 /* ---- what a run of pixels sees ---- */
 
-INLINE __mmask16 first_lanes(int64_t count)
-{
-    return (__mmask16)((1U << v2v_within(count, 0, LANES)) - 1);
-}
-
 /* Row y and those below it, from column x on; beyond the last one zeros. */
 INLINE void pair_up(bf16 *lines, const struct direct_strip *strip, const struct parts *parts,
                     int64_t y, int64_t rows, int64_t x, int64_t columns)
 {
-    const __m512i order =
-        _mm512_set_epi16(31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6,
-                         21, 5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0);
     const int64_t plane = strip->rows * strip->pitch;
     for (int64_t r = 0; r < rows; r++) {
         const float *row =
@@ -108,20 +99,13 @@ INLINE void pair_up(bf16 *lines, const struct direct_strip *strip, const struct 
                 const __mmask16 mask = first_lanes(columns - i);
                 const __m512 even = _mm512_maskz_loadu_ps(mask, row + i);
                 const __m512 odd = _mm512_maskz_loadu_ps(has_both ? mask : 0, row + plane + i);
-                const __m512i rounded = (__m512i)_mm512_cvtne2ps_pbh(odd, even);
-                _mm512_storeu_si512(lines + 2 * i, _mm512_permutexvar_epi16(order, rounded));
+                _mm512_storeu_si512(lines + 2 * i, interleaved(even, odd));
             }
         }
     }
 }
 
 /* ---- products ---- */
-
-/* The compiler does not know what tiles, and their shapes, are read from. */
-INLINE void settle(void)
-{
-    __asm__ volatile("" ::: "memory");
-}
 
 /* Tiles 0 to 3 are sums, 4 weights, 5 and 6 pairs of channels. */
 INLINE void begin(const struct parts *parts, int64_t out)
@@ -131,7 +115,7 @@ INLINE void begin(const struct parts *parts, int64_t out)
         shapes.row_bytes[i] = i == 4 ? (uint16_t)(4 * parts->each) : 64;
         shapes.rows[i] = (uint8_t)(i > 4 ? parts->each : out);
     }
-    settle();
+    v2v_amx_settle();
     _tile_loadconfig(&shapes);
 }
 
@@ -139,7 +123,7 @@ INLINE void begin(const struct parts *parts, int64_t out)
 INLINE void multiply(float *sums, const bf16 *lines, const bf16 *weights, const struct parts *parts)
 {
     enum { STRIDE = PAIR_ROW * sizeof(bf16), STEP = 2 * LANES };
-    settle();
+    v2v_amx_settle();
     _tile_zero(0);
     _tile_zero(1);
     _tile_zero(2);
@@ -162,7 +146,7 @@ INLINE void multiply(float *sums, const bf16 *lines, const bf16 *weights, const 
     _tile_stored(1, sums + LANES * LANES, LANES * sizeof(float));
     _tile_stored(2, sums + 2 * LANES * LANES, LANES * sizeof(float));
     _tile_stored(3, sums + 3 * LANES * LANES, LANES * sizeof(float));
-    settle();
+    v2v_amx_settle();
 }
 
 /* leaky(sums + bias) of pixels x .. of row y */
