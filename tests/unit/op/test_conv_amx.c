@@ -235,9 +235,9 @@ static float *convolved_directly(struct v2v_conv_spec spec, int precision, const
     return out;
 }
 
-/* Few channels: no sum is rounded, whatever its order. Of numbers that bf16 rounds, both factors of
- * 288 products at most, of root mean square 1/3, are off by 2^-9 of themselves or less: sums scatter
- * by 0.016 or less, of which this allows three. */
+/* Few channels: no sum is rounded, whatever its order. Of numbers that bf16 rounds, both factors
+ * of 288 products at most, of root mean square 1/3, are off by 2^-9 of themselves or less: sums
+ * scatter by 0.016 or less, of which this allows three. */
 static void few_channels_are_multiplied_by_tiles(void **state)
 {
     (void)state;
